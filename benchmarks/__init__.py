@@ -1,0 +1,1 @@
+"""Latency and stability, against peers and against the physical limit."""

@@ -1,0 +1,1 @@
+"""Everything that touches the outside: MuJoCo plant, ROS 2, clock, launch, command line."""

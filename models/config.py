@@ -1,0 +1,87 @@
+"""YAML configuration: a frozen pydantic dataclass is the schema, and every refusal names the file and the key."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from models.errors import ConfigError
+
+T = TypeVar("T")
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=False)
+"""Configuration of every schema dataclass: unknown keys, wrong types, NaN and infinity are refused."""
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """Safe loader that refuses a key given twice instead of keeping the last one silently."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    "while reading a mapping", node.start_mark, f"key '{key}' is given twice", key_node.start_mark
+                )
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read one YAML mapping.
+
+    Args:
+        path: File to read.
+
+    Returns:
+        The mapping.
+
+    Raises:
+        ConfigError: The file is missing, is not YAML, repeats a key or is not a mapping.
+    """
+    try:
+        with path.open(encoding="utf-8") as stream:
+            data = yaml.load(stream, Loader=_UniqueKeyLoader)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not valid YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: expected a mapping of keys, found {type(data).__name__}")
+    return data
+
+
+def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
+    """Check a mapping against its schema.
+
+    Args:
+        schema: Frozen pydantic dataclass with ``config=STRICT``.
+        data: The mapping, as read from YAML or from ROS parameters.
+        source: Where it comes from, for the error message.
+
+    Returns:
+        An instance of ``schema``.
+
+    Raises:
+        ConfigError: A key is unknown, missing, of the wrong type or out of range; every such key is named.
+    """
+    try:
+        return TypeAdapter(schema).validate_python(data)
+    except ValidationError as error:
+        lines = [f"{'.'.join(str(part) for part in item['loc']) or '(top)'}: {item['msg']}" for item in error.errors()]
+        raise ConfigError(f"{source}: " + "; ".join(lines)) from error
+
+
+def load_config(schema: type[T], path: Path) -> T:
+    """Read a YAML file and check it against its schema; raises ``ConfigError`` as the two functions above do."""
+    return parse_config(schema, read_yaml(path), str(path))
+
+
+def default_config(schema: type[T], package: str, name: str) -> T:
+    """Load the packaged default ``<package>/config/<name>.yaml``."""
+    return load_config(schema, Path(str(files(package))) / "config" / f"{name}.yaml")

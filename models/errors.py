@@ -1,0 +1,35 @@
+"""The error tree. Errors are raised when something is built, never inside the control loop."""
+
+from __future__ import annotations
+
+
+class PoiseError(Exception):
+    """Base of every error that poise raises on purpose."""
+
+
+class ConfigError(PoiseError):
+    """A YAML file or parameter is unusable; the message names the file and the key."""
+
+
+class RobotModelError(PoiseError):
+    """A URDF or profile is unusable; the message names the file, the joint or link, and the cause."""
+
+
+class JointNameError(PoiseError):
+    """A joint name is missing, unknown or given twice; the message names it."""
+
+
+class MessageError(PoiseError):
+    """A message is malformed (size, NaN, stamp); the message names the field."""
+
+
+class TrajectoryError(PoiseError):
+    """A joint trajectory is refused; the message names the joint or point and the limit."""
+
+
+class UnreachableError(PoiseError):
+    """A motion target cannot be reached; the message names the task and what stops it."""
+
+
+class CommandError(PoiseError):
+    """A command or mode request is refused; the message says why."""

@@ -1,0 +1,1 @@
+"""Laws that look ahead: motions, whole-body inverse kinematics, footsteps."""
