@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -71,7 +72,9 @@ def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
         ConfigError: A key is unknown, missing, of the wrong type or out of range; every such key is named.
     """
     try:
-        return TypeAdapter(schema).validate_python(data)
+        return TypeAdapter(schema).validate_json(json.dumps(data))
+    except TypeError as error:
+        raise ConfigError(f"{source}: {error}") from error
     except ValidationError as error:
         lines = [f"{'.'.join(str(part) for part in item['loc']) or '(top)'}: {item['msg']}" for item in error.errors()]
         raise ConfigError(f"{source}: " + "; ".join(lines)) from error
