@@ -1,0 +1,46 @@
+# Every target sets itself up (.venv, editable install) and is quick the second time.
+SHELL := /bin/bash
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+export MUJOCO_GL ?= egl
+BIN := .venv/bin
+ROBOT ?= g1
+OUT ?= out
+
+.PHONY: help demo test test-slow check bench clean distclean
+
+help:  ## This text
+	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
+
+demo:  ## Stand, wave, squat and take a push over ROS 2; report and pictures in out/
+	@.ci/setup run
+	@$(BIN)/poise demo --robot $(ROBOT) --out $(OUT)
+
+test:  ## The tests, without those marked slow
+	@.ci/setup dev
+	$(BIN)/python -m pytest -q
+
+test-slow:  ## The tests marked slow
+	@.ci/setup dev
+	$(BIN)/python -m pytest -q -m slow
+
+check:  ## Linting, formatting, types
+	@.ci/setup dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench:  ## All benchmarks; JSON and plots in out/bench/
+	@.ci/setup dev
+	@mkdir -p $(OUT)/bench
+	@status=0; for name in tick push stand latency; do \
+	  $(BIN)/poise bench $$name --robot $(ROBOT) --json $(OUT)/bench/$$name-$(ROBOT).json --plot $(OUT)/bench || status=1; \
+	done; exit $$status
+
+clean:  ## Remove what runs leave behind
+	rm -rf $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name .venv -prune -o \( -name '*.nb[ic]' -o -name '*.py[co]' \) -exec rm -f {} +
+
+distclean: clean  ## ... and the environment
+	rm -rf .venv

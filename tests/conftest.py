@@ -1,0 +1,78 @@
+"""Shared fixtures. Threads are pinned before anything numerical is imported."""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import itertools
+import socket
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from models.robot_model import RobotModel
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Domains above 101 fall into Linux's ephemeral ports; 0 is everyone's default.
+_domains = itertools.cycle(range(1, 102))
+_next_domain = itertools.islice(_domains, os.getpid() % 101, None)
+
+
+@cache
+def _load_robot(name: str) -> RobotModel:
+    from models.robot_model import RobotModel
+
+    return RobotModel.load(name)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """Root of the checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def g1() -> RobotModel:
+    """The G1, loaded once a session."""
+    return _load_robot("g1")
+
+
+@pytest.fixture(scope="session")
+def talos() -> RobotModel:
+    """The TALOS, loaded once a session."""
+    return _load_robot("talos")
+
+
+@pytest.fixture(scope="session", params=["g1", "talos"])
+def robot(request: pytest.FixtureRequest) -> RobotModel:
+    """Each robot in turn, loaded once a session."""
+    return _load_robot(request.param)
+
+
+def _is_free(domain: int) -> bool:
+    """Whether nobody listens on the domain's discovery port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", 7400 + 250 * domain))
+        except OSError:
+            return False
+    return True
+
+
+@pytest.fixture
+def ros_domain_id(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
+    """A ROS 2 domain that nothing else on this machine uses, set in the environment together with a log folder."""
+    domain = next(candidate for candidate in itertools.islice(_next_domain, 101) if _is_free(candidate))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+    yield domain
