@@ -1,0 +1,70 @@
+"""What the supervisor needs to know of the other nodes at one instant, and what is wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.types import SolveStatus, Vector
+
+if TYPE_CHECKING:
+    from controllers.supervisor import SupervisorConfig
+
+
+def tilt(quaternion: Vector) -> float:
+    """Angle between the base's z axis and the vertical.
+
+    Args:
+        quaternion: Orientation of B in W, xyzw (4,).
+
+    Returns:
+        Angle [rad], 0 when upright; NaN when the quaternion is not finite.
+    """
+    x, y, z, w = quaternion
+    return float(np.arccos(np.clip((z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w), -1.0, 1.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Newest reports, by stamp.
+
+    Attributes:
+        state_stamp: Stamp of the newest state estimate [s].
+        command_stamp: Stamp of the newest whole-body command [s].
+        tilt: Base tilt from upright [rad].
+        status: How the newest command came about.
+        drivers_damped: Whether the joint drivers fell back to damping on their own.
+        motion_active: Whether the controller is following a motion.
+    """
+
+    state_stamp: float
+    command_stamp: float
+    tilt: float
+    status: SolveStatus = SolveStatus.OPTIMAL
+    drivers_damped: bool = False
+    motion_active: bool = False
+
+    def problems(self, config: SupervisorConfig, t: float) -> list[str]:
+        """Faults that end standing, most telling first; empty when healthy.
+
+        Args:
+            config: Limits.
+            t: Stamp of now [s].
+
+        Returns:
+            One sentence each, with the figure that broke the limit.
+        """
+        found = []
+        if not self.tilt < config.fall_tilt:
+            found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")
+        if t - self.state_stamp > config.state_timeout:
+            found.append(f"state estimate older than {config.state_timeout:.3f} s")
+        if t - self.command_stamp > config.controller_timeout:
+            found.append(f"whole-body command older than {config.controller_timeout:.3f} s")
+        if self.drivers_damped:
+            found.append("joint drivers fell back to damping")
+        if self.status is SolveStatus.DAMPED:
+            found.append("whole-body controller found no usable torques")
+        return found

@@ -1,0 +1,236 @@
+"""Mode machine of the robot: who may move, when, and why not.
+
+The law, with severity hold < stand < damp < off:
+
+    off -> damp -> stand <-> motion        (stand <-> walk once a gait planner is configured)
+    any -> damp                            on a fault, latched until ``reset_faults``
+
+It has no clock and no I/O: time comes in with ``update``. The node around it publishes ``mode``, hands the names from
+``take_motion`` to the motion planner, and answers services with the ``CommandReply`` it gets from here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, default_config
+from models.types import CommandReply, Mode
+
+if TYPE_CHECKING:
+    from controllers.health import Health
+    from models.robot_model import RobotModel
+
+GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
+"""Text commands that need a gait planner; answered with the reason while there is none."""
+
+ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
+"""Modes in which the whole-body controller moves the joints."""
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SupervisorConfig:
+    """Limits and vocabulary of the mode machine; every field is documented with its unit."""
+
+    motions: Annotated[tuple[str, ...], Field(description="Text commands that are planned as motions")]
+    fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
+    state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
+    controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
+    plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]
+    text_length_max: Annotated[int, Field(ge=16, le=4096, description="Longest text command read [characters]")]
+    rate_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of a rate [-]")]
+    mass_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of the mass [-]")]
+    limit_margin: Annotated[float, Field(ge=0, le=1, description="Accepted excess over a joint limit [rad]")]
+    preflight_tilt: Annotated[float, Field(gt=0, le=1.6, description="Largest base tilt at arming [rad]")]
+
+
+class Supervisor:
+    """Guarded mode transitions, text commands and the fault latch.
+
+    Args:
+        model: Robot to supervise.
+        config: Limits and vocabulary; the packaged ``controllers/config/supervisor.yaml`` when None.
+    """
+
+    def __init__(self, model: RobotModel, config: SupervisorConfig | None = None) -> None:
+        self.model = model
+        self.config = default_config(SupervisorConfig, "controllers", "supervisor") if config is None else config
+        self.ignored = 0
+        self.reset()
+
+    def reset(self, mode: Mode = Mode.OFF) -> None:
+        """Forget faults, findings and pending motions and start in ``mode``."""
+        self.mode = mode
+        self.faults: tuple[str, ...] = ()
+        self.motion: str | None = None
+        self._preflight: tuple[str, ...] = ("preflight checks have not run yet",)
+        self._pending: str | None = None
+        self._motion_seen = False
+        self._motion_since: float | None = None
+
+    @property
+    def preflight(self) -> tuple[str, ...]:
+        """Findings of the last preflight check; empty when it passed."""
+        return self._preflight
+
+    def set_preflight(self, findings: tuple[str, ...]) -> None:
+        """Store the findings of ``controllers.preflight``; arming is refused until they are empty."""
+        self._preflight = findings
+
+    def request(self, mode: Mode) -> CommandReply:
+        """Ask for a mode. ``stand`` from ``off`` passes through ``damp`` in the same request.
+
+        Args:
+            mode: Wanted mode.
+
+        Returns:
+            Whether it was entered, and why not.
+        """
+        if mode is self.mode:
+            return CommandReply(True, f"already in mode '{mode.value}'")
+        if mode is Mode.DAMP:
+            return self._enter(Mode.DAMP, "joints are damped")
+        if mode is Mode.OFF:
+            if self.mode in ACTIVE_MODES:
+                return self._refuse(mode, "the robot would drop; request 'damp' first")
+            return self._enter(Mode.OFF, "drivers are off")
+        if mode is Mode.WALK:
+            return self._refuse(mode, "no gait planner is configured")
+        if mode is Mode.MOTION:
+            return self._refuse(mode, f"name a motion instead: {', '.join(self.config.motions)}")
+        if self.mode is Mode.MOTION:
+            return self._stop()
+        if self.faults:
+            return self._refuse(mode, f"latched faults: {'; '.join(self.faults)}; call reset_faults first")
+        if self._preflight:
+            return self._refuse(mode, f"preflight: {'; '.join(self._preflight)}")
+        return self._enter(Mode.STAND, "standing")
+
+    def text(self, command: str) -> CommandReply:
+        """Carry out a text command, or say why not. Unknown and oversized text is ignored and counted.
+
+        Args:
+            command: For example ``"wave"``; case and surrounding blanks do not matter.
+
+        Returns:
+            Whether it is being carried out, and why not.
+        """
+        if len(command) > self.config.text_length_max:
+            self.ignored += 1
+            return CommandReply(
+                False, f"command of {len(command)} characters ignored: limit is {self.config.text_length_max}"
+            )
+        word = command.strip().lower()
+        if word == "stop":
+            return self._stop()
+        if word == "stand":
+            return self.request(Mode.STAND) if self.mode is not Mode.STAND else self._start_motion("stand")
+        if word in self.config.motions:
+            return self._start_motion(word)
+        if word in GAIT_WORDS:
+            return CommandReply(False, f"'{word}' refused: no gait planner is configured")
+        self.ignored += 1
+        known = ", ".join((*self.config.motions, "stand", "stop", *GAIT_WORDS))
+        return CommandReply(False, f"unknown command {word[:32]!r} ignored; known: {known}")
+
+    def take_motion(self) -> str | None:
+        """Name of a motion to plan and follow, handed out once; ``"stop"`` means hold the present posture."""
+        pending, self._pending = self._pending, None
+        return pending
+
+    def motion_refused(self, reason: str) -> CommandReply:
+        """Tell that the requested motion could not be planned or followed: back to standing.
+
+        Args:
+            reason: What the planner or the controller answered.
+
+        Returns:
+            The refusal, naming the motion.
+        """
+        reply = CommandReply(False, f"motion '{self.motion}' refused: {reason}")
+        if self.mode is Mode.MOTION:
+            self._enter(Mode.STAND, reason)
+        return reply
+
+    def estop(self) -> CommandReply:
+        """Damp at once and latch."""
+        return self.fault("emergency stop")
+
+    def fault(self, reason: str) -> CommandReply:
+        """Damp and latch until ``reset_faults``; ``off`` stays off.
+
+        Args:
+            reason: Named in ``faults`` and in later refusals.
+
+        Returns:
+            Always accepted.
+        """
+        if reason not in self.faults:
+            self.faults = (*self.faults, reason)
+        if self.mode is not Mode.OFF:
+            self._enter(Mode.DAMP, reason)
+        return CommandReply(True, f"{self.mode.value}: {reason}")
+
+    def reset_faults(self) -> CommandReply:
+        """Release the latch; the mode stays where it is until another one is requested."""
+        if not self.faults:
+            return CommandReply(True, "no faults were latched")
+        cleared, self.faults = self.faults, ()
+        return CommandReply(True, f"cleared: {'; '.join(cleared)}")
+
+    def update(self, health: Health, t: float) -> Mode:
+        """Turn health into a mode.
+
+        Args:
+            health: What the other nodes report.
+            t: Stamp of now [s].
+
+        Returns:
+            The mode that holds from now on.
+        """
+        if self.mode not in ACTIVE_MODES:
+            return self.mode
+        for reason in health.problems(self.config, t):
+            self.fault(reason)
+        if self.mode is Mode.MOTION:
+            self._follow_motion(health.motion_active, t)
+        return self.mode
+
+    def _follow_motion(self, active: bool, t: float) -> None:
+        """Back to standing when the motion ends, or when it never starts."""
+        if self._motion_since is None:
+            self._motion_since = t
+        self._motion_seen |= active
+        if self._motion_seen and not active and self._pending is None:
+            self._enter(Mode.STAND, "motion done")
+        elif not self._motion_seen and t - self._motion_since > self.config.plan_timeout:
+            self.motion_refused(f"nothing to follow after {self.config.plan_timeout:.0f} s")
+
+    def _start_motion(self, name: str) -> CommandReply:
+        if self.mode is Mode.MOTION:
+            return CommandReply(False, f"'{name}' refused: busy with '{self.motion}'; send 'stop' first")
+        if self.mode is not Mode.STAND:
+            return CommandReply(False, f"'{name}' refused in mode '{self.mode.value}'; request 'stand' first")
+        self._enter(Mode.MOTION, name)
+        self.motion = self._pending = name
+        return CommandReply(True, f"motion '{name}' requested")
+
+    def _stop(self) -> CommandReply:
+        if self.mode is not Mode.MOTION:
+            return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")
+        stopped = self.motion
+        self._enter(Mode.STAND, "stop")
+        self._pending = "stop"
+        return CommandReply(True, f"motion '{stopped}' stopped; holding this posture")
+
+    def _enter(self, mode: Mode, reason: str) -> CommandReply:
+        self.mode = mode
+        self.motion = self._pending = None
+        self._motion_seen = False
+        self._motion_since = None
+        return CommandReply(True, f"{mode.value}: {reason}")
+
+    def _refuse(self, mode: Mode, reason: str) -> CommandReply:
+        return CommandReply(False, f"mode '{mode.value}' refused from '{self.mode.value}': {reason}")
