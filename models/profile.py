@@ -1,0 +1,241 @@
+"""Robot profiles: everything about a robot that its URDF does not say, in one YAML file.
+
+A profile is named (``g1``) when it is packaged in ``models/robots``, or given as a path to a user's own file.
+Lengths are in metres, angles in radians, and every field below states its unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, load_config
+from models.errors import ConfigError
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Vector3 = tuple[float, float, float]
+
+REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
+"""Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own."""
+
+RESERVED_FRAMES = ("base_link", "l_sole", "r_sole", "base_footprint", "odom")
+"""Frame names with a meaning of their own, which ``frames`` may not redefine."""
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Motor:
+    """One type of drive (motor, gearbox and its driver), shared by the joints that use it."""
+
+    armature: Annotated[float, Field(ge=0.0, description="rotor inertia reflected to the joint [kg.m^2]")]
+    damping: Annotated[float, Field(ge=0.0, description="viscous friction at the joint [N.m.s/rad]")]
+    frictionloss: Annotated[float, Field(ge=0.0, description="dry friction at the joint [N.m]")]
+    torque_rate: Annotated[float, Field(gt=0.0, description="fastest change of the drive's torque [N.m/s]")]
+    kp: Annotated[float, Field(ge=0.0, description="position gain of the driver [N.m/rad]")]
+    kd: Annotated[float, Field(ge=0.0, description="velocity gain of the driver [N.m.s/rad]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Joint:
+    """The drive of one joint, and what differs from its type."""
+
+    motor: Annotated[str, Field(description="key in `motors`")]
+    kp: Annotated[float | None, Field(ge=0.0, description="replaces the motor's position gain [N.m/rad]")] = None
+    kd: Annotated[float | None, Field(ge=0.0, description="replaces the motor's velocity gain [N.m.s/rad]")] = None
+    torque_limit: Annotated[float | None, Field(gt=0.0, description="replaces the URDF's effort [N.m]")] = None
+    velocity_limit: Annotated[float | None, Field(gt=0.0, description="replaces the URDF's velocity [rad/s]")] = None
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Frame:
+    """A frame fixed to a link of the URDF."""
+
+    link: Annotated[str, Field(description="link of the URDF")]
+    xyz: Annotated[Vector3, Field(description="origin in the link's frame [m]")] = (0.0, 0.0, 0.0)
+    rpy: Annotated[Vector3, Field(description="roll, pitch, yaw in the link's frame [rad]")] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Sole:
+    """The flat contact surface of one foot: z = 0 plane of the sole frame, x forward, z up."""
+
+    link: Annotated[str, Field(description="link of the URDF that carries the sole")]
+    xyz: Annotated[Vector3, Field(description="origin of the sole frame in the link's frame [m]")]
+    rectangle: Annotated[
+        tuple[float, float, float, float],
+        Field(description="x_min, x_max, y_min, y_max of the contact rectangle in the sole frame [m]"),
+    ]
+    rpy: Annotated[Vector3, Field(description="roll, pitch, yaw in the link's frame [rad]")] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        x_min, x_max, y_min, y_max = self.rectangle
+        if not (x_min < x_max and y_min < y_max):
+            raise ValueError(f"rectangle {self.rectangle} must have x_min < x_max and y_min < y_max")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Feet:
+    """Both soles and their nominal grip."""
+
+    left: Sole
+    right: Sole
+    friction: Annotated[float, Field(gt=0.0, le=2.0, description="Coulomb coefficient of sole on floor [-]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Contact:
+    """How the simulated sole meets the simulated floor."""
+
+    corner_radius: Annotated[float, Field(gt=0.0, description="radius of the sphere at each sole corner [m]")]
+    torsional_friction: Annotated[float, Field(ge=0.0, description="drilling friction of one corner [m]")]
+    time_constant: Annotated[float, Field(gt=0.0, description="MuJoCo solref[0] of the contact [s]")]
+    damping_ratio: Annotated[float, Field(gt=0.0, description="MuJoCo solref[1] of the contact [-]")]
+    impedance: Annotated[tuple[float, float, float], Field(description="MuJoCo solimp d0 [-], d_width [-], width [m]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Capsule:
+    """Coarse hull of a link: all points within ``radius`` of a segment (a sphere when both ends coincide)."""
+
+    link: Annotated[str, Field(description="link of the URDF")]
+    start: Annotated[Vector3, Field(description="first end of the segment in the link's frame [m]")]
+    end: Annotated[Vector3, Field(description="second end of the segment in the link's frame [m]")]
+    radius: Annotated[float, Field(gt=0.0, description="[m]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ImuSensor:
+    """Noise of the inertial unit mounted at frame `imu`."""
+
+    gyro_noise_density: Annotated[float, Field(ge=0.0, description="[rad/s/sqrt(Hz)]")]
+    gyro_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [rad/s]")]
+    accel_noise_density: Annotated[float, Field(ge=0.0, description="[m/s^2/sqrt(Hz)]")]
+    accel_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [m/s^2]")]
+    gyro_range: Annotated[float, Field(gt=0.0, description="full scale [rad/s]")]
+    accel_range: Annotated[float, Field(gt=0.0, description="full scale [m/s^2]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class EncoderSensor:
+    """Quantisation and noise of the joint encoders and of the torque estimate."""
+
+    resolution: Annotated[float, Field(ge=0.0, description="position step at the joint [rad]")]
+    velocity_noise: Annotated[float, Field(ge=0.0, description="standard deviation [rad/s]")]
+    torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, as a share of the torque limit [-]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class FootSensor:
+    """Noise of the force-torque sensor in each sole."""
+
+    force_noise: Annotated[float, Field(ge=0.0, description="standard deviation, each axis [N]")]
+    torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, each axis [N.m]")]
+    force_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N]")]
+    torque_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N.m]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Latency:
+    """Transport delays of the robot's own electronics."""
+
+    sensors: Annotated[float, Field(ge=0.0, description="from the measurement to its arrival at the computer [s]")]
+    commands: Annotated[float, Field(ge=0.0, description="from sending a command to its effect in the driver [s]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Sensors:
+    """What is measured, and how badly."""
+
+    imu: ImuSensor
+    encoders: EncoderSensor
+    feet: FootSensor
+    latency: Latency
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Profile:
+    """A whole robot; see the packaged files for a commented example."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="short name of the robot")]
+    urdf: Annotated[str, Field(min_length=1, description="package://PACKAGE/PATH, absolute, or relative to this file")]
+    base_link: Annotated[str, Field(description="root link of the URDF: the floating base")]
+    motors: dict[str, Motor]
+    joints: Annotated[dict[str, Joint], Field(description="every moving joint of the URDF, by name")]
+    feet: Feet
+    frames: Annotated[dict[str, Frame], Field(description="REP-120 frames by name")]
+    postures: Annotated[
+        dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
+    ]
+    contact: Contact
+    sensors: Sensors
+    capsules: Annotated[dict[str, Capsule], Field(description="coarse hulls, by name")] = field(default_factory=dict)
+    collision_pairs: Annotated[
+        list[tuple[str, str]], Field(description="pairs of capsules that may not touch each other")
+    ] = field(default_factory=list)
+    source: Annotated[str, Field(description="file the profile was read from; filled in by the loader")] = ""
+
+    def __post_init__(self) -> None:
+        for name, joint in self.joints.items():
+            if joint.motor not in self.motors:
+                raise ValueError(f"joint '{name}': unknown motor '{joint.motor}'; known: {_listed(self.motors)}")
+        for frame in REQUIRED_FRAMES:
+            if frame not in self.frames:
+                raise ValueError(f"frames: '{frame}' is missing")
+        for frame in RESERVED_FRAMES:
+            if frame in self.frames:
+                raise ValueError(f"frames: '{frame}' is defined by the loader; remove it here")
+        if "stand" not in self.postures:
+            raise ValueError("postures: 'stand' is missing")
+        if "zero" in self.postures:
+            raise ValueError("postures: 'zero' is built in; remove it here")
+        for posture, values in self.postures.items():
+            for joint_name in values:
+                if joint_name not in self.joints:
+                    raise ValueError(f"posture '{posture}': unknown joint '{joint_name}'")
+        for pair in self.collision_pairs:
+            for capsule in pair:
+                if capsule not in self.capsules:
+                    raise ValueError(f"collision_pairs: unknown capsule '{capsule}'")
+
+
+def _listed(names: dict[str, Motor]) -> str:
+    return ", ".join(sorted(names))
+
+
+def robot_names() -> list[str]:
+    """Names of the packaged profiles, sorted."""
+    return sorted(entry.stem for entry in _robots_folder().glob("*.yaml"))
+
+
+def _robots_folder() -> Path:
+    return Path(str(files("models"))) / "robots"
+
+
+def load_profile(name_or_path: str | Path) -> Profile:
+    """Load a robot profile.
+
+    Args:
+        name_or_path: Name of a packaged profile (see ``robot_names``), or the path of a profile file
+            (anything that ends in .yaml or .yml, or contains a path separator).
+
+    Returns:
+        The checked profile; ``source`` holds the absolute path of the file.
+
+    Raises:
+        ConfigError: No such robot or file, or the file is refused; the message names the file and the key.
+    """
+    text = str(name_or_path)
+    is_path = isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text
+    path = Path(text).expanduser().resolve() if is_path else _robots_folder() / f"{text}.yaml"
+    if not is_path and not path.is_file():
+        raise ConfigError(f"unknown robot '{text}'; known: {', '.join(robot_names())} (or the path of a profile)")
+    profile = load_config(Profile, path)
+    if profile.source:
+        raise ConfigError(f"{path}: source: is filled in by the loader; remove it")
+    object.__setattr__(profile, "source", str(path))
+    return profile

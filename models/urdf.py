@@ -1,0 +1,162 @@
+"""Finding a URDF and refusing an unusable one with the file, the joint or link, and the cause."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import pinocchio as pin
+
+from models.errors import RobotModelError
+
+DATA_PACKAGE = "example-robot-data"
+"""Distribution that carries the packaged robots' URDFs and meshes."""
+
+_DATA_SHARE = Path("share") / "example-robot-data"
+_PACKAGE = "package://"
+
+
+def data_folder() -> Path:
+    """Folder that ``package://example-robot-data/`` stands for.
+
+    Raises:
+        RobotModelError: The package is not installed.
+    """
+    candidates: list[Path] = []
+    with suppress(PackageNotFoundError):
+        candidates.append(Path(str(distribution(DATA_PACKAGE).locate_file("cmeel.prefix"))) / _DATA_SHARE)
+    # A system installation keeps it under the prefix that Pinocchio lives in: <prefix>/lib/pythonX/site-packages.
+    candidates += [parent / _DATA_SHARE for parent in Path(pin.__file__).resolve().parents]
+    for folder in candidates:
+        if (folder / "robots").is_dir():
+            return folder
+    raise RobotModelError(f"the robot descriptions are not installed: add the package '{DATA_PACKAGE}'")
+
+
+def resolve_uri(uri: str, relative_to: Path) -> Path:
+    """Turn a file reference into a path (which need not exist).
+
+    Args:
+        uri: ``package://PACKAGE/PATH``, ``file://PATH``, an absolute path, or a path relative to ``relative_to``.
+        relative_to: Folder of the file that contains the reference.
+
+    Returns:
+        ``package://`` of a package other than the packaged data is looked for in the folders above ``relative_to``.
+    """
+    if uri.startswith("file://"):
+        return Path(uri[len("file://") :])
+    if not uri.startswith(_PACKAGE):
+        return relative_to / Path(uri).expanduser()
+    package, _, rest = uri[len(_PACKAGE) :].partition("/")
+    if package == DATA_PACKAGE:
+        return data_folder() / rest
+    for parent in (relative_to, *relative_to.parents):
+        if parent.name == package or (parent / package).is_dir():
+            return (parent if parent.name == package else parent / package) / rest
+    return relative_to / package / rest
+
+
+def read_urdf(path: Path) -> ET.Element:
+    """Parse a URDF and check what Pinocchio and MuJoCo would misread or crash on.
+
+    Args:
+        path: The URDF file.
+
+    Returns:
+        Its ``<robot>`` element.
+
+    Raises:
+        RobotModelError: Unreadable, not XML, no links, a joint without usable limits or of a kind other than revolute
+            and fixed, a joint to a link that is missing, more than one root, or a negative mass; file, joint or link,
+            and cause are named.
+    """
+    try:
+        root = ET.parse(path).getroot()
+    except OSError as error:
+        raise RobotModelError(f"{path}: cannot be read: {error.strerror}") from error
+    except ET.ParseError as error:
+        raise RobotModelError(f"{path}: not valid XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotModelError(f"{path}: the root element is <{root.tag}>, not <robot>")
+    links = [_name(link, path) for link in root.findall("link")]
+    joints = root.findall("joint")
+    _refuse_duplicates(links, "link", path)
+    _refuse_duplicates([_name(joint, path) for joint in joints], "joint", path)
+    children = {_check_joint(joint, set(links), path) for joint in joints}
+    if len(children) != len(joints):
+        raise RobotModelError(f"{path}: a link is the child of two joints")
+    roots = [link for link in links if link not in children]
+    if len(roots) != 1:
+        raise RobotModelError(f"{path}: expected one root link, found {roots or 'none'}")
+    for link in root.findall("link"):
+        _check_inertial(link, path)
+    return root
+
+
+def _name(element: ET.Element, path: Path) -> str:
+    name = element.get("name")
+    if not name:
+        raise RobotModelError(f"{path}: a <{element.tag}> has no name")
+    return name
+
+
+def _refuse_duplicates(names: list[str], kind: str, path: Path) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise RobotModelError(f"{path}: {kind} '{name}' is defined twice")
+
+
+def _check_joint(joint: ET.Element, links: set[str], path: Path) -> str:
+    where = f"{path}: joint '{joint.get('name')}'"
+    for role in ("parent", "child"):
+        end = joint.find(role)
+        link = end.get("link") if end is not None else None
+        if link is None:
+            raise RobotModelError(f"{where}: has no {role} link")
+        if link not in links:
+            raise RobotModelError(f"{where}: {role} link '{link}' does not exist")
+    kind = joint.get("type")
+    if kind == "floating":
+        raise RobotModelError(f"{where}: is 'floating'; remove it, the loader adds the floating base itself")
+    if kind not in ("revolute", "fixed"):
+        raise RobotModelError(f"{where}: type '{kind}' is not supported (revolute and fixed are)")
+    if kind == "revolute" and joint.find("mimic") is not None:
+        raise RobotModelError(f"{where}: mimic joints are not supported; make it fixed")
+    if kind == "revolute":
+        limit = joint.find("limit")
+        if limit is None:
+            raise RobotModelError(f"{where}: has no <limit>")
+        values = {key: _number(limit.get(key), f"{where}: limit {key}") for key in ("lower", "upper")}
+        values |= {key: _number(limit.get(key), f"{where}: limit {key}") for key in ("effort", "velocity")}
+        if not values["lower"] < values["upper"]:
+            raise RobotModelError(f"{where}: lower limit {values['lower']} is not below upper limit {values['upper']}")
+        for key in ("effort", "velocity"):
+            if values[key] <= 0.0:
+                raise RobotModelError(f"{where}: limit {key} {values[key]} is not positive")
+    child = joint.find("child")
+    return str(child.get("link")) if child is not None else ""
+
+
+def _check_inertial(link: ET.Element, path: Path) -> None:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    where = f"{path}: link '{link.get('name')}'"
+    mass = inertial.find("mass")
+    if mass is None or inertial.find("inertia") is None:
+        raise RobotModelError(f"{where}: <inertial> needs <mass> and <inertia>")
+    if _number(mass.get("value"), f"{where}: mass") < 0.0:
+        raise RobotModelError(f"{where}: mass {mass.get('value')} is negative")
+
+
+def _number(text: str | None, where: str) -> float:
+    try:
+        value = float(text) if text is not None else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotModelError(f"{where} is {'missing' if text is None else repr(text)}; expected a finite number")
+    return value
