@@ -1,0 +1,232 @@
+"""Standing balance: DCM feedback on a posture or a motion, executed by the whole-body QP."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from controllers.posture_reference import PostureReference, middle_frame
+from controllers.qp.terms import GRAVITY
+from controllers.support import cmp_command, convex_hull
+from controllers.whole_body import WholeBodyController
+from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from models.config import default_config
+from models.errors import TrajectoryError
+from models.robot_model import RobotModel
+from models.trajectory import TrajectorySampler, validate_trajectory
+from models.types import ContactState, ControlResult, JointTrajectory, Reference, RobotState, SolveStatus, Vector
+
+
+class BalanceController:
+    r"""Keeps the CoM over the soles while the joints follow a posture or a motion.
+
+    .. math::
+        \xi = c + \dot c / \omega, \quad \omega = \sqrt{g / z}, \quad
+        p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad
+        \ddot c_{xy} = \omega^2 (c - \bar p)
+
+    where ``p_bar`` is p brought into the support polygon, or beyond its edge by a bounded reach when the DCM itself
+    nears the edge (``controllers/support.py``): then arms and hips add the momentum that ankles cannot.
+
+    Args:
+        model: The robot.
+        config: Gains; the packaged default when None.
+        whole_body: Gains of the QP; the packaged default when None.
+
+    Attributes:
+        reference: What the last tick tracked.
+        capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
+
+    Assumptions:
+        Both soles stand on the same plane. The state comes from the estimator; nothing here knows the truth.
+
+    References:
+        Englsberger, Ott, Albu-Schaeffer: Three-dimensional bipedal walking control based on divergent component of
+        motion (2015), eq. 12; Pratt et al.: Capture point (2006); Stephens: Humanoid push recovery (2007).
+    """
+
+    def __init__(
+        self, model: RobotModel, config: BalanceConfig | None = None, whole_body: WholeBodyConfig | None = None
+    ) -> None:
+        self.model = model
+        self.config = config or default_config(BalanceConfig, "controllers", "balance")
+        self.whole_body = WholeBodyController(model, whole_body)
+        self._posture = PostureReference(model)
+        self._corners = np.array([foot.corners for foot in model.feet])  # (2, 4, 3)
+        self._points = np.zeros((8, 2))
+        self._hull = np.zeros((20, 2))
+        self._cmp = np.zeros(2)
+        self._dcm = np.zeros(2)
+        self._com_acceleration = np.zeros(3)
+        self._anchor_rotation = np.eye(3)
+        self._anchor = np.zeros(3)
+        self._zero = np.zeros(model.nj)
+        self._motion: TrajectorySampler | None = None
+        self._motion_time = 0.0
+        self._hold = model.posture("stand")
+        self._com = np.zeros(3)
+        self._com_velocity = np.zeros(3)
+        self._fresh = True
+        self.capture_margin = 0.0
+        self._warm_up()
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self._motion is not None
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a measured state, holding its joint positions as the posture."""
+        self.whole_body.reset()
+        self._motion = None
+        self._hold = np.clip(state.q[7:], self.model.q_lower, self.model.q_upper)
+        self._fresh = True
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion from the present posture reference; a running one is replaced without a jump.
+
+        Raises:
+            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
+            JointNameError: It names an unknown joint, or one twice.
+        """
+        if self._fresh:
+            raise TrajectoryError("the controller has not run yet: there is no posture to start from")
+        start = self.reference.posture
+        validate_trajectory(trajectory, self.model, start_q=start)
+        self._motion = TrajectorySampler(trajectory, self.model, start, self.reference.posture_velocity)
+        self._motion_time = 0.0
+
+    def stop_motion(self) -> None:
+        """Hold the posture that the motion has reached."""
+        if self._motion is not None:
+            self._hold = self.reference.posture.copy()
+            self._motion = None
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick.
+
+        Args:
+            state: Estimated state.
+            dt: Time since the last tick [s].
+
+        Returns:
+            Set-point and everything worth recording.
+        """
+        terms = self.whole_body.terms
+        terms.update(state)
+        self._move_anchor(dt)
+        posture, velocity, acceleration = self._sample(dt)
+        self.reference = self._refer(posture, velocity, acceleration, dt)
+        self._feed_back()
+        command, status = self.whole_body.step(state, self.reference)
+        return ControlResult(
+            command=command,
+            status=status,
+            residual=self.whole_body.solution.residual,
+            acceleration=self.whole_body.acceleration.copy(),
+            wrenches=self.whole_body.wrenches.copy(),
+            com=terms.com.copy(),
+            dcm=self._dcm.copy(),
+            zmp=self._cmp.copy(),
+            solve_time=self.whole_body.solution.time,
+        )
+
+    def _move_anchor(self, dt: float) -> None:
+        left, right = self.whole_body.terms.soles
+        rotation, position = middle_frame(left.rotation, left.position, right.rotation, right.position)
+        # Level, at the soles' mean heading: a sole that tips on its edge under a push must not tilt the references.
+        heading = math.atan2(rotation[1, 0], rotation[0, 0])
+        rotation = np.array(
+            [
+                [math.cos(heading), -math.sin(heading), 0.0],
+                [math.sin(heading), math.cos(heading), 0.0],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        if self._fresh:
+            self._anchor_rotation, self._anchor = rotation, position.copy()
+            return
+        share = min(dt / self.config.anchor_time_s, 1.0)
+        self._anchor += share * (position - self._anchor)
+        blend = self._anchor_rotation[:2, 0] + share * (rotation[:2, 0] - self._anchor_rotation[:2, 0])
+        cosine, sine = blend / math.hypot(blend[0], blend[1])
+        self._anchor_rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+    def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
+        if self._motion is None:
+            return self._hold, self._zero, self._zero
+        self._motion_time += dt
+        sample = self._motion.sample(self._motion_time)
+        if self._motion_time >= self._motion.duration:
+            self._hold = sample[0].copy()
+            self._motion = None
+        return sample
+
+    def _refer(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> Reference:
+        if self._fresh or velocity is not self._zero:
+            before = self._posture.com
+            self._posture.update(posture)
+            self._com_velocity = np.zeros(3) if self._fresh else (self._posture.com - before) / dt
+            self._fresh = False
+        else:
+            self._com_velocity = self._zero[:3]
+        turn = self._anchor_rotation
+        soles = self.whole_body.terms.soles
+        return Reference(
+            com=self._anchor + turn @ self._posture.com,
+            com_velocity=turn @ self._com_velocity,
+            com_acceleration=self._zero[:3],
+            base_orientation=turn @ self._posture.base,
+            torso_orientation=turn @ self._posture.torso,
+            posture=posture,
+            posture_velocity=velocity,
+            posture_acceleration=acceleration,
+            sole_rotations=np.array([soles[0].rotation, soles[1].rotation]),
+            sole_positions=np.array([soles[0].position, soles[1].position]),
+            sole_velocities=np.zeros((2, 6)),
+            sole_accelerations=np.zeros((2, 6)),
+        )
+
+    def _feed_back(self) -> None:
+        """Desired CoM acceleration from the DCM error, written to the CoM task."""
+        config, terms, reference = self.config, self.whole_body.terms, self.reference
+        task = self.whole_body.com_task
+        height = max(terms.com[2] - self._anchor[2], 0.1)
+        omega = math.sqrt(GRAVITY / height)
+        np.add(terms.com[:2], terms.com_velocity[:2] / omega, out=self._dcm)
+        dcm_reference = reference.com[:2] + reference.com_velocity[:2] / omega
+        wanted = self._dcm - reference.com_velocity[:2] / omega + config.dcm_gain * (self._dcm - dcm_reference)
+        for foot, sole in enumerate(terms.soles):
+            self._points[4 * foot : 4 * foot + 4] = (self._corners[foot] @ sole.rotation.T + sole.position)[:, :2]
+        count = convex_hull(self._points, self._hull)
+        self.capture_margin = cmp_command(
+            self._hull,
+            count,
+            self._dcm,
+            wanted,
+            config.polygon_margin,
+            config.momentum_margin,
+            config.momentum_gain,
+            config.momentum_reach_max,
+            self._cmp,
+        )
+        self._com_acceleration[:2] = omega**2 * (terms.com[:2] - self._cmp)
+        self._com_acceleration[2] = task.kp[2] * (reference.com[2] - terms.com[2]) + task.kd[2] * (
+            reference.com_velocity[2] - terms.com_velocity[2]
+        )
+        task.override = self._com_acceleration
+
+    def _warm_up(self) -> None:
+        """Compile and fill every cache at construction: the loop itself never waits for a compiler."""
+        model = self.model
+        foot = _unloaded()
+        state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))
+        self.reset(state)
+        if self.step(state, 1e-3).status is not SolveStatus.OPTIMAL:
+            raise TrajectoryError(f"{model.name}: the whole-body QP has no solution at the standing posture")
+        self.reset(state)
+
+
+def _unloaded() -> ContactState:
+    return ContactState(active=True, wrench=np.zeros(6))

@@ -1,0 +1,1 @@
+"""The whole-body quadratic program: model terms, reduction, assembly, solution."""

@@ -1,0 +1,200 @@
+"""Compiled kernels that read task-space terms off Pinocchio's arrays.
+
+Pinocchio leaves the joint Jacobian ``J`` and its time derivative ``dJ`` in the world frame (linear part taken at the
+world origin), and the free-flyer rows of the mass matrix hold the centroidal map. Reading the terms from there costs
+a tenth of one Python call per frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@njit(cache=True)
+def quaternion_matrix(quaternion: Array, out: Array) -> None:
+    """Rotation matrix (3, 3) of a unit quaternion xyzw (4,), written to ``out``."""
+    x, y, z, w = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    out[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    out[0, 1] = 2.0 * (x * y - z * w)
+    out[0, 2] = 2.0 * (x * z + y * w)
+    out[1, 0] = 2.0 * (x * y + z * w)
+    out[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    out[1, 2] = 2.0 * (y * z - x * w)
+    out[2, 0] = 2.0 * (x * z - y * w)
+    out[2, 1] = 2.0 * (y * z + x * w)
+    out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+
+
+@njit(cache=True)
+def frame_terms(
+    jacobian_world: Array,
+    jacobian_rate_world: Array,
+    columns: Index,
+    pose: Array,
+    velocity: Array,
+    jacobian: Array,
+    twist: Array,
+    drift: Array,
+) -> None:
+    """Local Jacobian, twist and classical acceleration drift of one frame.
+
+    With ``v_O, w`` the world-frame spatial velocity and ``p`` the frame origin::
+
+        v_p = v_O + w x p,    a_p = a_O + alpha x p + w x v_p
+
+    Args:
+        jacobian_world: ``data.J`` (6, nv), linear part at the world origin.
+        jacobian_rate_world: ``data.dJ`` (6, nv).
+        columns: Columns of the joints that move the frame.
+        pose: Homogeneous transform of the frame in W (4, 4).
+        velocity: Generalised velocity (nv,).
+        jacobian: Out, expressed in the frame, linear then angular (6, nv); other columns are left as they are.
+        twist: Out, velocity of the frame expressed in the frame (6,).
+        drift: Out, classical acceleration of the frame at zero generalised acceleration, in the frame (6,).
+    """
+    px, py, pz = pose[0, 3], pose[1, 3], pose[2, 3]
+    v = np.zeros(6)
+    a = np.zeros(6)
+    for column in columns:
+        lx = jacobian_world[0, column]
+        ly = jacobian_world[1, column]
+        lz = jacobian_world[2, column]
+        ax = jacobian_world[3, column]
+        ay = jacobian_world[4, column]
+        az = jacobian_world[5, column]
+        lx += ay * pz - az * py
+        ly += az * px - ax * pz
+        lz += ax * py - ay * px
+        rate = velocity[column]
+        v[0] += lx * rate
+        v[1] += ly * rate
+        v[2] += lz * rate
+        v[3] += ax * rate
+        v[4] += ay * rate
+        v[5] += az * rate
+        for row in range(6):
+            a[row] += jacobian_rate_world[row, column] * rate
+        for row in range(3):
+            r0, r1, r2 = pose[0, row], pose[1, row], pose[2, row]
+            jacobian[row, column] = r0 * lx + r1 * ly + r2 * lz
+            jacobian[3 + row, column] = r0 * ax + r1 * ay + r2 * az
+    cx = a[0] + a[4] * pz - a[5] * py + v[4] * v[2] - v[5] * v[1]
+    cy = a[1] + a[5] * px - a[3] * pz + v[5] * v[0] - v[3] * v[2]
+    cz = a[2] + a[3] * py - a[4] * px + v[3] * v[1] - v[4] * v[0]
+    for row in range(3):
+        r0, r1, r2 = pose[0, row], pose[1, row], pose[2, row]
+        twist[row] = r0 * v[0] + r1 * v[1] + r2 * v[2]
+        twist[3 + row] = r0 * v[3] + r1 * v[4] + r2 * v[5]
+        drift[row] = r0 * cx + r1 * cy + r2 * cz
+        drift[3 + row] = r0 * a[3] + r1 * a[4] + r2 * a[5]
+
+
+@njit(cache=True)
+def centroidal_terms(
+    mass_matrix: Array,
+    bias: Array,
+    rotation: Array,
+    position: Array,
+    velocity: Array,
+    mass: float,
+    gravity: float,
+    com: Array,
+    com_velocity: Array,
+    com_jacobian: Array,
+    com_drift: Array,
+    momentum: Array,
+    momentum_matrix: Array,
+    momentum_drift: Array,
+) -> None:
+    """CoM and centroidal angular momentum from the free-flyer rows of the dynamics.
+
+    With ``f = M[:3] a + h[:3]`` and ``n = M[3:6] a + h[3:6]`` the contact force and moment at the base origin in B::
+
+        c'' = R f / m + g,    L' = R (n - c_B x f)
+
+    Args:
+        mass_matrix: M (nv, nv).
+        bias: h, Coriolis and gravity (nv,).
+        rotation: R of B in W (3, 3).
+        position: Origin of B in W (3,).
+        velocity: Generalised velocity (nv,).
+        mass: Total mass [kg].
+        gravity: Magnitude of gravity along -z of W [m/s^2].
+        com: Out, CoM in W (3,).
+        com_velocity: Out, its velocity in W (3,).
+        com_jacobian: Out, in W (3, nv).
+        com_drift: Out, CoM acceleration at zero generalised acceleration, in W (3,).
+        momentum: Out, angular momentum about the CoM in W (3,).
+        momentum_matrix: Out, in W (3, nv).
+        momentum_drift: Out, in W (3,).
+    """
+    nv = velocity.shape[0]
+    cx = mass_matrix[1, 5] / mass
+    cy = -mass_matrix[0, 5] / mass
+    cz = mass_matrix[0, 4] / mass
+    for i in range(3):
+        com[i] = position[i] + rotation[i, 0] * cx + rotation[i, 1] * cy + rotation[i, 2] * cz
+        com_velocity[i] = 0.0
+        momentum[i] = 0.0
+    for j in range(nv + 1):
+        if j < nv:
+            fx, fy, fz = mass_matrix[0, j], mass_matrix[1, j], mass_matrix[2, j]
+            nx, ny, nz = mass_matrix[3, j], mass_matrix[4, j], mass_matrix[5, j]
+        else:
+            fx, fy, fz = bias[0], bias[1], bias[2]
+            nx, ny, nz = bias[3], bias[4], bias[5]
+        nx -= cy * fz - cz * fy
+        ny -= cz * fx - cx * fz
+        nz -= cx * fy - cy * fx
+        for i in range(3):
+            linear = (rotation[i, 0] * fx + rotation[i, 1] * fy + rotation[i, 2] * fz) / mass
+            angular = rotation[i, 0] * nx + rotation[i, 1] * ny + rotation[i, 2] * nz
+            if j < nv:
+                com_jacobian[i, j] = linear
+                momentum_matrix[i, j] = angular
+                com_velocity[i] += linear * velocity[j]
+                momentum[i] += angular * velocity[j]
+            else:
+                com_drift[i] = linear
+                momentum_drift[i] = angular
+    com_drift[2] -= gravity
+
+
+@njit(cache=True)
+def rotation_error(current: Array, wanted: Array, out: Array) -> None:
+    """Rotation vector that turns ``current`` into ``wanted``, expressed in the current frame (3,).
+
+    ``out = log(current^T wanted)``. Near a half turn the direction comes from the symmetric part.
+    """
+    r = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = current[0, i] * wanted[0, j] + current[1, i] * wanted[1, j] + current[2, i] * wanted[2, j]
+    x = 0.5 * (r[2, 1] - r[1, 2])
+    y = 0.5 * (r[0, 2] - r[2, 0])
+    z = 0.5 * (r[1, 0] - r[0, 1])
+    sine = np.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    if sine > 1e-9:
+        scale = angle / sine
+        out[0], out[1], out[2] = scale * x, scale * y, scale * z
+    elif cosine > 0.0:
+        out[0], out[1], out[2] = x, y, z
+    else:
+        best = 0
+        for i in range(1, 3):
+            if r[i, i] > r[best, best]:
+                best = i
+        length = 0.0
+        for i in range(3):
+            out[i] = r[i, best] + (1.0 if i == best else 0.0)
+            length += out[i] * out[i]
+        length = np.sqrt(length)
+        for i in range(3):
+            out[i] *= angle / length

@@ -1,0 +1,119 @@
+"""Solves the reduced QP: daqp first, quadprog as the checked fallback, a softened problem when infeasible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import daqp
+import numpy as np
+import quadprog
+
+from controllers.qp.build import QP
+from controllers.qp.kernels_assemble import kkt_residual
+from models.types import SolveStatus, Vector
+
+_HARD = 0
+_SOFT = 8
+_OPTIMAL = (1, 2)
+"""daqp exit flags: optimal, optimal with soft constraints in use."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Answer of one solve.
+
+    Attributes:
+        z: Minimiser (nz,), or None when no solver found one.
+        status: How it was found; ``HELD`` when none was.
+        residual: Scaled KKT residual; NaN when there is no answer.
+        time: Wall-clock duration of the solve [s], for reports only.
+    """
+
+    z: Vector | None
+    status: SolveStatus
+    residual: float
+    time: float
+
+
+class QPSolver:
+    """Solve, check the KKT conditions, fall back in order: daqp, quadprog, softened daqp.
+
+    The softened problem keeps torque limits and wrench cones hard and lets the joint-limit rows give way, at the
+    price ``|violation|^2 / (2 rho)``.
+
+    Args:
+        residual_max: Largest accepted KKT residual.
+        iterations_max: daqp's iteration limit.
+        soft_rho: daqp's weight of violated soft rows.
+    """
+
+    def __init__(self, residual_max: float, iterations_max: int, soft_rho: float) -> None:
+        self._residual_max = residual_max
+        self._iterations = iterations_max
+        self._rho = soft_rho
+        self._sense: dict[int, np.ndarray] = {}
+
+    def solve(self, qp: QP) -> Solution:
+        """Solve one QP; never raises, a failure is in the status."""
+        start = perf_counter()
+        if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all() and np.isfinite(qp.matrix).all()):
+            return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
+        z, residual, infeasible = self._daqp(qp)
+        if z is not None:
+            return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
+        if not infeasible:
+            z, residual = self._quadprog(qp)
+            if z is not None:
+                return Solution(z, SolveStatus.FALLBACK_SOLVER, residual, perf_counter() - start)
+        z = self._relaxed(qp)
+        if z is not None:
+            return Solution(z, SolveStatus.RELAXED, 0.0, perf_counter() - start)
+        return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
+
+    def _senses(self, rows: int) -> np.ndarray:
+        sense = self._sense.get(rows)
+        if sense is None:
+            sense = self._sense[rows] = np.zeros(rows, dtype=np.int32)
+        return sense
+
+    def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
+        sense = self._senses(qp.lower.shape[0])
+        z, _, flag, info = daqp.solve(
+            qp.hessian, qp.gradient, qp.matrix, qp.upper, qp.lower, sense, iter_limit=self._iterations
+        )
+        if flag not in _OPTIMAL:
+            return None, float("nan"), flag == -1
+        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z, info["lam"])
+        return (z, residual, False) if residual < self._residual_max else (None, residual, False)
+
+    def _quadprog(self, qp: QP) -> tuple[Vector | None, float]:
+        nz = qp.gradient.shape[0]
+        simple = qp.lower.shape[0] - qp.matrix.shape[0]
+        rows = np.vstack([np.eye(nz)[:simple], qp.matrix])
+        try:
+            z, _, _, _, multipliers, _ = quadprog.solve_qp(
+                qp.hessian, -qp.gradient, np.vstack([rows, -rows]).T, np.concatenate([qp.lower, -qp.upper])
+            )
+        except ValueError:
+            return None, float("nan")
+        count = qp.lower.shape[0]
+        signed = multipliers[count:] - multipliers[:count]
+        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z, signed)
+        return (z, residual) if residual < self._residual_max else (None, residual)
+
+    def _relaxed(self, qp: QP) -> Vector | None:
+        sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
+        z, _, flag, _ = daqp.solve(
+            qp.hessian,
+            qp.gradient,
+            qp.matrix,
+            qp.upper,
+            qp.lower,
+            sense,
+            iter_limit=self._iterations,
+            rho_soft=self._rho,
+        )
+        if flag not in _OPTIMAL or not np.isfinite(z).all():
+            return None
+        return np.asarray(z)

@@ -1,0 +1,65 @@
+"""SE(3) task of a swing foot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.qp.kernels_terms import rotation_error
+from controllers.qp.terms import Terms
+from models.types import Matrix, Reference, Vector
+
+
+class FootTask:
+    r"""Carry a foot that is not in contact along its reference; everything in the sole frame.
+
+    .. math::
+        a^* = R^T a_{ref} + k_p \begin{bmatrix} R^T (p_{ref} - p) \\ \log(R^T R_{ref}) \end{bmatrix}
+        + k_d (R^T v_{ref} - v)
+
+    While the foot is planned to bear load the task is silent: the contact rows hold it.
+
+    Attributes:
+        kp: (6,) [1/s^2].
+        kd: (6,) [1/s].
+        weight: (6,); all zero while in contact.
+    """
+
+    def __init__(self, foot: int, kp: Vector, kd: Vector, weight: Vector) -> None:
+        self.name = ("left_foot", "right_foot")[foot]
+        self.foot = foot
+        self.kp, self.kd = kp, kd
+        self._weight = weight
+        self.weight = weight
+        self._silent = np.zeros(6)
+        self._error = np.zeros(6)
+        self._turn = np.zeros(3)
+
+    def set_active(self, active: bool) -> None:
+        """Switch the task on (swing) or off (contact)."""
+        self.weight = self._weight if active else self._silent
+
+    def error(self, terms: Terms, reference: Reference) -> Vector:
+        """Position and rotation error in the sole frame (6,) [m, rad]."""
+        sole = terms.soles[self.foot]
+        self._error[:3] = sole.rotation.T @ (reference.sole_positions[self.foot] - sole.position)
+        rotation_error(sole.pose, reference.sole_rotations[self.foot], self._turn)
+        self._error[3:] = self._turn
+        return self._error
+
+    def jacobian(self, terms: Terms) -> Matrix:
+        """Sole Jacobian in the sole frame (6, nv)."""
+        return terms.soles[self.foot].jacobian
+
+    def drift(self, terms: Terms) -> Vector:
+        """Classical acceleration at zero generalised acceleration, in the sole frame (6,)."""
+        return terms.soles[self.foot].drift
+
+    def acceleration(self, terms: Terms, reference: Reference) -> Vector:
+        """Wanted classical acceleration in the sole frame (6,) [m/s^2, rad/s^2]."""
+        if self.weight is self._silent:
+            return self._silent
+        sole = terms.soles[self.foot]
+        turn = sole.rotation.T
+        velocity = (turn @ reference.sole_velocities[self.foot].reshape(2, 3).T).T.ravel()
+        acceleration = (turn @ reference.sole_accelerations[self.foot].reshape(2, 3).T).T.ravel()
+        return acceleration + self.kp * self.error(terms, reference) + self.kd * (velocity - sole.twist)

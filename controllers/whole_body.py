@@ -1,0 +1,168 @@
+"""Whole-body controller: terms, tasks, QP, solution, driver set-points, with a documented fallback."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controllers.qp.build import QPBuilder, QPLimits
+from controllers.qp.solve import QPSolver, Solution
+from controllers.qp.terms import GRAVITY, Terms
+from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
+from controllers.tasks.base import rows
+from controllers.whole_body_config import WholeBodyConfig
+from models.config import default_config
+from models.robot_model import RobotModel
+from models.types import JointCommand, Reference, RobotState, SolveStatus, Vector
+
+
+class WholeBodyController:
+    r"""Accelerations, wrenches and torques that serve weighted tasks within contact and joint limits.
+
+    .. math::
+        \min_{a, w} \sum_k \tfrac12 \|J_k a + \dot J_k v - a_k^*\|_{W_k}^2 + \tfrac12 \|w - w_0\|_Q^2
+        \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = -d\,v_c,\;
+        w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
+
+    Joint limits enter as acceleration bounds: with ``v_hi = min(share v_max, g (q_max - margin - q))`` a joint may
+    accelerate by at most ``k (v_hi - v)``, and likewise below.
+
+    The set-point integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
+    opposes only what happens after the measurement.
+
+    Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
+
+    Args:
+        model: The robot.
+        config: Gains and limits; the packaged default when None.
+        extra_tasks: Further tasks for the stack.
+
+    Attributes:
+        terms: Model terms of the last state.
+        tasks: The stack by name.
+        com_task: For the balance law's feedback.
+        acceleration: Last solution (nv,).
+        wrenches: Last solution (2, 6), in the sole frames.
+        torque: Last solution (nj,).
+        solution: Last answer of the solver.
+
+    References:
+        Del Prete et al.: Prioritized motion-force control of constrained fully-actuated robots (2015);
+        Herzog et al.: Momentum control with hierarchical inverse dynamics on a torque-controlled humanoid (2016).
+    """
+
+    def __init__(
+        self, model: RobotModel, config: WholeBodyConfig | None = None, extra_tasks: Sequence[Task] = ()
+    ) -> None:
+        self.model = model
+        self.config = config = config or default_config(WholeBodyConfig, "controllers", "whole_body")
+        self.terms = Terms(model)
+        nj, weight_force = model.nj, model.mass * GRAVITY
+        com = config.com
+        self.com_task = CoMTask(rows(com.kp, 3), rows(com.kd, 3), np.array([com.weight, com.weight, com.weight_height]))
+        momentum = config.angular_momentum
+        base, torso, foot, posture = config.base_orientation, config.torso_orientation, config.foot, config.posture
+        self._feet = tuple(FootTask(i, rows(foot.kp, 6), rows(foot.kd, 6), rows(foot.weight, 6)) for i in range(2))
+        posture_weight = rows(posture.weight, nj)
+        for side in model.feet:
+            posture_weight[np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
+        stack: list[Task] = [
+            self.com_task,
+            AngularMomentumTask(rows(momentum.kd, 3), rows(momentum.weight / model.mass**2, 3)),
+            OrientationTask("base", rows(base.kp, 3), rows(base.kd, 3), rows(base.weight, 3)),
+            OrientationTask("torso", rows(torso.kp, 3), rows(torso.kd, 3), rows(torso.weight, 3)),
+            *self._feet,
+            PostureTask(rows(posture.kp, nj), rows(posture.kd, nj), posture_weight),
+            *extra_tasks,
+        ]
+        self.tasks = {task.name: task for task in stack}
+        contact, solver = config.contact, config.solver
+        self._builder = QPBuilder(
+            model,
+            stack,
+            contact_damping=contact.damping,
+            force_min=contact.force_min * weight_force,
+            force_max=contact.force_max * weight_force,
+            friction=contact.friction,
+            sole_margin=contact.sole_margin,
+            regularisation=solver.regularisation,
+        )
+        self._solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho)
+        scale = contact.wrench_weight / weight_force**2
+        lever = scale / contact.moment_arm**2
+        self._wrench_weight = np.tile(np.array([scale, scale, scale, lever, lever, lever]), (2, 1))
+        self._wrench_target = np.zeros((2, 6))
+        self._limits = QPLimits(config.limits.torque * model.tau_max, np.zeros(nj), np.zeros(nj))
+        margin = np.minimum(config.limits.position_margin, 0.25 * (model.q_upper - model.q_lower))
+        self._q_low, self._q_high = model.q_lower + margin, model.q_upper - margin
+        self._v_max = config.limits.velocity * model.v_max
+        self.acceleration = np.zeros(model.nv)
+        self.wrenches = np.zeros((2, 6))
+        self.torque = np.zeros(nj)
+        self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
+        self._failures = 0
+        self._last = JointCommand(model.posture("stand"), np.zeros(nj), np.zeros(nj))
+
+    def reset(self) -> None:
+        """Forget the last command and the failure count."""
+        self._failures = 0
+        self.torque[:] = 0.0
+
+    def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
+        """One tick; ``terms`` must have been updated with the same state (the balance law does).
+
+        Args:
+            state: Estimated state.
+            reference: What to track.
+
+        Returns:
+            Set-point for the drivers and how it came about.
+        """
+        for foot, task in enumerate(self._feet):
+            task.set_active(not reference.contacts[foot])
+        self._update_limits(state)
+        self._update_wrench_target(reference)
+        qp = self._builder.build(self.terms, reference, self._limits, self._wrench_target, self._wrench_weight)
+        self.solution = solution = self._solver.solve(qp)
+        if solution.z is None:
+            return self._fall_back(state)
+        self._failures = 0
+        self._builder.recover(self.terms, solution.z, self.acceleration, self.wrenches, self.torque)
+        ahead = self.config.lookahead_s
+        v = state.v[6:]
+        step = ahead * self.acceleration[6:]
+        self._last = JointCommand(
+            np.clip(state.q[7:] + ahead * (v + 0.5 * step), self.model.q_lower, self.model.q_upper),
+            v + step,
+            self.torque.copy(),
+        )
+        return self._last, solution.status
+
+    def _update_limits(self, state: RobotState) -> None:
+        limits = self.config.limits
+        q, v = state.q[7:], state.v[6:]
+        fastest = np.clip(limits.position_gain * (self._q_high - q), -self._v_max, self._v_max)
+        slowest = np.clip(limits.position_gain * (self._q_low - q), -self._v_max, self._v_max)
+        most = limits.acceleration
+        np.clip(limits.velocity_gain * (fastest - v), -most, most, out=self._limits.acceleration_upper)
+        np.clip(limits.velocity_gain * (slowest - v), -most, most, out=self._limits.acceleration_lower)
+
+    def _update_wrench_target(self, reference: Reference) -> None:
+        count = reference.contacts[0] + reference.contacts[1]
+        share = self.model.mass * GRAVITY / max(count, 1)
+        for foot in range(2):
+            # An even share of the weight through the middle of the sole.
+            x_min, x_max, y_min, y_max = self.model.feet[foot].rectangle
+            force = share if reference.contacts[foot] else 0.0
+            self._wrench_target[foot, 2] = force
+            self._wrench_target[foot, 3] = force * 0.5 * (y_min + y_max)
+            self._wrench_target[foot, 4] = -force * 0.5 * (x_min + x_max)
+
+    def _fall_back(self, state: RobotState) -> tuple[JointCommand, SolveStatus]:
+        self._failures += 1
+        if self._failures <= self.config.solver.hold_ticks:
+            return self._last, SolveStatus.HELD
+        zero: Vector = np.zeros(self.model.nj)
+        self.torque[:] = 0.0
+        return JointCommand(state.q[7:].copy(), zero, zero), SolveStatus.DAMPED

@@ -1,0 +1,151 @@
+"""Schema of ``config/whole_body.yaml`` and ``config/balance.yaml``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Gains:
+    """Feedback and weight of one task: kp [1/s^2], kd [1/s], weight [-]."""
+
+    kp: NonNegative
+    kd: NonNegative
+    weight: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class CoMGains:
+    """CoM task. The horizontal feedback is the balance law's; kp, kd [1/s^2, 1/s] act on the height."""
+
+    kp: NonNegative
+    kd: NonNegative
+    weight: NonNegative
+    weight_height: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class MomentumGains:
+    """Angular momentum: kd [1/s]; weight [-] of the rate divided by the robot's mass [m^2/s^2]."""
+
+    kd: NonNegative
+    weight: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ContactConfig:
+    """Contacts of the QP.
+
+    Attributes:
+        damping: Draws the velocity of a planted sole to zero [1/s].
+        friction: Coulomb coefficient of the cones [-].
+        sole_margin: Taken off each side of the contact rectangles [m].
+        force_min: Least normal force per sole, share of the weight [-].
+        force_max: Largest normal force per sole, share of the weight [-].
+        wrench_weight: Weight of each wrench component's distance from an even share of the weight, over the weight [-].
+        moment_arm: Lever that makes moments comparable with forces in that weight [m].
+    """
+
+    damping: NonNegative
+    friction: Positive
+    sole_margin: NonNegative
+    force_min: NonNegative
+    force_max: Positive
+    wrench_weight: Positive
+    moment_arm: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class LimitConfig:
+    """Joint limits as acceleration bounds.
+
+    Attributes:
+        torque: Share of the torque limits that the QP may use [-].
+        velocity: Share of the velocity limits [-].
+        position_margin: Distance kept from position limits [rad].
+        position_gain: Fastest approach to a position limit per distance to it [1/s].
+        velocity_gain: Largest acceleration towards a velocity bound per distance to it [1/s].
+        acceleration: Largest joint acceleration [rad/s^2].
+    """
+
+    torque: Fraction
+    velocity: Fraction
+    position_margin: NonNegative
+    position_gain: Positive
+    velocity_gain: Positive
+    acceleration: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SolverConfig:
+    """QP solution.
+
+    Attributes:
+        residual_max: Largest accepted KKT residual [-].
+        iterations_max: Iteration limit of the active-set solver.
+        soft_rho: Price of relaxed rows (smaller is dearer) [-].
+        regularisation: Added to the Hessian's diagonal [-].
+        hold_ticks: Ticks without a solution for which the last torques are repeated before damping.
+    """
+
+    residual_max: Positive
+    iterations_max: Annotated[int, Field(gt=0)]
+    soft_rho: Positive
+    regularisation: Positive
+    hold_ticks: Annotated[int, Field(ge=0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class WholeBodyConfig:
+    """The whole-body QP.
+
+    Attributes:
+        com, angular_momentum, base_orientation, torso_orientation, foot, posture: Tasks.
+        posture_leg_scale: Factor on the posture weight of the leg joints [-].
+        contact: Contacts.
+        limits: Joint limits.
+        solver: Solver.
+        lookahead_s: Time over which the accelerations are integrated to the drivers' set-points [s].
+    """
+
+    com: CoMGains
+    angular_momentum: MomentumGains
+    base_orientation: Gains
+    torso_orientation: Gains
+    foot: Gains
+    posture: Gains
+    posture_leg_scale: NonNegative
+    contact: ContactConfig
+    limits: LimitConfig
+    solver: SolverConfig
+    lookahead_s: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class BalanceConfig:
+    """Standing balance.
+
+    Attributes:
+        dcm_gain: Feedback of the DCM error, as k in ``p = xi + k (xi - xi_ref)`` [-].
+        polygon_margin: Distance the commanded CoP keeps from the edge of the support polygon [m].
+        momentum_margin: Distance of the DCM from the edge at which arms and hips start to help [m].
+        momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
+        momentum_reach_max: Farthest commanded CMP beyond the edge [m].
+        anchor_time_s: Time constant with which the references follow the estimated soles [s].
+    """
+
+    dcm_gain: Positive
+    polygon_margin: NonNegative
+    momentum_margin: float
+    momentum_gain: NonNegative
+    momentum_reach_max: NonNegative
+    anchor_time_s: Positive
