@@ -1,0 +1,87 @@
+"""Smooth curves through points: velocities and accelerations that are not given, and the quintics between points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.types import Matrix, Vector
+
+
+def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
+    """Velocities at the points such that the cubic through them overshoots none of them.
+
+    v_i = 0 where the slopes d on both sides differ in sign, else their weighted harmonic mean
+    (w1 + w2) / (w1 / d_left + w2 / d_right), w1 = 2 T_right + T_left, w2 = T_right + 2 T_left; zero at both ends.
+
+    Args:
+        times: Strictly increasing (n,) [s].
+        q: Points (n, k) [rad].
+
+    Returns:
+        Velocities (n, k) [rad/s].
+
+    References:
+        F. Fritsch, J. Butland, "A method for constructing local monotone piecewise cubic interpolants", 1984.
+    """
+    v = np.zeros_like(q)
+    if len(times) < 3:
+        return v
+    lengths = np.diff(times)[:, None]  # (n - 1, 1)
+    slopes = np.diff(q, axis=0) / lengths  # (n - 1, k)
+    left, right = slopes[:-1], slopes[1:]
+    w1 = 2.0 * lengths[1:] + lengths[:-1]
+    w2 = lengths[1:] + 2.0 * lengths[:-1]
+    same = left * right > 0.0
+    denominator = w1 * np.where(same, right, 1.0) + w2 * np.where(same, left, 1.0)
+    v[1:-1] = np.where(same, (w1 + w2) * left * right / denominator, 0.0)
+    return v
+
+
+def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
+    """Accelerations at the points: of the two cubic Hermite segments' the smaller, zero where they differ in sign.
+
+    Taking the smaller keeps a short segment from making its long neighbour swing. Zero at both ends.
+
+    Args:
+        times: Strictly increasing (n,) [s].
+        q: Points (n, k) [rad].
+        v: Velocities at the points (n, k) [rad/s].
+
+    Returns:
+        Accelerations (n, k) [rad/s^2].
+    """
+    a = np.zeros_like(q)
+    lengths = np.diff(times)[:, None]  # (n - 1, 1)
+    rise = 6.0 * np.diff(q, axis=0)  # (n - 1, k)
+    at_start = (rise - lengths * (4.0 * v[:-1] + 2.0 * v[1:])) / lengths**2
+    at_end = (-rise + lengths * (2.0 * v[:-1] + 4.0 * v[1:])) / lengths**2
+    before, after = at_end[:-1], at_start[1:]  # (n - 2, k), of the inner points
+    smaller = np.where(np.abs(before) < np.abs(after), before, after)
+    a[1:-1] = np.where(before * after > 0.0, smaller, 0.0)
+    return a
+
+
+def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
+    """Quintics through points with given velocities; accelerations as ``knot_accelerations`` has them.
+
+    Args:
+        times: Strictly increasing (n,) [s].
+        q: Points (n, k) [rad].
+        v: Velocities at the points (n, k) [rad/s].
+
+    Returns:
+        c (n - 1, 6, k) with q(t) = sum_j c_j u^j and u = (t - t_i) / (t_{i+1} - t_i) on segment i.
+    """
+    lengths = np.diff(times)[:, None]  # (n - 1, 1)
+    a = knot_accelerations(times, q, v)
+    rise = np.diff(q, axis=0)
+    v0, v1 = v[:-1] * lengths, v[1:] * lengths
+    a0, a1 = a[:-1] * lengths**2, a[1:] * lengths**2
+    c = np.empty((len(times) - 1, 6, q.shape[1]))
+    c[:, 0] = q[:-1]
+    c[:, 1] = v0
+    c[:, 2] = 0.5 * a0
+    c[:, 3] = 10.0 * rise - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+    c[:, 4] = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+    c[:, 5] = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
+    return c

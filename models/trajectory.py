@@ -1,0 +1,229 @@
+"""Joint trajectories: the check at the door, and the sampler that executes what passed it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, default_config
+from models.errors import JointNameError, TrajectoryError
+from models.spline import quintic_coefficients
+from models.trajectory_sampler import TrajectorySampler, fill_points
+from models.types import JointTrajectory, Matrix, Vector
+
+__all__ = ["TrajectoryLimits", "TrajectorySampler", "default_limits", "validate_trajectory"]
+
+if TYPE_CHECKING:
+    from models.robot_model import RobotModel
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class TrajectoryLimits:
+    """Schema of ``models/config/trajectory.yaml``."""
+
+    max_points: Annotated[int, Field(gt=0, description="most points in one trajectory [1]")]
+    start_jump: Annotated[float, Field(gt=0, description="largest step from the joint to the first point [rad]")]
+    position_tolerance: Annotated[float, Field(ge=0, description="points outside the joint limits by at most [rad]")]
+    overshoot_tolerance: Annotated[float, Field(ge=0, description="curve outside the joint limits by at most [rad]")]
+    velocity_tolerance: Annotated[float, Field(ge=0, description="share of the velocity limit allowed on top [1]")]
+    effort_tolerance: Annotated[float, Field(ge=0, description="share of the torque limit allowed on top [1]")]
+    rest_velocity: Annotated[float, Field(ge=0, description="what still counts as rest [rad/s]")]
+    checks_per_segment: Annotated[int, Field(ge=1, description="instants checked between two points [1]")]
+
+
+@cache
+def default_limits() -> TrajectoryLimits:
+    """Limits as packaged in ``models/config/trajectory.yaml``, read once."""
+    return default_config(TrajectoryLimits, "models", "trajectory")
+
+
+def validate_trajectory(
+    traj: JointTrajectory,
+    model: RobotModel,
+    *,
+    start_q: Vector | None = None,
+    start_v: Vector | None = None,
+    require_all: bool = False,
+    end_at_rest: bool = False,
+    elapsed: float = 0.0,
+    limits: TrajectoryLimits | None = None,
+) -> None:
+    """Refuse a trajectory that the robot must not execute.
+
+    Args:
+        traj: Trajectory to check.
+        model: Robot that is to execute it.
+        start_q: Where the joints are when it starts (nj,) [rad]; without it the start jump is not checked.
+        start_v: How fast the joints move then (nj,) [rad/s]; zero when None.
+        require_all: Whether every joint of the robot must be named.
+        end_at_rest: Whether velocities at the last point must be zero.
+        elapsed: Age of ``start_q`` [s]; the joint may have travelled at its velocity limit since.
+        limits: Tolerances; the packaged ones when None.
+
+    Raises:
+        JointNameError: A joint is unknown, named twice, or missing although ``require_all``.
+        TrajectoryError: Wrong shape, too few or too many points, NaN or infinity, times that are negative or do not
+            increase, a point or the curve between points outside position, velocity or torque limits, a start jump.
+            The message names field, point and joint.
+    """
+    limits = limits or default_limits()
+    columns = _check_names(traj, model, require_all)
+    _check_shapes(traj, limits)
+    _check_finite(traj)
+    times = traj.times
+    if times[0] < 0.0:
+        raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if late.size:
+        i = int(late[0]) + 1
+        kind = "equal to" if times[i] == times[i - 1] else "before"
+        raise TrajectoryError(f"times: point {i} at {times[i]:g} s is {kind} point {i - 1} at {times[i - 1]:g} s")
+    _check_points(traj, model, columns, limits)
+    if end_at_rest and traj.velocities is not None:
+        last = traj.velocities[-1]
+        moving = np.abs(traj.velocities[-1:]) > limits.rest_velocity
+        _refuse_first(moving, traj, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(times) - 1)
+    if start_q is not None:
+        allowed = limits.start_jump + model.v_max[columns] * (float(times[0]) + elapsed)  # (k,)
+        jump = traj.positions[0] - start_q[columns]  # (k,)
+        _refuse_first(
+            (np.abs(jump) > allowed)[None],
+            traj,
+            lambda _, k: f"start jump of {jump[k]:g} rad from {start_q[columns[k]]:g} rad, at most {allowed[k]:g} rad",
+        )
+    _check_curve(traj, model, columns, start_q, start_v, limits)
+
+
+def _check_names(traj: JointTrajectory, model: RobotModel, require_all: bool) -> NDArray[np.intp]:
+    """Column of each named joint (k,); raises ``JointNameError`` or, when no joint is named, ``TrajectoryError``."""
+    if not traj.joint_names:
+        raise TrajectoryError("joint_names: empty")
+    seen: set[str] = set()
+    for name in traj.joint_names:
+        if name in seen:
+            raise JointNameError(f"joint_names: '{name}' is given twice")
+        seen.add(name)
+    columns = np.array([model.joint_index(name) for name in traj.joint_names], dtype=np.intp)
+    if require_all:
+        missing = [name for name in model.joint_names if name not in seen]
+        if missing:
+            raise JointNameError(f"joint_names: missing {', '.join(missing)}")
+    return columns
+
+
+def _check_shapes(traj: JointTrajectory, limits: TrajectoryLimits) -> None:
+    """Sizes of every field."""
+    if traj.times.ndim != 1:
+        raise TrajectoryError(f"times: expected one axis, found shape {traj.times.shape}")
+    n, k = len(traj.times), len(traj.joint_names)
+    if n == 0:
+        raise TrajectoryError("times: the trajectory has no points")
+    if n > limits.max_points:
+        raise TrajectoryError(f"times: {n} points, at most {limits.max_points}")
+    for field, values in _fields(traj):
+        if values.shape != (n, k):
+            raise TrajectoryError(f"{field}: expected {n} points of {k} joints, found shape {values.shape}")
+
+
+def _check_finite(traj: JointTrajectory) -> None:
+    """No NaN and no infinity anywhere."""
+    bad = np.flatnonzero(~np.isfinite(traj.times))
+    if bad.size:
+        raise TrajectoryError(f"times: point {bad[0]} is {traj.times[bad[0]]}")
+    for field, values in _fields(traj):
+        _refuse_first(~np.isfinite(values), traj, lambda i, k: f"{field} is {values[i, k]}")  # noqa: B023
+
+
+def _check_points(
+    traj: JointTrajectory, model: RobotModel, columns: NDArray[np.intp], limits: TrajectoryLimits
+) -> None:
+    """Position, velocity and torque limits at the points."""
+    low, high = model.q_lower[columns], model.q_upper[columns]
+    q, tol = traj.positions, limits.position_tolerance
+    _refuse_first(
+        (q < low - tol) | (q > high + tol),
+        traj,
+        lambda i, k: f"position {q[i, k]:g} rad outside [{low[k]:g}, {high[k]:g}]",
+    )
+    for values, limit, tolerance, what in (
+        (traj.velocities, model.v_max[columns], limits.velocity_tolerance, "velocity [rad/s]"),
+        (traj.efforts, model.tau_max[columns], limits.effort_tolerance, "effort [N.m]"),
+    ):
+        if values is not None:
+            _refuse_beyond(values, limit, tolerance, what, traj)
+
+
+def _check_curve(
+    traj: JointTrajectory,
+    model: RobotModel,
+    columns: NDArray[np.intp],
+    start_q: Vector | None,
+    start_v: Vector | None,
+    limits: TrajectoryLimits,
+) -> None:
+    """Position and velocity limits of the sampled curve between the points."""
+    if start_q is None:
+        start_q = np.zeros(model.nj)
+        start_q[columns] = traj.positions[0]
+    times, q, v, _ = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
+    if len(times) < 2:
+        return
+    first = len(traj.times) - len(times)  # -1 when the curve has a lead-in from start_q
+    u = (np.arange(limits.checks_per_segment) + 0.5) / limits.checks_per_segment  # (m,)
+    c = quintic_coefficients(times, q, v)[:, :, columns]  # (n - 1, 6, k)
+    powers = u[:, None] ** np.arange(6)  # (m, 6)
+    slopes = np.arange(6) * np.where(np.arange(6) > 0, u[:, None] ** np.maximum(np.arange(6) - 1, 0), 0.0)  # (m, 6)
+    position = powers @ c  # (n - 1, m, k)
+    velocity = np.abs(slopes @ c).max(axis=1) / np.diff(times)[:, None]  # (n - 1, k)
+    tol = limits.overshoot_tolerance
+    low, high = model.q_lower[columns] - tol, model.q_upper[columns] + tol
+    inside = start_q[columns]  # a joint that already is outside may come back in
+    low, high = np.minimum(low, inside - tol), np.maximum(high, inside + tol)
+    outside: NDArray[np.bool_] = np.any((position < low) | (position > high), axis=1)  # (n - 1, k)
+    _refuse_first(
+        outside,
+        traj,
+        lambda i, k: f"the curve after this point leaves [{low[k]:g}, {high[k]:g}] rad",
+        first,
+    )
+    most = model.v_max[columns]
+    _refuse_first(
+        velocity > most * (1.0 + limits.velocity_tolerance),
+        traj,
+        lambda i, k: f"the curve after this point reaches {velocity[i, k]:g} rad/s, beyond the limit {most[k]:g}",
+        first,
+    )
+
+
+def _fields(traj: JointTrajectory) -> Iterator[tuple[str, Matrix]]:
+    """Name and values of every (n, k) field that the trajectory fills."""
+    yield "positions", traj.positions
+    if traj.velocities is not None:
+        yield "velocities", traj.velocities
+    if traj.efforts is not None:
+        yield "efforts", traj.efforts
+
+
+def _refuse_beyond(values: Matrix, limit: Vector, tolerance: float, what: str, traj: JointTrajectory) -> None:
+    """Raise for the first of ``values`` (n, k) whose size exceeds ``limit`` (k,)."""
+    _refuse_first(
+        np.abs(values) > limit * (1.0 + tolerance),
+        traj,
+        lambda i, k: f"{what} {values[i, k]:g} beyond the limit {limit[k]:g}",
+    )
+
+
+def _refuse_first(
+    bad: NDArray[np.bool_], traj: JointTrajectory, describe: Callable[[int, int], str], offset: int = 0
+) -> None:
+    """Raise for the first True of ``bad`` (n, k), naming point (row plus ``offset``) and joint."""
+    if bad.any():
+        i, k = (int(index) for index in np.argwhere(bad)[0])
+        where = f"point {i + offset}" if i + offset >= 0 else "start"
+        raise TrajectoryError(f"joint '{traj.joint_names[k]}', {where}: {describe(i, k)}")
