@@ -1,0 +1,295 @@
+"""Joint servo: the law inside the motor drivers, between a set-point and the torque of each joint."""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import inf
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, default_config
+from models.errors import PoiseError
+from models.trajectory import TrajectorySampler, validate_trajectory
+from models.types import JointCommand, JointTrajectory, Vector
+
+if TYPE_CHECKING:
+    from models.robot_model import RobotModel
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class JointServoConfig:
+    """Schema of ``controllers/config/joint_servo.yaml``."""
+
+    command_timeout: Annotated[float, Field(gt=0, description="age of a set-point at which the driver damps [s]")]
+    arming_blend: Annotated[float, Field(ge=0, description="fade-in of the first set-points after arming [s]")]
+    damped_ramp: Annotated[float, Field(ge=0, description="fade of the last torque into damping [s]")]
+    damping_scale: Annotated[float, Field(ge=0, description="damping of the fallback in multiples of kd [1]")]
+    position_margin: Annotated[float, Field(gt=0, description="from a joint limit, where torque fades [rad]")]
+    velocity_margin: Annotated[float, Field(gt=0, description="share beyond the speed limit, to no torque [1]")]
+
+
+class ServoState(Enum):
+    """What the drivers do."""
+
+    OFF = "off"
+    """No torque; commands are ignored."""
+    ACTIVE = "active"
+    """Tracks set-points; before the first one, holds the posture measured on arming."""
+    DAMPED = "damped"
+    """Damping only, after a fault; commands are ignored until ``arm``."""
+
+
+class JointServo:
+    """Joint PD with feed-forward and every protection of a motor driver.
+
+    tau = kp (q_d - q) + kd (v_d - v) + tau_d, where (q_d, v_d, tau_d) (3, nj) is the last accepted set-point, held
+    until the next, or the sample of the trajectory being executed. In this order, tau (nj,) [N.m] is then
+
+    - limited to tau_max; torque towards a joint limit fades out over the last ``position_margin`` before it, torque
+      that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
+    - limited to a change of tau_rate_max dt since the last step.
+
+    After ``arm`` the set-points are faded in from the measured posture with s = 3 u^2 - 2 u^3, so nothing jumps. A
+    set-point that is not finite or of the wrong size is refused, counted, and the previous one kept. When no set-point
+    was accepted for ``command_timeout`` (after the end of a trajectory), the driver damps: tau fades from its last
+    value to -damping_scale kd v. That state holds until ``arm``. A joint whose measurement is not finite gets zero
+    torque.
+
+    Args:
+        model: Robot; gives kp, kd and the limits, all (nj,).
+        config: Timing and margins; the packaged ones when None.
+
+    Attributes:
+        state: What the drivers do.
+        refused: Set-points refused because they were not finite or of the wrong size.
+        timeouts: Times that the driver damped because no set-point came.
+        sensor_faults: Steps with a measurement that was not finite.
+
+    Assumptions:
+        ``step`` is called at the rate of the drivers with times that do not decrease.
+    """
+
+    def __init__(self, model: RobotModel, config: JointServoConfig | None = None) -> None:
+        self.config = config or default_config(JointServoConfig, "controllers", "joint_servo")
+        self.state = ServoState.OFF
+        self.refused = 0
+        self.timeouts = 0
+        self.sensor_faults = 0
+        self._model = model
+        nj = model.nj
+        self._kp, self._kd = model.kp, model.kd
+        self._damping = -self.config.damping_scale * model.kd
+        self._tau_max, self._tau_min = model.tau_max, -model.tau_max
+        self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
+        self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
+        self._set_bounds(model)
+        self._setpoint = np.zeros((3, nj))
+        self._incoming = np.zeros((3, nj))
+        self._faded = np.zeros((3, nj))
+        self._tau, self._target, self._work = np.zeros(nj), np.zeros(nj), np.zeros(nj)
+        self._tau_at_fault = np.zeros(nj)
+        self._step_max, self._step_min, self._step_dt = np.zeros(nj), np.zeros(nj), 0.0
+        self._sampler: TrajectorySampler | None = None
+        self._sampler_start = 0.0
+        self._posture: Vector | None = None
+        self._first_command: float | None = None
+        self._last_command = 0.0
+        self._deadline = inf
+        self._fault_time: float | None = None
+
+    def _set_bounds(self, model: RobotModel) -> None:
+        """Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)."""
+        nj, margin = model.nj, self.config.position_margin
+        half = np.maximum(0.5 * (model.q_upper - model.q_lower) - margin, np.finfo(np.float64).eps)
+        self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
+        self._inverse_half = 1.0 / np.array([half, model.v_max])
+        self._fade_rate = np.array([np.full(nj, 1.0 / margin), 1.0 / (self.config.velocity_margin * model.v_max)])
+        self._fade_high = np.array([model.q_upper, (1.0 + self.config.velocity_margin) * model.v_max])
+        self._fade_low = np.array([model.q_lower, -(1.0 + self.config.velocity_margin) * model.v_max])
+        self._measured, self._box = np.zeros((2, nj)), np.zeros((2, nj))
+
+    @property
+    def setpoint(self) -> JointCommand:
+        """A copy of the set-point in force, before any fade."""
+        return JointCommand(*self._setpoint.copy())
+
+    def arm(self) -> None:
+        """Accept commands from now on; clears a latched fault. The first set-points are faded in."""
+        self.state = ServoState.ACTIVE
+        self._posture = self._first_command = self._sampler = self._fault_time = None
+        self._deadline = inf
+
+    def damp(self) -> None:
+        """Go to damping and stay there until ``arm``."""
+        if self.state is not ServoState.DAMPED:
+            self.state = ServoState.DAMPED
+            self._tau_at_fault[:] = self._tau
+            self._fault_time = None
+
+    def off(self) -> None:
+        """Take the torque away (at the torque-rate limit) and ignore commands until ``arm``."""
+        self.state = ServoState.OFF
+
+    def command(self, cmd: JointCommand, t: float) -> bool:
+        """Take a set-point that holds until the next one; values beyond the joint's limits are brought back to them.
+
+        Args:
+            cmd: Set-point of every joint.
+            t: Time of arrival on the clock of ``step`` [s].
+
+        Returns:
+            Whether it is in force: False when the driver is not active or the set-point was refused.
+        """
+        if self.state is not ServoState.ACTIVE:
+            return False
+        shape = self._tau.shape
+        new = self._incoming
+        if cmd.q.shape != shape or cmd.v.shape != shape or cmd.tau.shape != shape:
+            self.refused += 1
+            return False
+        new[0], new[1], new[2] = cmd.q, cmd.v, cmd.tau
+        if not np.isfinite(new).all():
+            self.refused += 1
+            return False
+        np.minimum(new, self._high, out=new)
+        np.maximum(new, self._low, out=self._setpoint)
+        self._sampler = None
+        self._accept(t, t)
+        return True
+
+    def command_trajectory(self, traj: JointTrajectory, t: float) -> bool:
+        """Execute a trajectory from now on, from the set-point in force; joints that it does not name hold theirs.
+
+        Args:
+            traj: Trajectory, its times counted from ``t``.
+            t: Time of arrival on the clock of ``step`` [s].
+
+        Returns:
+            Whether it is being executed: False when the driver is not active or has not measured the joints yet.
+
+        Raises:
+            JointNameError: A joint is unknown or named twice; the previous set-point stays in force.
+            TrajectoryError: As ``validate_trajectory`` raises it; the previous set-point stays in force.
+        """
+        if self.state is not ServoState.ACTIVE or self._posture is None:
+            return False
+        commanded = self._first_command is not None
+        start_q = self._setpoint[0].copy() if commanded else self._posture
+        start_v = self._setpoint[1].copy() if commanded else None
+        elapsed = t - self._last_command if commanded else 0.0
+        try:
+            validate_trajectory(traj, self._model, start_q=start_q, start_v=start_v, elapsed=max(elapsed, 0.0))
+        except PoiseError:
+            self.refused += 1
+            raise
+        self._sampler = TrajectorySampler(traj, self._model, start_q, start_v)
+        self._sampler_start = t
+        self._accept(t, t + self._sampler.duration)
+        return True
+
+    def _accept(self, t: float, valid_until: float) -> None:
+        """Note the arrival of a set-point that is good until a time [s]."""
+        if self._first_command is None:
+            self._first_command = t
+        self._last_command = t
+        self._deadline = valid_until + self.config.command_timeout
+
+    def step(self, t: float, q: Vector, v: Vector, dt: float) -> Vector:
+        """Compute the torques of one driver period.
+
+        Args:
+            t: Time [s].
+            q: Measured joint positions (nj,) [rad].
+            v: Measured joint velocities (nj,) [rad/s].
+            dt: Time since the last step [s].
+
+        Returns:
+            Torques (nj,) [N.m]; the array is overwritten by the next call.
+        """
+        if self.state is ServoState.ACTIVE and t > self._deadline:
+            self.timeouts += 1
+            self.damp()
+        target = self._target
+        if self.state is ServoState.ACTIVE:
+            self._track(t, q, v, target)
+        elif self.state is ServoState.DAMPED:
+            self._damp(t, v, target)
+        else:
+            target.fill(0.0)
+        return self._limit(q, v, dt, target)
+
+    def _track(self, t: float, q: Vector, v: Vector, target: Vector) -> None:
+        """PD and feed-forward about the set-point in force."""
+        if self._posture is None:
+            if not np.isfinite(q).all():
+                target.fill(0.0)
+                return
+            self._posture = q.copy()
+            if self._first_command is None:
+                self._setpoint[0] = q
+                self._setpoint[1:] = 0.0
+        if self._sampler is not None:
+            at = t - self._sampler_start
+            self._setpoint[0], self._setpoint[1], _ = self._sampler.sample(at)
+            self._setpoint[2] = self._sampler.effort(at)
+        setpoint = self._setpoint
+        start = self._first_command
+        if start is None or t < start + self.config.arming_blend:
+            u = 0.0 if start is None else max(t - start, 0.0) / self.config.arming_blend
+            np.multiply(self._setpoint, u * u * (3.0 - 2.0 * u), out=self._faded)
+            self._faded[0] += (1.0 - u * u * (3.0 - 2.0 * u)) * self._posture
+            setpoint = self._faded
+        work = self._work
+        np.subtract(setpoint[0], q, out=target)
+        target *= self._kp
+        np.subtract(setpoint[1], v, out=work)
+        work *= self._kd
+        target += work
+        target += setpoint[2]
+
+    def _damp(self, t: float, v: Vector, target: Vector) -> None:
+        """Fade from the torque at the fault to viscous damping."""
+        if self._fault_time is None:
+            self._fault_time = t
+        np.multiply(self._damping, v, out=target)
+        ramp = self.config.damped_ramp
+        if t < self._fault_time + ramp:
+            s = (t - self._fault_time) / ramp
+            target *= s
+            target += (1.0 - s) * self._tau_at_fault
+
+    def _limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
+        """Torque, joint-limit, velocity and torque-rate limits, in that order; updates and returns the torque."""
+        tau, work, box, measured = self._tau, self._work, self._box, self._measured
+        measured[0], measured[1] = q, v
+        np.subtract(measured, self._centre, out=box)
+        box *= self._inverse_half
+        np.abs(box, out=box)
+        if box.max() <= 1.0:
+            np.minimum(target, self._tau_max, out=target)
+            np.maximum(target, self._tau_min, out=target)
+        else:
+            self._fade(target)
+        if dt != self._step_dt:
+            np.multiply(self._model.tau_rate_max, dt, out=self._step_max)
+            np.negative(self._step_max, out=self._step_min)
+            self._step_dt = dt
+        np.subtract(target, tau, out=work)
+        np.minimum(work, self._step_max, out=work)
+        np.maximum(work, self._step_min, out=work)
+        tau += work
+        return tau
+
+    def _fade(self, target: Vector) -> None:
+        """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
+        up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
+        down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
+        np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
+        np.maximum(target, np.maximum(down, 0.0) * self._tau_min, out=target)
+        blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
+        if blind.any():
+            self.sensor_faults += 1
+            target[blind] = 0.0

@@ -1,0 +1,275 @@
+"""Joint servo: what it tracks, and the limits it never exceeds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from controllers.joint_servo import JointServo, ServoState
+from models.errors import JointNameError, TrajectoryError
+from models.robot_model import RobotModel
+from models.types import JointCommand, JointTrajectory
+
+DT = 0.001
+Vector = NDArray[np.float64]
+
+
+def hold(model: RobotModel, q: Vector | None = None, tau: Vector | None = None) -> JointCommand:
+    zero = np.zeros(model.nj)
+    return JointCommand(model.posture("stand") if q is None else q, zero, zero if tau is None else tau)
+
+
+def armed(model: RobotModel, t: float = -1.0) -> tuple[JointServo, float]:
+    """A servo that has been armed, commanded to stand and is past its fade-in, and the time of its next step."""
+    servo = JointServo(model)
+    servo.arm()
+    q, zero = model.posture("stand"), np.zeros(model.nj)
+    for k in range(int(servo.config.arming_blend / DT) + 2):
+        servo.command(hold(model), t + k * DT)
+        servo.step(t + k * DT, q, zero, DT)
+    return servo, t + (k + 1) * DT
+
+
+def test_law(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    rng = np.random.default_rng(0)
+    q = g1.posture("stand") + 0.001 * rng.standard_normal(g1.nj)
+    q = np.clip(q, g1.q_lower + 0.1, g1.q_upper - 0.1)
+    v = 0.01 * rng.standard_normal(g1.nj)
+    cmd = JointCommand(q + 0.001, 0.01 * np.ones(g1.nj), 0.1 * np.ones(g1.nj))
+    expected = g1.kp * 0.001 + g1.kd * (0.01 - v) + 0.1
+    for k in range(20):
+        servo.command(cmd, t + k * DT)
+        tau = servo.step(t + k * DT, q, v, DT)
+    np.testing.assert_allclose(tau, expected, rtol=1e-12)
+
+
+def test_off_gives_no_torque_and_ignores_commands(g1: RobotModel) -> None:
+    servo = JointServo(g1)
+    assert not servo.command(hold(g1, tau=g1.tau_max), 0.0)
+    assert not servo.step(0.0, g1.posture("zero"), np.zeros(g1.nj), DT).any()
+    assert servo.state is ServoState.OFF
+
+
+def test_arming_does_not_jump(g1: RobotModel) -> None:
+    """From a posture 0.2 rad away, the first torque is small and grows smoothly."""
+    servo = JointServo(g1)
+    servo.arm()
+    q = g1.posture("stand") + np.clip(0.2, None, 0.5 * (g1.q_upper - g1.posture("stand")))
+    zero = np.zeros(g1.nj)
+    servo.step(0.0, q, zero, DT)
+    history = []
+    for k in range(1, 400):
+        servo.command(hold(g1), k * DT)
+        history.append(servo.step(k * DT, q, zero, DT).copy())
+    torques = np.array(history)
+    final = np.abs(g1.kp * (g1.posture("stand") - q))
+    assert np.all(np.abs(torques[0]) <= 0.01 * final + 1e-9)
+    assert np.all(np.abs(np.diff(torques, axis=0)) <= 0.01 * final + 1e-9)
+    np.testing.assert_allclose(np.abs(torques[-1]), np.minimum(final, g1.tau_max), rtol=1e-6)
+
+
+def test_holds_the_measured_posture_before_the_first_command(g1: RobotModel) -> None:
+    servo = JointServo(g1)
+    servo.arm()
+    q, zero = g1.posture("stand"), np.zeros(g1.nj)
+    servo.step(0.0, q, zero, DT)
+    for k in range(1, 200):
+        tau = servo.step(k * DT, q - 0.01, zero, DT)
+    np.testing.assert_allclose(tau, 0.01 * g1.kp, rtol=1e-9)
+    assert servo.state is ServoState.ACTIVE
+
+
+@pytest.mark.parametrize("field", ["q", "v", "tau"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_command_that_is_not_finite_is_refused_then_times_out(g1: RobotModel, field: str, bad: float) -> None:
+    servo, t = armed(g1)
+    q, zero = g1.posture("stand"), np.zeros(g1.nj)
+    before = servo.setpoint
+    values = getattr(hold(g1), field).copy()
+    values[7] = bad
+    cmd = replace(hold(g1), **{field: values})
+    steps = round(servo.config.command_timeout / DT)
+    for k in range(steps - 1):
+        assert not servo.command(cmd, t + k * DT)
+        servo.step(t + k * DT, q, zero, DT)
+    assert servo.state is ServoState.ACTIVE
+    assert servo.refused == steps - 1
+    np.testing.assert_array_equal(servo.setpoint.q, before.q)
+    for k in range(steps - 1, steps + 2):
+        servo.step(t + k * DT, q, zero, DT)
+    assert servo.state is ServoState.DAMPED
+    assert servo.timeouts == 1
+
+
+def test_command_of_wrong_size_is_refused(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    assert not servo.command(replace(hold(g1), tau=np.zeros(g1.nj - 1)), t)
+    assert servo.refused == 1
+
+
+def test_timeout_fades_torque_into_damping_and_latches(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    q, v = g1.posture("stand"), 0.1 * np.ones(g1.nj)
+    tau_ff = np.minimum(10.0, 0.5 * g1.tau_max)
+    for k in range(50):
+        servo.command(hold(g1, tau=tau_ff), t + k * DT)
+        last = servo.step(t + k * DT, q, v, DT).copy()
+    torques = []
+    for k in range(50, 300):
+        torques.append(servo.step(t + k * DT, q, v, DT).copy())
+    assert servo.state is ServoState.DAMPED
+    np.testing.assert_allclose(torques[-1], -servo.config.damping_scale * g1.kd * 0.1, rtol=1e-9)
+    largest_step = np.abs(np.diff(np.array([last, *torques]), axis=0)).max(axis=0)
+    change = np.abs(torques[-1] - last)
+    assert np.all(largest_step <= 1.01 * change * DT / servo.config.damped_ramp + 1e-9)
+    assert not servo.command(hold(g1), t + 0.3)
+    servo.step(t + 0.3, q, v, DT)
+    assert servo.state is ServoState.DAMPED
+    servo.arm()
+    assert servo.command(hold(g1), t + 0.3)
+    assert servo.state is ServoState.ACTIVE
+
+
+def test_measurement_that_is_not_finite_gives_that_joint_no_torque(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    q, v = g1.posture("stand").copy(), np.zeros(g1.nj)
+    q[3], v[5] = np.inf, np.nan
+    for k in range(30):
+        servo.command(hold(g1, tau=0.1 * g1.tau_max), t + k * DT)
+        tau = servo.step(t + k * DT, q, v, DT)
+    assert tau[3] == 0.0 and tau[5] == 0.0
+    assert np.all(tau[[0, 1, 2, 4]] > 0.0)
+    assert servo.sensor_faults == 30
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_torque_towards_a_joint_limit_fades_out(g1: RobotModel, sign: float) -> None:
+    servo, t = armed(g1)
+    limit = g1.q_upper if sign > 0 else g1.q_lower
+    margin, zero = servo.config.position_margin, np.zeros(g1.nj)
+    for inside, share in ((margin, 1.0), (0.5 * margin, 0.5), (0.0, 0.0)):
+        for _ in range(200):
+            servo.command(hold(g1, q=limit, tau=sign * g1.tau_max), t)
+            tau = servo.step(t, limit - sign * inside, zero, DT)
+            t += DT
+        np.testing.assert_allclose(sign * tau, share * g1.tau_max, atol=1e-6 * g1.tau_max.max())
+    for _ in range(200):
+        servo.command(hold(g1, q=limit, tau=-sign * g1.tau_max), t)
+        tau = servo.step(t, limit, zero, DT)
+        t += DT
+    np.testing.assert_allclose(sign * tau, -g1.tau_max)  # away from the limit: all of it
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_torque_that_speeds_up_fades_out_beyond_the_velocity_limit(g1: RobotModel, sign: float) -> None:
+    servo, t = armed(g1)
+    q = 0.5 * (g1.q_lower + g1.q_upper)
+    for excess, share in ((0.0, 1.0), (0.5, 0.5), (1.0, 0.0), (3.0, 0.0)):
+        v = sign * g1.v_max * (1.0 + excess * servo.config.velocity_margin)
+        for _ in range(200):
+            servo.command(JointCommand(q, sign * g1.v_max, sign * g1.tau_max), t)
+            wanted = np.minimum(g1.tau_max + g1.kd * (g1.v_max - sign * v), g1.tau_max)
+            tau = servo.step(t, q, v, DT)
+            t += DT
+        np.testing.assert_allclose(sign * tau, np.clip(wanted, -g1.tau_max, share * g1.tau_max), atol=1e-9)
+
+
+def test_trajectory_is_interpolated_between_messages(g1: RobotModel) -> None:
+    """Set-points at 50 Hz, each reaching 40 ms ahead: the torque follows without a staircase."""
+    servo, t0 = armed(g1)
+    shoulder = g1.joint_index("left_shoulder_pitch_joint")
+    names, zero = ("left_shoulder_pitch_joint",), np.zeros(g1.nj)
+    q = g1.posture("stand").copy()
+    start = q[shoulder]
+    torques = []
+    for k in range(400):
+        t = t0 + k * DT
+        if k % 20 == 0:
+            ahead = np.array([0.04])
+            position = start + 0.2 * (t - t0 + ahead)
+            traj = JointTrajectory(names, ahead, position[:, None], np.array([[0.2]]))
+            assert servo.command_trajectory(traj, t)
+        q[shoulder] = start + 0.2 * (t - t0)
+        v = zero.copy()
+        v[shoulder] = 0.2
+        torques.append(servo.step(t, q, v, DT)[shoulder])
+    assert servo.state is ServoState.ACTIVE
+    assert np.abs(torques[100:]).max() < 1e-3 * g1.kp[shoulder]
+
+
+def test_trajectory_ends_then_times_out(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    q, zero = g1.posture("stand"), np.zeros(g1.nj)
+    servo.command_trajectory(JointTrajectory(g1.joint_names, np.array([0.1]), q[None]), t)
+    for k in range(round((0.1 + servo.config.command_timeout) / DT) - 1):
+        servo.step(t + k * DT, q, zero, DT)
+    assert servo.state is ServoState.ACTIVE
+    for j in range(4):
+        servo.step(t + (k + 1 + j) * DT, q, zero, DT)
+    assert servo.state is ServoState.DAMPED
+
+
+def test_single_point_trajectory_is_a_set_point_in_any_joint_order(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    order = np.random.default_rng(1).permutation(g1.nj)
+    q = g1.posture("stand") + 0.001
+    tau = 0.1 * g1.tau_max
+    names = tuple(g1.joint_names[i] for i in order)
+    traj = JointTrajectory(names, np.zeros(1), q[order][None], np.zeros((1, g1.nj)), tau[order][None])
+    assert servo.command_trajectory(traj, t)
+    servo.step(t, q, np.zeros(g1.nj), DT)
+    np.testing.assert_array_equal(servo.setpoint.q, q)
+    np.testing.assert_array_equal(servo.setpoint.tau, tau)
+
+
+def test_refused_trajectory_leaves_the_set_point(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    before = servo.setpoint
+    far = g1.posture("stand") + 0.5
+    for error, traj in (
+        (TrajectoryError, JointTrajectory(g1.joint_names, np.zeros(1), far[None])),
+        (JointNameError, JointTrajectory(("nose",), np.zeros(1), np.zeros((1, 1)))),
+    ):
+        with pytest.raises(error):
+            servo.command_trajectory(traj, t)
+        servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT)
+        np.testing.assert_array_equal(servo.setpoint.q, before.q)
+    assert servo.refused == 2
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
+moderate = st.floats(-50.0, 50.0)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_never_exceeds_torque_and_rate_limits(g1: RobotModel, data: st.DataObject) -> None:
+    """Whatever is commanded, measured or switched: finite torque within the limits, changing within the rate."""
+    servo, t = armed(g1)
+    previous = servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT).copy()
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+
+    def vector() -> Vector:
+        values = rng.normal(0.0, 10.0 ** data.draw(st.integers(-3, 4)), g1.nj)
+        values[data.draw(st.integers(0, g1.nj - 1))] = data.draw(st.one_of(anything, moderate))
+        return values
+
+    for _ in range(data.draw(st.integers(1, 12))):
+        t += DT
+        action = data.draw(st.sampled_from(["command", "command", "command", "damp", "off", "arm", "nothing"]))
+        if action == "command":
+            servo.command(JointCommand(vector(), vector(), vector()), t)
+        elif action != "nothing":
+            getattr(servo, action)()
+        with np.errstate(all="ignore"):
+            tau = servo.step(t, vector(), vector(), DT)
+        assert np.isfinite(tau).all()
+        assert np.all(np.abs(tau) <= g1.tau_max * (1.0 + 1e-12))
+        assert np.all(np.abs(tau - previous) <= g1.tau_rate_max * DT * (1.0 + 1e-9))
+        previous = tau.copy()
