@@ -1,14 +1,9 @@
-"""Shared fixtures. Threads are pinned before anything numerical is imported."""
+"""Shared fixtures. Threads are pinned here, before a test imports anything numerical."""
 
 from __future__ import annotations
 
-import os
-
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-os.environ.setdefault("MUJOCO_GL", "egl")
-
 import itertools
+import os
 import socket
 from collections.abc import Iterator
 from functools import cache
@@ -19,6 +14,10 @@ import pytest
 
 if TYPE_CHECKING:
     from models.robot_model import RobotModel
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+os.environ.setdefault("MUJOCO_GL", "egl")
 
 ROOT = Path(__file__).resolve().parents[1]
 

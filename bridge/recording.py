@@ -1,0 +1,112 @@
+"""A run of the robot kept as arrays: what the report, the plots and the film strip are made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from models.errors import PoiseError
+from models.types import Matrix, RobotState, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Samples of one run.
+
+    Attributes:
+        robot: Name of the profile.
+        t: Stamps, increasing (n,) [s].
+        q: Configurations in Pinocchio's order (n, nq) [m, rad].
+        v: Velocities in Pinocchio's order (n, nv) [m/s, rad/s].
+        tau: Joint torques (n, nj) [N.m].
+        wrenches: Ground reaction on each foot in its sole frame (n, 2, 6) [N, N.m].
+        events: Stamp and text of what happened.
+    """
+
+    robot: str
+    t: Vector
+    q: Matrix
+    v: Matrix
+    tau: Matrix
+    wrenches: Matrix
+    events: tuple[tuple[float, str], ...] = ()
+
+    def save(self, path: Path) -> None:
+        """Write the recording as a compressed NumPy archive."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            path,
+            robot=np.array(self.robot),
+            t=self.t,
+            q=self.q,
+            v=self.v,
+            tau=self.tau,
+            wrenches=self.wrenches,
+            event_times=np.array([time for time, _ in self.events]),
+            event_texts=np.array([text for _, text in self.events], dtype=np.str_),
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read what ``save`` wrote.
+
+        Raises:
+            PoiseError: The file is not such a recording.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
+                arrays = {name: data[name] for name in ("t", "q", "v", "tau", "wrenches")}
+                return cls(robot=str(data["robot"]), events=tuple(events), **arrays)
+        except (OSError, KeyError, ValueError) as error:
+            raise PoiseError(f"{path}: not a recording: {error}") from error
+
+
+class Recorder:
+    """Collects robot states into a ``Recording``, at most one per period.
+
+    Args:
+        robot: Name of the profile.
+        period: Least time between two samples that are kept [s].
+    """
+
+    def __init__(self, robot: str, period: float = 0.01) -> None:
+        self._robot = robot
+        self._period = period
+        self._states: list[RobotState] = []
+        self._events: list[tuple[float, str]] = []
+
+    def add(self, state: RobotState) -> None:
+        """Keep a state, unless it comes too soon after the last one that was kept or is older."""
+        if not self._states or state.t >= self._states[-1].t + self._period - 1e-9:  # 1e-9: rounding of stamps
+            self._states.append(state)
+
+    def event(self, t: float, text: str) -> None:
+        """Note that something happened.
+
+        Args:
+            t: When [s].
+            text: What.
+        """
+        self._events.append((t, text))
+
+    def recording(self) -> Recording:
+        """Everything collected so far.
+
+        Raises:
+            PoiseError: No state was collected.
+        """
+        if not self._states:
+            raise PoiseError("nothing was recorded: no state of the robot arrived")
+        states = self._states
+        return Recording(
+            robot=self._robot,
+            t=np.array([state.t for state in states]),
+            q=np.array([state.q for state in states]),
+            v=np.array([state.v for state in states]),
+            tau=np.array([state.tau for state in states]),
+            wrenches=np.array([[contact.wrench for contact in state.contacts] for state in states]),
+            events=tuple(self._events),
+        )

@@ -1,0 +1,130 @@
+"""Film strip of a recorded run, drawn by MuJoCo without a display.
+
+Run as ``python -m bridge.render RECORDING PICTURE`` in a process of its own: OpenGL libraries that are broken end the
+process that loads them.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from bridge.recording import Recording
+from models.errors import PoiseError
+
+FRAMES = 8
+"""Pictures in a film strip [-]."""
+
+FRAME_SIZE = (300, 480)
+"""Width and height of one picture [pixel]."""
+
+GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
+
+
+def render_filmstrip(recording_file: Path, picture: Path, *, timeout: float = 120.0) -> str:
+    """Draw a film strip in another process.
+
+    Args:
+        recording_file: What ``Recording.save`` wrote.
+        picture: PNG file to write.
+        timeout: How long drawing may take [s].
+
+    Returns:
+        Empty when the picture was written, else why not and which package brings what is missing.
+    """
+    if ctypes.util.find_library("EGL") is None:
+        return GL_ADVICE
+    command = [sys.executable, "-m", "bridge.render", str(recording_file), str(picture)]
+    try:
+        result = subprocess.run(
+            command,
+            env=os.environ | {"MUJOCO_GL": "egl"},
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no pictures: drawing took more than {timeout:.0f} s"
+    if result.returncode == 0 and picture.is_file():
+        return ""
+    last = (result.stderr.strip().splitlines() or [f"exit status {result.returncode}"])[-1]
+    return f"{GL_ADVICE} (drawing failed: {last})"
+
+
+def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
+    """Stamps worth a picture: shortly after each event, and in between where the gaps are widest.
+
+    Args:
+        recording: The run.
+        count: How many.
+
+    Returns:
+        Increasing stamps [s].
+    """
+    start, end = float(recording.t[0]), float(recording.t[-1])
+    times = sorted({start, *(time for time, _ in recording.events if start < time < end), end})
+    while len(times) < count:
+        gaps = np.diff(times)
+        widest = int(np.argmax(gaps))
+        times.insert(widest + 1, times[widest] + float(gaps[widest]) / 2.0)
+    if len(times) > count:
+        times = [times[round(i)] for i in np.linspace(0, len(times) - 1, count)]
+    return times
+
+
+def draw(recording: Recording, picture: Path) -> None:
+    """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
+
+    Args:
+        recording: The run.
+        picture: PNG file to write.
+    """
+    import mujoco
+    from PIL import Image, ImageDraw
+
+    from models.mujoco_model import build_mujoco, pin_to_mujoco
+    from models.robot_model import RobotModel
+
+    model = RobotModel.load(recording.robot)
+    mj = build_mujoco(model, visuals=True)
+    data = mujoco.MjData(mj.model)
+    width, height = FRAME_SIZE
+    mj.model.vis.global_.offwidth, mj.model.vis.global_.offheight = width, height
+    camera = mujoco.MjvCamera()
+    tall = float(recording.q[0, 2]) / 0.55  # the pelvis is a little above half the height of a human body
+    camera.distance, camera.azimuth, camera.elevation = 1.45 * tall, 150.0, -12.0
+    strip = Image.new("RGB", (width * FRAMES, height))
+    with mujoco.Renderer(mj.model, height, width) as renderer:
+        for column, time in enumerate(frame_times(recording)):
+            index = min(int(np.searchsorted(recording.t, time)), len(recording.t) - 1)
+            data.qpos[:], data.qvel[:] = pin_to_mujoco(model, mj, recording.q[index], recording.v[index])
+            mujoco.mj_forward(mj.model, data)
+            camera.lookat[:] = recording.q[index, 0], recording.q[index, 1], 0.5 * tall
+            renderer.update_scene(data, camera)
+            frame = Image.fromarray(renderer.render())
+            happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
+            label = f"{time - recording.t[0]:.1f} s  {happened[-1] if happened else ''}"
+            ImageDraw.Draw(frame).text((8, 8), label, fill=(255, 255, 255))
+            strip.paste(frame, (column * width, 0))
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    strip.save(picture)
+
+
+def main(arguments: list[str]) -> int:
+    """Draw ``arguments[1]`` from the recording ``arguments[0]``."""
+    try:
+        draw(Recording.load(Path(arguments[0])), Path(arguments[1]))
+    except (PoiseError, IndexError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

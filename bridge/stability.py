@@ -1,0 +1,106 @@
+"""How stable a run was: CoM, divergent component of motion, zero-moment point and capture margin of a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from bridge.recording import Recording
+from bridge.support_polygon import margin, support_polygon
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+GRAVITY = 9.81
+"""Standard acceleration of free fall, as the models have it [m/s^2]."""
+
+LOADED_FRACTION = 0.02
+"""Part of the weight above which a foot counts as loaded [-]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stability:
+    """Time series of balance; W is the world frame, all horizontal quantities are x and y.
+
+    With ``w = sqrt(g / z)``, the divergent component of motion is ``xi = c + cdot / w`` and the zero-moment point
+    ``p = (-M_y / F_z, M_x / F_z)`` for the ground reaction ``F`` with moment ``M`` about the origin of the floor.
+
+    Attributes:
+        t: Stamps (n,) [s].
+        com: CoM in W (n, 3) [m].
+        com_velocity: CoM velocity in W (n, 3) [m/s].
+        dcm: Divergent component of motion (n, 2) [m].
+        zmp: Measured zero-moment point (n, 2) [m]; NaN where no foot is loaded.
+        soles: Origin of each sole in W (n, 2, 3) [m].
+        margin: Distance from the DCM to the edge of the support polygon (n,) [m]; negative outside of it, NaN where
+            no foot is loaded.
+    """
+
+    t: Vector
+    com: Matrix
+    com_velocity: Matrix
+    dcm: Matrix
+    zmp: Matrix
+    soles: Matrix
+    margin: Vector
+
+
+def analyse(model: RobotModel, recording: Recording) -> Stability:
+    """Compute the balance of every sample of a recording.
+
+    Args:
+        model: The robot of the recording.
+        recording: The run.
+
+    Returns:
+        One row per sample.
+    """
+    n = len(recording.t)
+    data = model.data()
+    com, velocity = np.empty((n, 3)), np.empty((n, 3))
+    zmp, soles, margins = np.full((n, 2), np.nan), np.empty((n, 2, 3)), np.full(n, np.nan)
+    weight = model.mass * GRAVITY
+    for i in range(n):
+        pin.centerOfMass(model.pin, data, recording.q[i], recording.v[i])
+        pin.framesForwardKinematics(model.pin, data, recording.q[i])
+        com[i], velocity[i] = data.com[0], data.vcom[0]
+        total = np.zeros(6)
+        corners = []
+        for k, foot in enumerate(model.feet):
+            placement = data.oMf[foot.frame_id]
+            soles[i, k] = placement.translation
+            total += placement.act(pin.Force(recording.wrenches[i, k])).vector
+            if recording.wrenches[i, k, 2] > LOADED_FRACTION * weight:
+                corners.append((placement.rotation @ foot.corners.T).T + placement.translation)
+        if corners:
+            omega = np.sqrt(GRAVITY / (com[i, 2] - soles[i, :, 2].min()))
+            zmp[i] = -total[4] / total[2], total[3] / total[2]
+            margins[i] = margin(support_polygon(corners), com[i, :2] + velocity[i, :2] / omega)
+    height = com[:, 2] - soles[:, :, 2].min(axis=1)
+    dcm = com[:, :2] + velocity[:, :2] / np.sqrt(GRAVITY / height)[:, None]
+    return Stability(recording.t, com, velocity, dcm, zmp, soles, margins)
+
+
+def stability_figures(stability: Stability, rest_s: float = 1.0) -> dict[str, float]:
+    """Numbers that sum a run up.
+
+    Args:
+        stability: The run.
+        rest_s: Length of the quiet time at its beginning and end that is averaged for the drift [s].
+
+    Returns:
+        ``com_drift_m`` (horizontal distance of the mean CoM at the end from that at the start),
+        ``dcm_excursion_max_m`` (largest distance of the DCM from its mean at the start), ``capture_margin_min_m`` and
+        ``sole_motion_max_m`` (largest distance of a sole from where it was at the start).
+    """
+    t = stability.t
+    first, last = t <= t[0] + rest_s, t >= t[-1] - rest_s
+    drift = stability.com[last, :2].mean(axis=0) - stability.com[first, :2].mean(axis=0)
+    excursion = np.linalg.norm(stability.dcm - stability.dcm[first].mean(axis=0), axis=1)
+    return {
+        "com_drift_m": float(np.linalg.norm(drift)),
+        "dcm_excursion_max_m": float(excursion.max()),
+        "capture_margin_min_m": float(np.nanmin(stability.margin)) if np.isfinite(stability.margin).any() else np.nan,
+        "sole_motion_max_m": float(np.linalg.norm(stability.soles - stability.soles[0], axis=2).max()),
+    }

@@ -1,0 +1,66 @@
+"""The support polygon: the convex hull of the loaded soles on the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from models.types import Matrix, Vector
+
+
+def support_polygon(corners: Sequence[Matrix]) -> Matrix:
+    """Convex hull of the soles' corners.
+
+    Args:
+        corners: Corners of each loaded sole in W, x and y (k, 2) or more columns [m].
+
+    Returns:
+        Vertices, counter-clockwise (n, 2) [m].
+
+    Raises:
+        ValueError: Fewer than three corners.
+    """
+    points = np.vstack([np.asarray(sole)[:, :2] for sole in corners])
+    if len(points) < 3:
+        raise ValueError(f"a support polygon needs three corners, found {len(points)}")
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _outward(polygon: Matrix) -> tuple[Matrix, Vector]:
+    """Half-planes ``n . p <= b`` of a counter-clockwise polygon: normals (n, 2) [-] and offsets (n,) [m]."""
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]  # (n, 2)
+    return normals, np.einsum("ij,ij->i", normals, polygon)
+
+
+def margin(polygon: Matrix, point: Vector) -> float:
+    """Distance from a point to the nearest edge [m]; positive inside, negative outside.
+
+    Outside of the polygon it is minus the largest distance to a violated edge line, at most the true distance.
+
+    Args:
+        polygon: Vertices, counter-clockwise (n, 2) [m].
+        point: x and y in W (2,) [m].
+    """
+    normals, offsets = _outward(polygon)
+    return float(np.min(offsets - normals @ point[:2]))
+
+
+def distance_along(polygon: Matrix, point: Vector, direction: Vector) -> float:
+    """Distance from a point inside the polygon to its edge along a direction [m].
+
+    Args:
+        polygon: Vertices, counter-clockwise (n, 2) [m].
+        point: x and y in W (2,) [m].
+        direction: Unit vector in W, x and y (2,).
+
+    Returns:
+        The distance; 0 when the point lies on that edge or beyond it.
+    """
+    normals, offsets = _outward(polygon)
+    slack = offsets - normals @ point[:2]
+    rate = normals @ direction[:2]
+    ahead = rate > 1e-12  # edges that the ray moves towards; 1e-12: parallel to rounding
+    return float(max(0.0, np.min(slack[ahead] / rate[ahead])))
