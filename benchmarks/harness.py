@@ -159,7 +159,8 @@ def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
     if values.size == 0:
         raise ValueError(f"{name}: no samples to take percentiles of")
     p50, p99, p999 = np.percentile(values, [50.0, 99.0, 99.9])
-    return {f"{name}_p50": p50, f"{name}_p99": p99, f"{name}_p999": p999, f"{name}_max": float(values.max())}
+    tail = {"p50": p50, "p99": p99, "p999": p999, "max": values.max()}
+    return {f"{name}_{part}": float(value) for part, value in tail.items()}
 
 
 def _start_worker() -> None:
@@ -243,5 +244,5 @@ def print_report(report: Report, console: Console) -> None:
     load = report.load
     console.print(f"load average {load['before'][0]} before, {load['after'][0]} after, {load['cores']} cores")
     for note in report.notes:
-        console.print(note)
+        console.print(note, markup=False)
     console.print("[green]passed[/green]" if report.passed else "[red]not passed[/red]")

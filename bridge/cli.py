@@ -49,7 +49,7 @@ def robots() -> None:
     from models.profile import robot_names
     from models.robot_model import RobotModel
 
-    table = Table("name", "joints", "mass [kg]", "CoM height [m]", "sole [cm]")
+    table = Table("name", "joints", r"mass \[kg]", r"CoM height \[m]", r"sole \[cm]")
     for name in robot_names():
         model = RobotModel.load(name)
         x_min, x_max, y_min, y_max = model.feet[0].rectangle

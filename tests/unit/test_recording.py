@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bridge.recording import Recorder, Recording
+from bridge.render import frame_times
+from bridge.stability import GRAVITY, analyse, stability_figures
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
+
+
+def _standing(model: RobotModel, t: float, velocity: tuple[float, float] = (0.0, 0.0)) -> RobotState:
+    """Standing at rest or drifting, with the weight borne where the CoM projects on the floor."""
+    q = model.standing_configuration()
+    v = np.zeros(model.nv)
+    v[:2] = pin.Quaternion(q[3:7]).matrix()[:2, :2].T @ velocity
+    data = model.data()
+    com = pin.centerOfMass(model.pin, data, q).copy()
+    pin.framesForwardKinematics(model.pin, data, q)
+    contacts = []
+    for foot in model.feet:
+        arm = com - data.oMf[foot.frame_id].translation
+        force = np.array([0.0, 0.0, 0.5 * model.mass * GRAVITY])
+        wrench = pin.Force(force, np.cross([arm[0], arm[1], 0.0], force))
+        aligned = pin.SE3(data.oMf[foot.frame_id].rotation, np.zeros(3))
+        contacts.append(ContactState(True, aligned.actInv(wrench).vector))
+    return RobotState(t, q, v, np.zeros(model.nj), (contacts[0], contacts[1]))
+
+
+def test_a_recording_survives_its_file(g1: RobotModel, tmp_path: Path) -> None:
+    recorder = Recorder("g1", period=0.1)
+    for k in range(21):
+        recorder.add(_standing(g1, 0.05 * k))
+    recorder.event(0.5, "wave")
+    recording = recorder.recording()
+    assert recording.t == pytest.approx(np.arange(11) * 0.1)
+    recording.save(tmp_path / "run.npz")
+    again = Recording.load(tmp_path / "run.npz")
+    assert again.events == ((0.5, "wave"),) and again.robot == "g1"
+    for name in ("t", "q", "v", "tau", "wrenches"):
+        assert np.array_equal(getattr(again, name), getattr(recording, name))
+
+
+def test_what_is_not_a_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "run.npz").write_bytes(b"no archive")
+    with pytest.raises(PoiseError, match=r"run\.npz"):
+        Recording.load(tmp_path / "run.npz")
+    with pytest.raises(PoiseError, match="nothing was recorded"):
+        Recorder("g1").recording()
+
+
+def test_at_rest_com_dcm_and_zmp_coincide(robot: RobotModel) -> None:
+    recorder = Recorder(robot.name)
+    for k in range(5):
+        recorder.add(_standing(robot, 0.5 * k))
+    stability = analyse(robot, recorder.recording())
+    assert stability.dcm == pytest.approx(stability.com[:, :2], abs=1e-12)
+    assert stability.zmp == pytest.approx(stability.com[:, :2], abs=1e-9)
+    assert np.all(stability.margin > 0.02)
+    figures = stability_figures(stability)
+    assert figures["com_drift_m"] == pytest.approx(0.0, abs=1e-12)
+    assert figures["sole_motion_max_m"] == 0.0
+
+
+def test_a_moving_com_leads_the_dcm_and_takes_margin(g1: RobotModel) -> None:
+    recorder = Recorder("g1")
+    for k in range(5):
+        recorder.add(_standing(g1, 0.5 * k, velocity=(0.1, 0.0) if k == 4 else (0.0, 0.0)))
+    stability = analyse(g1, recorder.recording())
+    omega = np.sqrt(GRAVITY / stability.com[4, 2])
+    assert stability.dcm[4] - stability.com[4, :2] == pytest.approx([0.1 / omega, 0.0], abs=1e-9)
+    assert stability_figures(stability)["dcm_excursion_max_m"] == pytest.approx(0.1 / omega, rel=1e-6)
+    assert stability.margin[4] < stability.margin[0]
+
+
+def test_without_a_loaded_foot_there_is_no_margin(g1: RobotModel) -> None:
+    state = _standing(g1, 0.0)
+    air = ContactState(False, np.zeros(6))
+    recorder = Recorder("g1")
+    recorder.add(RobotState(0.0, state.q, state.v, state.tau, (air, air)))
+    stability = analyse(g1, recorder.recording())
+    assert np.isnan(stability.margin[0]) and np.isnan(stability.zmp[0]).all()
+    assert np.isnan(stability_figures(stability)["capture_margin_min_m"])
+
+
+def test_film_strip_shows_every_event_and_fills_the_gaps(g1: RobotModel) -> None:
+    state = _standing(g1, 0.0)
+    t = np.linspace(0.0, 10.0, 101)
+    rows = len(t)
+    recording = Recording(
+        "g1", t, np.tile(state.q, (rows, 1)), np.zeros((rows, g1.nv)), np.zeros((rows, g1.nj)), np.zeros((rows, 2, 6)),
+        ((1.0, "wave"), (6.0, "push")),
+    )  # fmt: skip
+    times = frame_times(recording, 6)
+    assert len(times) == 6 and times == sorted(times)
+    assert {0.0, 1.0, 6.0, 10.0} <= set(times)
+    assert len(frame_times(recording, 3)) == 3
