@@ -88,17 +88,6 @@ class Feet:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class Contact:
-    """How the simulated sole meets the simulated floor."""
-
-    corner_radius: Annotated[float, Field(gt=0.0, description="radius of the sphere at each sole corner [m]")]
-    torsional_friction: Annotated[float, Field(ge=0.0, description="drilling friction of one corner [m]")]
-    time_constant: Annotated[float, Field(gt=0.0, description="MuJoCo solref[0] of the contact [s]")]
-    damping_ratio: Annotated[float, Field(gt=0.0, description="MuJoCo solref[1] of the contact [-]")]
-    impedance: Annotated[tuple[float, float, float], Field(description="MuJoCo solimp d0 [-], d_width [-], width [m]")]
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
 class Capsule:
     """Coarse hull of a link: all points within ``radius`` of a segment (a sphere when both ends coincide)."""
 
@@ -171,7 +160,6 @@ class Profile:
     postures: Annotated[
         dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
     ]
-    contact: Contact
     sensors: Sensors
     capsules: Annotated[dict[str, Capsule], Field(description="coarse hulls, by name")] = field(default_factory=dict)
     collision_pairs: Annotated[

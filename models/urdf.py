@@ -160,3 +160,49 @@ def _number(text: str | None, where: str) -> float:
     if not math.isfinite(value):
         raise RobotModelError(f"{where} is {'missing' if text is None else repr(text)}; expected a finite number")
     return value
+
+
+def for_mujoco(path: Path, *, visuals: bool) -> ET.Element:
+    """The URDF as MuJoCo's reader wants it: inertias untouched, links unfused, no collision shapes.
+
+    Args:
+        path: The URDF file.
+        visuals: Keep the visual shapes whose mesh MuJoCo can read (STL, OBJ), with absolute paths; a visual in another
+            format is replaced by the link's collision shape where that can be read, else left out.
+
+    Returns:
+        A ``<robot>`` element with a ``<mujoco>`` block.
+    """
+    robot = ET.Element("robot", {"name": path.stem})
+    options = {"strippath": "false", "discardvisual": "false" if visuals else "true", "fusestatic": "false"}
+    options |= {"balanceinertia": "false", "boundmass": "0", "boundinertia": "0"}
+    ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", options)
+    for element in read_urdf(path):
+        if element.tag == "link":
+            robot.append(_link_for_mujoco(element, path.parent, visuals))
+        elif element.tag == "joint" or (element.tag == "material" and visuals):
+            robot.append(element)
+    return robot
+
+
+def _link_for_mujoco(link: ET.Element, folder: Path, visuals: bool) -> ET.Element:
+    result = ET.Element("link", dict(link.attrib))
+    result.extend(link.findall("inertial"))
+    if visuals:
+        shapes = [shape for shape in link.findall("visual") if _readable(shape, folder)]
+        if not shapes:
+            shapes = [shape for shape in link.findall("collision") if _readable(shape, folder)]
+        for shape in shapes:
+            shape.tag = "visual"
+            result.append(shape)
+    return result
+
+
+def _readable(shape: ET.Element, folder: Path) -> bool:
+    """Whether MuJoCo can draw a shape; makes the path of its mesh absolute."""
+    mesh = shape.find("geometry/mesh")
+    if mesh is None:
+        return shape.find("geometry") is not None
+    file = resolve_uri(mesh.get("filename", ""), folder)
+    mesh.set("filename", str(file))
+    return file.suffix.lower() in (".stl", ".obj") and file.is_file()
