@@ -1,0 +1,190 @@
+"""What every node of the graph shares: lifecycle with told reasons, counted refusals, diagnostics, real-time set-up."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from models.errors import PoiseError
+from models.nodes import realtime
+from models.nodes.parameters import describe
+from models.nodes.qos import EVENT
+from models.robot_model import RobotModel
+
+LOG_PERIOD = 1.0
+"""Shortest time between two log lines about the same kind of refusal [s]."""
+
+
+@cache
+def shared_model(robot: str) -> RobotModel:
+    """The robot, loaded once for all nodes of a process."""
+    return RobotModel.load(robot)
+
+
+class PoiseNode(LifecycleNode):
+    """Lifecycle node that says why a transition fails and publishes what it refused.
+
+    Subclasses fill the four hooks. A hook raises ``PoiseError`` to refuse a transition; anything else that it raises
+    is a programming error and is logged with its traceback.
+
+    Args:
+        name: Default node name.
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        text = self.declare_parameter("robot", "g1", describe("Robot profile, by name or path"))
+        self.robot = str(text.value)
+        period = self.declare_parameter(
+            "diagnostics_period", 0.2, describe("Time between two diagnostics [s]", low=0.01, high=10.0)
+        )
+        self._declare_realtime()
+        self.active = False
+        self.counters: Counter[str] = Counter()
+        self.level = DiagnosticStatus.OK
+        self.message = "unconfigured"
+        self.values: dict[str, str] = {}
+        self._refused_before = 0
+        self._last_log: dict[str, float] = {}
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+        self.every(float(period.value), self.publish_diagnostics)
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot named by the parameter ``robot``."""
+        return shared_model(self.robot)
+
+    def configure(self) -> None:
+        """Build the law and create publishers, subscriptions and services."""
+
+    def activate(self) -> None:
+        """Start to act; the law begins from its initial state."""
+
+    def deactivate(self) -> None:
+        """Stop to act."""
+
+    def cleanup(self) -> None:
+        """Destroy what ``configure`` created, so that it can run again."""
+
+    def every(self, period: float, callback: Callable[[], None]) -> Any:
+        """Timer on the steady clock, which neither wall-clock jumps nor ``/clock`` disturb.
+
+        Args:
+            period: Time between two calls [s].
+            callback: Called without arguments.
+
+        Returns:
+            The timer.
+        """
+        return self.create_timer(period, callback, clock=self._steady)
+
+    def refuse(self, source: str, error: Exception | str) -> None:
+        """Count a refused input and tell why, at most once per ``LOG_PERIOD`` and source.
+
+        Args:
+            source: Topic or service that brought it.
+            error: Names the culprit.
+        """
+        self.counters[f"refused {source}"] += 1
+        self.values["last refusal"] = f"{source}: {error}"
+        now = time.monotonic()
+        if now - self._last_log.get(source, -LOG_PERIOD) >= LOG_PERIOD:
+            self._last_log[source] = now
+            self.get_logger().warning(f"{source} refused: {error}")
+
+    def publish_diagnostics(self) -> None:
+        """Publish the state of this node on ``/diagnostics`` (REP-107)."""
+        self.before_diagnostics()
+        refused = sum(self.counters.values())
+        level = self.level
+        if level == DiagnosticStatus.OK and refused != self._refused_before:
+            level = DiagnosticStatus.WARN
+        self._refused_before = refused
+        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=self.message)
+        status.hardware_id = self.robot
+        items = {**self.values, **{key: str(count) for key, count in self.counters.items()}}
+        status.values = [KeyValue(key=key, value=value) for key, value in items.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+        if self.active:
+            realtime.collect()
+
+    def before_diagnostics(self) -> None:
+        """Bring ``level``, ``message`` and ``values`` up to date; called before each publication."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; see ``configure``."""
+        return self._transition("configured", self.configure, state, super().on_configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; see ``activate``."""
+        result = self._transition("active", self.activate, state, super().on_activate)
+        self.active = result == TransitionCallbackReturn.SUCCESS
+        if self.active:
+            self._set_up_realtime()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; see ``deactivate``."""
+        self.active = False
+        return self._transition("inactive", self.deactivate, state, super().on_deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; see ``cleanup``."""
+        return self._transition("unconfigured", self.cleanup, state, super().on_cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition: deactivate if need be."""
+        was_active, self.active = self.active, False
+        return self._transition(
+            "finalized", self.deactivate if was_active else lambda: None, state, super().on_shutdown
+        )
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After a programming error in a transition: back to unconfigured."""
+        self.active = False
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(
+        self,
+        label: str,
+        hook: Callable[[], None],
+        state: LifecycleState,
+        base: Callable[[LifecycleState], TransitionCallbackReturn],
+    ) -> TransitionCallbackReturn:
+        try:
+            hook()
+        except PoiseError as error:
+            self.level, self.message = DiagnosticStatus.ERROR, str(error)
+            self.get_logger().error(f"not {label}: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # rclpy would swallow it: say it, then let the state machine handle it
+            self.level, self.message = DiagnosticStatus.ERROR, f"{type(error).__name__}: {error}"
+            self.get_logger().fatal(f"not {label}: {type(error).__name__}: {error}")
+            return TransitionCallbackReturn.ERROR
+        self.level, self.message = DiagnosticStatus.OK, label
+        return base(state)
+
+    def _declare_realtime(self) -> None:
+        self.declare_parameter("realtime.priority", 0, describe("SCHED_FIFO priority, 0 for none"))
+        self.declare_parameter("realtime.lock_memory", False, describe("Whether to lock the memory of the process"))
+        self.declare_parameter("realtime.cores", [-1], describe("Cores to run on; [-1] for any"))
+
+    def _set_up_realtime(self) -> None:
+        log = self.get_logger().info
+        realtime.use_fifo(int(self.get_parameter("realtime.priority").value), log)
+        if self.get_parameter("realtime.lock_memory").value:
+            realtime.lock_memory(log)
+        realtime.pin_to([int(c) for c in self.get_parameter("realtime.cores").value if c >= 0], log)
+        realtime.settle()

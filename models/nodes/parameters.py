@@ -1,0 +1,124 @@
+"""A law's configuration as ROS parameters: declared from its schema, with description, range and read-only flag."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+import types
+import typing
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+from models.config import parse_config
+
+T = TypeVar("T")
+
+_SCALARS = (bool, int, float, str)
+
+
+def declare_config(node: Any, default: T, prefix: str = "") -> T:
+    """Declare every field of a configuration as a read-only parameter and read it back.
+
+    Args:
+        node: rclpy node.
+        default: Configuration whose values are the defaults; nested dataclasses become dotted names.
+        prefix: Put before every name, with its dot.
+
+    Returns:
+        The configuration after parameter overrides.
+
+    Raises:
+        ConfigError: A value is out of range; the parameter is named.
+    """
+    values = _declare(node, default, prefix)
+    return parse_config(type(default), values, f"parameters of {node.get_name()}")
+
+
+def describe(description: str, *, read_only: bool = True, low: float | None = None, high: float | None = None) -> Any:
+    """Descriptor of one parameter.
+
+    Args:
+        description: What it is, with its unit.
+        read_only: Whether it is fixed once the node is up.
+        low: Least value of a float parameter; None for no limit.
+        high: Greatest value of a float parameter; None for no limit.
+
+    Returns:
+        rcl_interfaces/ParameterDescriptor.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    if low is not None or high is not None:
+        most = sys.float_info.max
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(low if low is not None else -most), to_value=float(high or most))
+        ]
+    return descriptor
+
+
+def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
+    """Declare the fields of one dataclass; returns their values by field name."""
+    hints = typing.get_type_hints(type(default), include_extras=True)
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(default):
+        value = getattr(default, field.name)
+        name = prefix + field.name
+        if dataclasses.is_dataclass(value):
+            values[field.name] = _declare(node, value, f"{name}.")
+        elif isinstance(value, dict):
+            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hints[field.name]) for k, v in value.items()}
+        else:
+            values[field.name] = _declare_item(node, name, value, hints[field.name])
+    return values
+
+
+def _declare_item(node: Any, name: str, value: Any, hint: Any) -> Any:
+    """Declare one value if ROS has a type for it, otherwise leave it at its default."""
+    if dataclasses.is_dataclass(value):
+        return _declare(node, value, f"{name}.")
+    if isinstance(value, tuple | list) and value and all(type(item) in (float, str) for item in value):
+        return list(node.declare_parameter(name, list(value), _descriptor(hint, None)).value)
+    if type(value) in _SCALARS:
+        return node.declare_parameter(name, value, _descriptor(hint, type(value))).value
+    return _plain(value)
+
+
+def _plain(value: Any) -> Any:
+    """JSON form of a value that is not declared."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+def _descriptor(hint: Any, kind: type | None) -> Any:
+    """Descriptor from ``Annotated[..., Field(...)]``. ROS ranges include their ends; the schema checks open ones."""
+    description, low, high = "", -math.inf, math.inf
+    for info in _metadata(hint):
+        description = getattr(info, "description", None) or description
+        for bound in getattr(info, "metadata", []):
+            low = max(low, getattr(bound, "gt", -math.inf), getattr(bound, "ge", -math.inf))
+            high = min(high, getattr(bound, "lt", math.inf), getattr(bound, "le", math.inf))
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    if (low, high) == (-math.inf, math.inf):
+        return descriptor
+    if kind is float:
+        most = sys.float_info.max
+        descriptor.floating_point_range = [FloatingPointRange(from_value=max(low, -most), to_value=min(high, most))]
+    elif kind is int:
+        most = 2**63 - 1
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(max(low, -most)), to_value=int(high) if high < most else most)
+        ]
+    return descriptor
+
+
+def _metadata(hint: Any) -> tuple[Any, ...]:
+    """Metadata of an ``Annotated`` type, also inside ``Optional``."""
+    if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union:
+        return tuple(item for part in typing.get_args(hint) for item in _metadata(part))
+    return tuple(getattr(hint, "__metadata__", ()))
