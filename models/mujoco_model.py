@@ -274,14 +274,14 @@ def _add_soles(spec: Any, model: RobotModel, config: PlantConfig) -> None:
 
 
 def _add_hulls(spec: Any, model: RobotModel) -> None:
-    """The profile's capsules touch the floor only, so that a fallen robot lies on it."""
-    for name, capsule in model.profile.capsules.items():
-        geom = spec.body(capsule.link).add_geom(name=f"hull_{name}")
-        if capsule.start == capsule.end:
-            geom.type, geom.pos = mujoco.mjtGeom.mjGEOM_SPHERE, capsule.start
+    """The profile's hulls touch the floor only, so that a fallen robot lies on it."""
+    for name, hull in model.profile.hulls.items():
+        geom = spec.body(hull.link).add_geom(name=f"hull_{name}")
+        if hull.start == hull.end:
+            geom.type, geom.pos = mujoco.mjtGeom.mjGEOM_SPHERE, hull.start
         else:
-            geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*capsule.start, *capsule.end]
-        geom.size[0] = capsule.radius
+            geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*hull.start, *hull.end]
+        geom.size[0] = hull.radius
         geom.contype, geom.conaffinity, geom.group, geom.mass = 0, 1, _COLLISION_GROUP, 0.0
 
 
@@ -307,6 +307,7 @@ def _add_scene(spec: Any, model: RobotModel, config: PlantConfig) -> None:
     light.pos, light.dir = [0.0, 0.0, scene.light_height], [0.2, 0.3, -1.0]
     light.type, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, True
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
+    spec.visual.map.shadowclip = scene.shadow_range
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3
     spec.add_texture(
         name="sky",

@@ -41,6 +41,7 @@ class SceneConfig:
     camera_height_target: float
     light_height: Positive
     checker_size: Positive
+    shadow_range: Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

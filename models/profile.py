@@ -88,7 +88,7 @@ class Feet:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class Capsule:
+class Hull:
     """Coarse hull of a link: all points within ``radius`` of a segment (a sphere when both ends coincide)."""
 
     link: Annotated[str, Field(description="link of the URDF")]
@@ -161,10 +161,9 @@ class Profile:
         dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
     ]
     sensors: Sensors
-    capsules: Annotated[dict[str, Capsule], Field(description="coarse hulls, by name")] = field(default_factory=dict)
-    collision_pairs: Annotated[
-        list[tuple[str, str]], Field(description="pairs of capsules that may not touch each other")
-    ] = field(default_factory=list)
+    hulls: Annotated[
+        dict[str, Hull], Field(description="what touches the simulated floor when the robot falls, by name")
+    ] = field(default_factory=dict)
     source: Annotated[str, Field(description="file the profile was read from; filled in by the loader")] = ""
 
     def __post_init__(self) -> None:
@@ -185,10 +184,6 @@ class Profile:
             for joint_name in values:
                 if joint_name not in self.joints:
                     raise ValueError(f"posture '{posture}': unknown joint '{joint_name}'")
-        for pair in self.collision_pairs:
-            for capsule in pair:
-                if capsule not in self.capsules:
-                    raise ValueError(f"collision_pairs: unknown capsule '{capsule}'")
 
 
 def _listed(names: dict[str, Motor]) -> str:
