@@ -1,0 +1,1 @@
+"""State estimation from encoders, inertial unit and foot sensors alone."""

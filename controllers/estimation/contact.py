@@ -1,0 +1,104 @@
+"""Contact detection from the foot wrenches, with hysteresis, and how far each foot may be trusted to stand still."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controllers.estimation.config import ContactConfig, FootNoise
+from models.robot_model import RobotModel
+from models.types import Matrix
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True)
+def _assess(
+    wrenches: Array, limits: Array, rectangles: Array, edge_margin: float, dt: float,
+    logs: Array, active: Array, timers: Array, confidence: Array, cops: Array, densities: Array,
+) -> None:  # fmt: skip
+    """One step of ``ContactDetector``; ``limits``: off, on and full load [N], delay [s]; ``logs``: of the noises."""
+    off, on, full, delay = limits[0], limits[1], limits[2], limits[3]
+    for foot in range(2):
+        load = wrenches[foot, 2]
+        if active[foot] > 0.0:
+            if load < off:
+                active[foot], timers[foot] = 0.0, 0.0
+        elif load > on:
+            timers[foot] += dt
+            if timers[foot] > delay:
+                active[foot] = 1.0
+        else:
+            timers[foot] = 0.0
+        if active[foot] > 0.0:
+            x_min, x_max, y_min, y_max = rectangles[foot]
+            load = max(load, off)
+            x = min(max(-wrenches[foot, 4] / load, x_min), x_max)
+            y = min(max(wrenches[foot, 3] / load, y_min), y_max)
+            cops[foot, 0], cops[foot, 1] = x, y
+            confidence[foot, 0] = min(max((load - off) / (full - off), 0.0), 1.0)
+            margin_x = 2.0 * min(x - x_min, x_max - x) / (x_max - x_min)
+            margin_y = 2.0 * min(y - y_min, y_max - y) / (y_max - y_min)
+            confidence[foot, 1] = min(min(margin_x, margin_y) / edge_margin, 1.0)
+        else:
+            confidence[foot, 0], confidence[foot, 1] = 0.0, 0.0
+        stands, flat = confidence[foot, 0], confidence[foot, 1]
+        densities[foot, 0] = math.exp(logs[0] + stands * (logs[1] - logs[0]))
+        densities[foot, 1] = math.exp(logs[2] + stands * (logs[3] + flat * (logs[4] - logs[3]) - logs[2]))
+
+
+class ContactDetector:
+    """Which feet bear load, and the process noise that follows.
+
+    A foot makes contact after its normal force stays above ``load_on`` for ``on_delay`` and breaks it as soon as the
+    force falls below ``load_off``. The confidence that a bearing foot stands still, c in [0, 1], rises with the load
+    from ``load_off`` to ``load_full``; the confidence that it stays flat, with the distance m of its centre of
+    pressure from the nearest edge. Noises are interpolated geometrically::
+
+        s_position    = swing^(1 - c) slip^c
+        s_orientation = swing_rotation^(1 - c) (tipping^(1 - m) flat^m)^c
+
+    Attributes:
+        active: 1 where the foot bears, else 0 (2,).
+        confidence: c and m of each foot (2, 2) [-].
+        cops: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m].
+        densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
+
+    Args:
+        model: The robot: its weight and soles.
+        config: Thresholds.
+        noise: Random walks to interpolate.
+        gravity: [m/s^2].
+    """
+
+    def __init__(self, model: RobotModel, config: ContactConfig, noise: FootNoise, gravity: float) -> None:
+        weight = model.mass * gravity
+        self._limits = np.array(
+            [config.load_off * weight, config.load_on * weight, config.load_full * weight, config.on_delay]
+        )
+        self._rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
+        self._edge_margin = config.edge_margin
+        self._logs = np.log([noise.swing, noise.slip, noise.swing_rotation, noise.tipping, noise.flat])
+        self.active = np.zeros(2)
+        self._timers = np.zeros(2)
+        self.confidence = np.zeros((2, 2))
+        self.cops = np.zeros((2, 2))
+        self.densities = np.zeros((2, 2))
+        self.reset(np.zeros((2, 6)))
+
+    def reset(self, wrenches: Matrix) -> None:
+        """Start from one sample (2, 6) [N, N.m], without the delay: a loaded foot bears at once."""
+        self._timers[:] = 0.0
+        self.active[:] = wrenches[:, 2] > self._limits[1]
+        self.cops[:] = 0.0
+        self.update(wrenches, 0.0)
+
+    def update(self, wrenches: Matrix, dt: float) -> None:
+        """Take in the ground reaction on each foot, in its sole frame (2, 6) [N, N.m], over a step [s]."""
+        _assess(
+            wrenches, self._limits, self._rectangles, self._edge_margin, dt, self._logs, self.active, self._timers,
+            self.confidence, self.cops, self.densities,
+        )  # fmt: skip

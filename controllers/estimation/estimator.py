@@ -1,0 +1,193 @@
+"""The state estimator: sensors in, ``RobotState`` out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from controllers.estimation.config import EstimatorConfig
+from controllers.estimation.contact import ContactDetector
+from controllers.estimation.filter import InvariantFilter
+from controllers.estimation.guard import BAD_FEET, BAD_IMU, BAD_JOINTS, STALE, EstimatorHealth, SensorBuffer
+from controllers.estimation.kernels_kinematics import base_state
+from controllers.estimation.kinematics import SoleKinematics
+from models.config import default_config
+from models.errors import MessageError
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState, SensorData, Vector
+
+NOMINAL_STEP = 0.001
+"""Sampling time assumed for the noise of the very first sample [s]."""
+
+
+class StateEstimator:
+    """Contact-aided invariant Kalman filter over encoders, inertial unit and foot sensors.
+
+    One step is: contacts from the wrenches, prediction, correction with both sole poses, and the base from the
+    inertial unit through the joints between. The prediction takes the mean of the last two rates, and the newest
+    specific force as the mean over the step (accelerometers integrate over their sampling time)::
+
+        R_WB = R_WI R_BI',   p_B = p_I - R_WB r_BI,   w_B = R_BI w_I - J_w dq,   v_B = R_WB' v_I - w_B x r_BI - J_v dq
+
+    Joint velocities enter only the last line, and only where the inertial unit does not sit on the base, so their
+    noise does not shake the base; accelerations reach the velocity within the step they are measured in.
+
+    A sample that is not finite, or not newer than the last one, is replaced part by part: the inertial unit's by its
+    last good values with more noise, joints and wrenches by their last good values without a correction. ``health``
+    counts them, and ``health.coasting`` says for how long.
+
+    Args:
+        model: The robot.
+        config: Tuning; the packaged ``estimator.yaml`` when None.
+
+    Raises:
+        ConfigError: The packaged configuration is unusable.
+        RobotModelError: The chains to the soles or the inertial unit are not of revolute joints.
+
+    Assumptions:
+        The feet are flat, the ground does not move, and joint velocities are those of the positions.
+    """
+
+    def __init__(self, model: RobotModel, config: EstimatorConfig | None = None) -> None:
+        self.config = config or default_config(EstimatorConfig, "controllers", "estimator")
+        self._model = model
+        kinematics = self.config.kinematics
+        self._kinematics = SoleKinematics(
+            model,
+            encoder=kinematics.encoder_steps * model.profile.sensors.encoders.resolution,
+            position=kinematics.position,
+            orientation=kinematics.orientation,
+        )
+        self._contacts = ContactDetector(model, self.config.contact, self.config.foot, self.config.gravity)
+        self.filter = InvariantFilter(self.config)
+        self.health = EstimatorHealth()
+        self._buffer = SensorBuffer(model.nj)
+        self._ready = False
+        self._t = 0.0
+        self._rate = np.zeros(3)
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile every kernel now, so that nothing compiles inside the loop."""
+        nj = self._model.nj
+        up = np.array([0.0, 0.0, self.config.gravity])
+        for t in (0.0, NOMINAL_STEP):
+            sample = SensorData(t, np.zeros(nj), np.zeros(nj), np.zeros(nj), np.zeros(3), up, np.zeros((2, 6)))
+            if t == 0.0:
+                self.reset(sample)
+            else:
+                self.step(sample, NOMINAL_STEP)
+        self._ready = False
+
+    @property
+    def gyro_bias(self) -> Vector:
+        """Estimated bias of the angular rate, in the inertial unit's frame (3,) [rad/s]."""
+        return np.array(self.filter.biases[0])
+
+    @property
+    def accel_bias(self) -> Vector:
+        """Estimated bias of the specific force, in the inertial unit's frame (3,) [m/s^2]."""
+        return np.array(self.filter.biases[1])
+
+    def reset(self, sensors: SensorData) -> RobotState:
+        """Start from one sample of the robot at rest: middle of the soles at x = y = 0, soles at z = 0, yaw 0.
+
+        Args:
+            sensors: A complete sample.
+
+        Returns:
+            The state at that sample.
+
+        Raises:
+            MessageError: A value is not finite, an array has the wrong size, or the specific force is not gravity.
+        """
+        self._buffer.reset(sensors)
+        share = float(np.linalg.norm(self._buffer.imu[1])) / self.config.gravity
+        if abs(share - 1.0) > self.config.rest.accel_at_reset:
+            raise MessageError(f"sensors.accel: {share:.2f} times gravity, so the robot is not at rest")
+        self._kinematics.update(self._buffer.joints[0])
+        self._contacts.reset(self._buffer.wrenches)
+        self.filter.initialise(self._kinematics, self._buffer.imu[1], NOMINAL_STEP)
+        self.health = EstimatorHealth()
+        self._t = sensors.t
+        self._ready = True
+        return self._state()
+
+    def step(self, sensors: SensorData, dt: float) -> RobotState:
+        """Advance by one sample.
+
+        Args:
+            sensors: The newest sample, which may be unusable; arrays as large as at ``reset``.
+            dt: Time since the sample of the previous call [s].
+
+        Returns:
+            The state at that sample, or, when it is stale, propagated to the time it was due at.
+
+        Raises:
+            MessageError: ``reset`` was not called.
+        """
+        if not self._ready:
+            raise MessageError("the estimator needs reset() with a first sample before step()")
+        health, buffer = self.health, self._buffer
+        health.steps += 1
+        if not 0.0 < dt < math.inf:
+            health.stale += 1
+            return self._state()
+        missing = buffer.accept(sensors)
+        health.count(missing, dt)
+        self._t = self._t + dt if missing & STALE else sensors.t
+        if not missing & (STALE | BAD_FEET):
+            self._contacts.update(buffer.wrenches, dt)
+        self._predict(dt, missing)
+        if not missing & (STALE | BAD_JOINTS):
+            self._kinematics.update(buffer.joints[0])
+            health.rejected += self.filter.measure_soles(self._kinematics)
+            health.gated += int(np.count_nonzero(self.filter.innovation > self.config.gate))
+        if not missing and self._at_rest():
+            health.rejected += self.filter.measure_rest()
+        return self._state()
+
+    def _predict(self, dt: float, missing: int) -> None:
+        imu = self._buffer.imu
+        coasting = missing & (STALE | BAD_IMU)
+        np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
+        self._rate *= 0.5
+        self.filter.predict(
+            self._rate,
+            imu[1],
+            dt,
+            self._contacts.densities,
+            self._contacts.cops,
+            self.config.imu.coast_factor if coasting else 1.0,
+        )
+
+    def _at_rest(self) -> bool:
+        """No foot bears and the inertial unit feels gravity alone: the robot hangs, or the simulator holds it."""
+        if self._contacts.active.any():
+            return False
+        rate, force = self._buffer.imu
+        rest = self.config.rest
+        quiet = float(rate @ rate) < rest.gyro**2
+        return quiet and abs(math.sqrt(float(force @ force)) - self.config.gravity) < rest.accel
+
+    def _state(self) -> RobotState:
+        buffer, kinematics = self._buffer, self._kinematics
+        q = np.empty(self._model.nq)
+        v = np.empty(self._model.nv)
+        base_state(
+            self.filter.rotation, self.filter.vectors, self.filter.biases, buffer.imu, buffer.joints,
+            kinematics.imu_rotation, kinematics.imu_position, kinematics.imu_jacobian, kinematics.imu_columns, q, v,
+        )  # fmt: skip
+        wrenches = buffer.wrenches.copy()
+        active = self._contacts.active
+        return RobotState(
+            t=self._t,
+            q=q,
+            v=v,
+            tau=buffer.joints[2].copy(),
+            contacts=(
+                ContactState(bool(active[0]), wrenches[0]),
+                ContactState(bool(active[1]), wrenches[1]),
+            ),
+        )

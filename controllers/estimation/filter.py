@@ -1,0 +1,182 @@
+"""Right-invariant extended Kalman filter of the inertial unit, both soles and the inertial biases.
+
+State: ``X = (R, v, p, d_L, d_R)`` in SE_4(3), sole rotations ``Z_L, Z_R`` in SO(3), biases ``b_g, b_a``::
+
+    R' = R [w - b_g]x,   v' = R (f - b_a) + g,   p' = v,   d' = noise,   Z' = noise
+
+measured through ``y_i = R' (d_i - p)`` and ``C_i = R' Z_i``. With the right-invariant error ``X_hat = Exp(xi) X``
+both measurements are linear with constant matrices, and the unobservable directions (yaw, position) are constant:
+no information can leak into them, however the estimate moves.
+
+References:
+    R. Hartley, M. Ghaffari, R. Eustice, J. Grizzle, "Contact-aided invariant extended Kalman filtering for robot
+    state estimation", IJRR 39(4), 2020, equations (31)-(45).
+    M. Bloesch et al., "State estimation for legged robots", RSS 2012; "... on unstable and slippery terrain",
+    IROS 2013 (flat feet as in N. Rotella et al., IROS 2014).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.estimation.config import EstimatorConfig
+from controllers.estimation.kernels_predict import (
+    ACCEL_BIAS,
+    FOOT,
+    GYRO_BIAS,
+    POSITION,
+    ROTATION,
+    SIZE,
+    SOLE,
+    VELOCITY,
+    predict,
+    retract,
+)
+from controllers.estimation.kernels_update import correct, foot_residual
+from controllers.estimation.kinematics import SoleKinematics
+from models.types import Matrix, Vector
+
+_FOOT_PLUS = np.array([POSITION, POSITION + 1, POSITION + 2, ROTATION, ROTATION + 1, ROTATION + 2])
+_FOOT_MINUS = tuple(np.array([FOOT, FOOT + 1, FOOT + 2, SOLE, SOLE + 1, SOLE + 2]) + 3 * foot for foot in range(2))
+_REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
+_REST_MINUS = np.array([-1, -1, -1])
+
+
+class InvariantFilter:
+    """The filter; every array is updated in place.
+
+    Attributes:
+        rotation: R, orientation of the inertial unit in W (3, 3).
+        vectors: Its velocity v and position p in W, then both sole positions d in W (4, 3) [m/s, m].
+        soles: Z, orientation of each sole in W (2, 3, 3).
+        biases: Gyro, accelerometer (2, 3) [rad/s, m/s^2].
+        covariance: Of the error [R, v, p, d_L, d_R, Z_L, Z_R, b_g, b_a] (27, 27).
+        innovation: Normalised innovation squared of the last update of each foot (2,) [-]; 6 on average.
+
+    Args:
+        config: Noises and bounds.
+    """
+
+    def __init__(self, config: EstimatorConfig) -> None:
+        self._config = config
+        self.rotation = np.eye(3)
+        self.vectors = np.zeros((4, 3))
+        self.soles = np.tile(np.eye(3), (2, 1, 1))
+        self.biases = np.zeros((2, 3))
+        self.covariance = np.eye(SIZE)
+        self.innovation = np.zeros(2)
+        self._error = np.zeros(SIZE)
+        self._residual = np.zeros(6)
+        self._noise = np.zeros((6, 6))
+        self._rest_noise = np.eye(3) * config.rest.velocity**2
+        imu = config.imu
+        self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
+        self._imu_variances = np.zeros(4)
+        self._foot_variances = np.zeros((2, 2))
+
+    def initialise(self, kinematics: SoleKinematics, force: Vector, dt: float) -> None:
+        """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
+
+        Roll and pitch make the specific force vertical. An accelerometer bias tilts this estimate by ``b / g``:
+        the covariance starts with that correlation, so the filter does not take the bias for an acceleration.
+
+        Args:
+            kinematics: Updated with the same sample.
+            force: Specific force in the inertial unit's frame (3,) [m/s^2]; must not be zero.
+            dt: Nominal step, for the noise of one sample [s].
+        """
+        up = kinematics.imu_rotation @ (force / np.linalg.norm(force))
+        # Base orientation without yaw: its x axis stays in the x-z plane of W.
+        x_axis = np.array([1.0, 0.0, 0.0]) - up[0] * up
+        x_axis /= np.linalg.norm(x_axis)
+        base_rotation = np.stack([x_axis, np.cross(up, x_axis), up])
+        self.rotation[:] = base_rotation @ kinematics.imu_rotation
+        offsets = kinematics.positions @ self.rotation.T  # (2, 3)
+        self.vectors[0] = 0.0
+        self.vectors[1] = -offsets.mean(axis=0)
+        self.vectors[2:] = self.vectors[1] + offsets
+        for foot in range(2):
+            self.soles[foot] = self.rotation @ kinematics.rotations[foot]
+        self.biases[:] = 0.0
+        self.innovation[:] = 0.0
+        self._initialise_covariance(kinematics, dt)
+
+    def _initialise_covariance(self, kinematics: SoleKinematics, dt: float) -> None:
+        config = self._config
+        gravity = config.gravity
+        covariance = self.covariance
+        covariance[:] = 0.0
+        tilt = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / gravity  # xi_R = tilt (R b_error)
+        sample = config.imu.accel_noise**2 / dt
+        bias = config.imu.accel_bias**2
+        block = slice(ROTATION, ROTATION + 3), slice(ACCEL_BIAS, ACCEL_BIAS + 3)
+        covariance[block[0], block[0]] = (bias + sample) * tilt @ tilt.T
+        covariance[block[0], block[1]] = bias * tilt @ self.rotation
+        covariance[block[1], block[0]] = covariance[block[0], block[1]].T
+        diagonal = np.zeros(SIZE)
+        diagonal[ROTATION : ROTATION + 3] = config.initial.heading**2
+        diagonal[VELOCITY : VELOCITY + 3] = config.initial.velocity**2
+        diagonal[POSITION : POSITION + 3] = config.initial.position**2
+        diagonal[GYRO_BIAS : GYRO_BIAS + 3] = config.imu.gyro_bias**2
+        diagonal[ACCEL_BIAS : ACCEL_BIAS + 3] = bias
+        covariance[np.diag_indices(SIZE)] += diagonal
+        for foot in range(2):
+            # xi_d = xi_p + noise and xi_Z = xi_R + noise, with the noise of the sole's measured pose in W.
+            turn = np.kron(np.eye(2), self.soles[foot])
+            noise = turn @ kinematics.covariances[foot] @ turn.T
+            rows = _FOOT_MINUS[foot]
+            covariance[rows] = covariance[_FOOT_PLUS]
+            covariance[:, rows] = covariance[:, _FOOT_PLUS]
+            covariance[np.ix_(rows, rows)] = covariance[np.ix_(_FOOT_PLUS, _FOOT_PLUS)] + noise
+        covariance[:] = 0.5 * (covariance + covariance.T)
+
+    def predict(
+        self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, cops: Matrix, scale: float
+    ) -> None:
+        """Propagate by one step.
+
+        Args:
+            rate: Measured angular velocity in the inertial unit's frame (3,) [rad/s].
+            force: Measured specific force (3,) [m/s^2].
+            dt: Step [s].
+            foot_densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
+            cops: Centre of pressure of each foot in its sole frame, about which it tips (2, 2) [m].
+            scale: Multiplier of the inertial noise densities [-].
+        """
+        np.multiply(self._densities, scale * scale * dt, out=self._imu_variances)
+        np.multiply(foot_densities, foot_densities, out=self._foot_variances)
+        self._foot_variances *= dt
+        predict(
+            self.rotation, self.vectors, self.soles, self.covariance, rate - self.biases[0], force - self.biases[1],
+            dt, self._config.gravity, cops, self._foot_variances, self._imu_variances,
+        )  # fmt: skip
+
+    def measure_soles(self, kinematics: SoleKinematics) -> int:
+        """Correct with the pose of both soles; returns how many were unusable (0 in a sound filter)."""
+        rejected = 0
+        for foot in range(2):
+            foot_residual(
+                self.rotation, self.vectors, self.soles[foot], foot, kinematics.positions[foot],
+                kinematics.rotations[foot], kinematics.covariances[foot], self._residual, self._noise,
+            )  # fmt: skip
+            squared = correct(
+                self.covariance, _FOOT_PLUS, _FOOT_MINUS[foot], self._residual, self._noise, self._config.gate,
+                self._error,
+            )  # fmt: skip
+            self.innovation[foot] = squared
+            if squared < 0.0:
+                rejected += 1
+            else:
+                retract(self.rotation, self.vectors, self.soles, self.biases, self._error)
+        return rejected
+
+    def measure_rest(self) -> int:
+        """Correct with the knowledge that the robot does not move; returns 1 when unusable."""
+        squared = correct(
+            self.covariance, _REST_PLUS, _REST_MINUS, self.vectors[0].copy(), self._rest_noise, self._config.gate,
+            self._error,
+        )  # fmt: skip
+        if squared < 0.0:
+            return 1
+        retract(self.rotation, self.vectors, self.soles, self.biases, self._error)
+        return 0

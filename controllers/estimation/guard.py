@@ -1,0 +1,165 @@
+"""Guards the filter against unusable samples: what is not finite or not new is replaced and counted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.errors import MessageError
+from models.types import SensorData
+
+Array = NDArray[np.float64]
+
+BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
+"""Bits of ``SensorBuffer.accept``: which part of a sample is not finite."""
+
+STALE = 16
+"""Bit of ``SensorBuffer.accept``: the sample is not newer than the last one."""
+
+
+@dataclass(slots=True)
+class EstimatorHealth:
+    """What the estimator met since ``reset``; counters only grow.
+
+    Attributes:
+        steps: Calls of ``step``.
+        stale: Samples whose stamp was not newer than the last one's, or steps that were not positive and finite.
+        invalid_joints: Samples with a joint position or velocity that was not finite; kinematics left out.
+        invalid_torques: Samples with a joint torque that was not finite; the last good ones were passed on.
+        invalid_imu: Samples with a rate or specific force that was not finite; the last good one was held.
+        invalid_feet: Samples with a wrench that was not finite; the last contacts were held.
+        rejected: Measurement updates refused because their innovation was not finite or not positive definite.
+        gated: Sole measurements weighed down because they contradicted the prediction (a slip, or a bad sensor).
+        coasting: How long the inertial unit or the joints have been missing [s]; 0 when all is well.
+    """
+
+    steps: int = 0
+    stale: int = 0
+    invalid_joints: int = 0
+    invalid_torques: int = 0
+    invalid_imu: int = 0
+    invalid_feet: int = 0
+    rejected: int = 0
+    gated: int = 0
+    coasting: float = 0.0
+
+    def count(self, missing: int, dt: float) -> None:
+        """Count what ``SensorBuffer.accept`` could not take over in a step [s]."""
+        self.stale += (missing & STALE) > 0
+        self.invalid_joints += (missing & BAD_JOINTS) > 0
+        self.invalid_torques += (missing & BAD_TORQUES) > 0
+        self.invalid_imu += (missing & BAD_IMU) > 0
+        self.invalid_feet += (missing & BAD_FEET) > 0
+        self.coasting = self.coasting + dt if missing & (STALE | BAD_JOINTS | BAD_IMU) else 0.0
+
+
+class SensorBuffer:
+    """The last good value of everything measured, in one block of memory.
+
+    Attributes:
+        t: Stamp of the newest sample [s].
+        joints: Positions, velocities, torques (3, nj) [rad, rad/s, N.m].
+        imu: Rate, specific force (2, 3) [rad/s, m/s^2].
+        previous_rate: Rate one step earlier (3,) [rad/s].
+        wrenches: (2, 6) [N, N.m].
+
+    Args:
+        nj: Number of joints.
+    """
+
+    def __init__(self, nj: int) -> None:
+        self.t = -math.inf
+        self.joints = np.zeros((3, nj))
+        self.imu = np.zeros((2, 3))
+        self.previous_rate = np.zeros(3)
+        self.wrenches = np.zeros((2, 6))
+        self._new_joints = np.zeros((3, nj))
+        self._new_imu = np.zeros((2, 3))
+        self._new_wrenches = np.zeros((2, 6))
+
+    def reset(self, sensors: SensorData) -> None:
+        """Start from one sample.
+
+        Raises:
+            MessageError: A value is not finite or an array has the wrong size; names it.
+        """
+        nj = self.joints.shape[1]
+        shapes = {"q": (nj,), "v": (nj,), "tau": (nj,), "gyro": (3,), "accel": (3,), "wrenches": (2, 6)}
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(sensors, name))
+            if value.shape != shape:
+                raise MessageError(f"sensors.{name}: shape {value.shape}, expected {shape}")
+            if not np.isfinite(value).all():
+                raise MessageError(f"sensors.{name}: not finite")
+        if not math.isfinite(sensors.t):
+            raise MessageError("sensors.t: not finite")
+        self.t = -math.inf
+        self.accept(sensors)
+        self.previous_rate[:] = self.imu[0]
+
+    def accept(self, sensors: SensorData) -> int:
+        """Take over the usable parts of a sample.
+
+        Args:
+            sensors: Arrays as large as at ``reset``; any memory layout.
+
+        Returns:
+            What was not taken over: bits of ``BAD_*``, ``STALE`` when the stamp is not newer than the last one's.
+        """
+        if not self.t < sensors.t < math.inf:
+            return STALE
+        self.t = sensors.t
+        self._new_joints[0] = sensors.q
+        self._new_joints[1] = sensors.v
+        self._new_joints[2] = sensors.tau
+        self._new_imu[0] = sensors.gyro
+        self._new_imu[1] = sensors.accel
+        self._new_wrenches[:] = sensors.wrenches
+        return int(
+            _accept(
+                self._new_joints, self._new_imu, self._new_wrenches,
+                self.joints, self.imu, self.previous_rate, self.wrenches,
+            )
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _copy_finite(new: Array, good: Array) -> bool:
+    """Copy a matrix unless an element is not finite; returns whether it was copied."""
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            if not math.isfinite(new[i, j]):
+                return False
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            good[i, j] = new[i, j]
+    return True
+
+
+@njit(cache=True)
+def _accept(
+    new_joints: Array,
+    new_imu: Array,
+    new_wrenches: Array,
+    joints: Array,
+    imu: Array,
+    previous_rate: Array,
+    wrenches: Array,
+) -> int:
+    """``SensorBuffer.accept`` on matrices."""
+    bad = 0
+    if not _copy_finite(new_joints[:2], joints[:2]):
+        bad += BAD_JOINTS
+    if not _copy_finite(new_joints[2:], joints[2:]):
+        bad += BAD_TORQUES
+    for i in range(3):
+        previous_rate[i] = imu[0, i]
+    if not _copy_finite(new_imu, imu):
+        bad += BAD_IMU
+    if not _copy_finite(new_wrenches, wrenches):
+        bad += BAD_FEET
+    return bad
