@@ -1,0 +1,187 @@
+"""One key pose at a time: what the start allows, the configuration that reaches it, and why it cannot be reached."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from models.errors import UnreachableError
+from models.robot_model import RobotModel
+from models.types import Vector
+from planners.collision import SelfCollision
+from planners.goals import FrameGoal, PoseGoal
+from planners.motion_config import MotionConfig
+from planners.stance import Stance
+from planners.whole_body_ik import Bounds, WholeBodyIk
+
+_TOUCH = 1e-3
+"""A bound counts as what stops a target when it is closer than this [m, rad]; for messages only."""
+
+
+class KeyPoseSolver:
+    """Solves key poses and refuses them with a reason.
+
+    Args:
+        model: The robot.
+        config: Margins and tolerances.
+        collision: Its self-collision pairs.
+        ik: Its inverse kinematics.
+    """
+
+    def __init__(self, model: RobotModel, config: MotionConfig, collision: SelfCollision, ik: WholeBodyIk) -> None:
+        self._model = model
+        self._config = config
+        self._collision = collision
+        self._ik = ik
+        self._data = model.data()
+        self._legs = sorted(i - 6 for foot in model.feet for i in foot.joint_ids_v)
+
+    def clipped(self, joints: Vector) -> Vector:
+        """A start posture inside the joint limits.
+
+        Raises:
+            UnreachableError: A joint is further outside than ``limits.start_overrun``.
+        """
+        inside = np.clip(joints, self._model.q_lower, self._model.q_upper)
+        overrun = np.abs(joints - inside)
+        worst = int(overrun.argmax())
+        if overrun[worst] > self._config.limits.start_overrun:
+            raise UnreachableError(
+                f"start posture: joint '{self._model.joint_names[worst]}' at {joints[worst]:.4g} rad is outside "
+                f"[{self._model.q_lower[worst]:.4g}, {self._model.q_upper[worst]:.4g}]"
+            )
+        return inside
+
+    def bounds(self, stance: Stance, *safe: Vector) -> Bounds:
+        """Bounds of a motion that starts on ``stance``.
+
+        Where the start already is inside a margin, the margin is reduced to what it has, so that the robot can leave.
+
+        Args:
+            stance: The start.
+            safe: Joint positions that are allowed although they may lie inside the margin (nj,) [rad].
+
+        Raises:
+            UnreachableError: The soles are not on one plane, or the CoM is not above the support polygon.
+        """
+        balance, limits = self._config.balance, self._config.limits
+        for sole, foot in zip(stance.soles, self._model.feet, strict=True):
+            tilt, step = math.acos(min(float(sole.rotation[2, 2]), 1.0)), abs(float(sole.translation[2]))
+            if tilt > balance.sole_tilt or step > balance.sole_step:
+                raise UnreachableError(
+                    f"start posture: the {foot.name} sole is {tilt:.3f} rad and {step:.3f} m off the mean plane of "
+                    f"both soles, at most {balance.sole_tilt:g} rad and {balance.sole_step:g} m"
+                )
+        margin = stance.margin(stance.com)
+        if margin < balance.com_margin_start:
+            raise UnreachableError(
+                f"start posture: the CoM is {margin:.3f} m inside the support polygon, at least "
+                f"{balance.com_margin_start:g} m"
+            )
+        known = np.array([stance.q[7:], *safe])
+        collision = self._config.collision
+        gaps = np.minimum(collision.margin, self._collision.distances(stance.q, collision.trigger))
+        return Bounds(
+            lower=np.minimum(self._model.q_lower + limits.joint_margin, known.min(axis=0)),
+            upper=np.maximum(self._model.q_upper - limits.joint_margin, known.max(axis=0)),
+            com_margin=min(balance.com_margin, margin),
+            gaps=gaps,
+        )
+
+    def solve(self, goal: PoseGoal, seed: Vector, stance: Stance, bounds: Bounds) -> Vector:
+        """Solve a key pose.
+
+        Args:
+            goal: The key pose.
+            seed: Configuration before it (nq,) [m, rad].
+            stance: Where the soles are.
+            bounds: What has to be respected.
+
+        Returns:
+            Configuration (nq,) [m, rad].
+
+        Raises:
+            UnreachableError: A target is missed by more than its tolerance, or nothing satisfies the bounds; the
+                message names the target, the remaining error and what stops it.
+        """
+        q = self._ik.reach(goal, seed, [])
+        avoided: list[int] = []
+        if q is not None and self._too_close(q, bounds).size:
+            ends = [self._collision.distances(end, 2.0 * self._config.collision.trigger) for end in (seed, q)]
+            close = np.minimum(*ends) < 2.0 * self._config.collision.trigger
+            avoided = [int(k) for k in np.flatnonzero(close & (bounds.gaps >= self._config.collision.margin))]
+            q = self._ik.reach(goal, seed, avoided)
+        if q is None:
+            raise UnreachableError(
+                f"{goal.name}: planted soles, joint limits, the CoM above the support polygon and the distances "
+                "between bodies contradict each other on the way to the target"
+            )
+        missed = self._missed(goal, q)
+        stops = self._stops(goal, q, stance, bounds)
+        if missed:
+            raise UnreachableError(f"{goal.name}: {', '.join(missed)}; {stops}")
+        touching = self._too_close(q, bounds)
+        if touching.size:
+            raise UnreachableError(f"{goal.name}: {self._pairs_text(touching, q)}")
+        return q
+
+    def _too_close(self, q: Vector, bounds: Bounds) -> np.ndarray:
+        """Pairs closer than they may be, less the touch tolerance (k,)."""
+        return np.flatnonzero(self._collision.distances(q, self._config.collision.trigger) < bounds.gaps - _TOUCH)
+
+    def _missed(self, goal: PoseGoal, q: Vector) -> list[str]:
+        """Targets that a configuration misses, with the remaining error."""
+        tolerances = self._config.solver
+        pin.framesForwardKinematics(self._model.pin, self._data, q)
+        missed: list[str] = []
+        for frame in goal.frames:
+            place = self._data.oMf[self._model.frame_id(frame.frame)]
+            gap, turn = _errors(frame, place)
+            if gap > tolerances.position_tolerance:
+                missed.append(f"position of {frame.frame} missed by {gap:.3f} m")
+            if turn > tolerances.orientation_tolerance:
+                missed.append(f"orientation of {frame.frame} missed by {turn:.3f} rad")
+        for i, value in goal.joints.items():
+            if abs(q[7 + i] - value) > tolerances.joint_tolerance:
+                missed.append(f"joint '{self._model.joint_names[i]}' missed by {abs(q[7 + i] - value):.3f} rad")
+        return missed
+
+    def _stops(self, goal: PoseGoal, q: Vector, stance: Stance, bounds: Bounds) -> str:
+        """Active bounds that may keep a configuration from its targets."""
+        reasons: list[str] = []
+        moving = set(self._legs)
+        for frame in goal.frames:
+            joint = self._model.pin.frames[self._model.frame_id(frame.frame)].parentJoint
+            moving |= {int(self._model.pin.joints[j].idx_v) - 6 for j in self._model.pin.supports[joint] if j > 1}
+        for i in sorted(moving | set(goal.joints)):
+            name, value = self._model.joint_names[i], q[7 + i]
+            if value < bounds.lower[i] + _TOUCH:
+                reasons.append(f"joint '{name}' is at its lower limit {self._model.q_lower[i]:.3f} rad")
+            elif value > bounds.upper[i] - _TOUCH:
+                reasons.append(f"joint '{name}' is at its upper limit {self._model.q_upper[i]:.3f} rad")
+        com = np.array(pin.centerOfMass(self._model.pin, self._data, q))
+        if stance.margin(com) < bounds.com_margin + _TOUCH:
+            reasons.append(f"the CoM is at the support polygon's margin of {bounds.com_margin:.3f} m")
+        distances = self._collision.distances(q, self._config.collision.trigger)
+        touching = np.flatnonzero(distances < self._config.collision.margin + _TOUCH)
+        if touching.size:
+            reasons.append(self._pairs_text(touching, q))
+        return "stopped because " + "; ".join(reasons) if reasons else "the limbs are stretched or the targets conflict"
+
+    def _pairs_text(self, pairs: np.ndarray, q: Vector) -> str:
+        distances = self._collision.distances(q, self._config.collision.trigger)
+        named = [f"'{' and '.join(self._collision.names(int(k)))}' ({distances[k]:.3f} m apart)" for k in pairs]
+        return f"bodies would collide: {', '.join(named)}"
+
+
+def _errors(goal: FrameGoal, place: pin.SE3) -> tuple[float, float]:
+    """Remaining position [m] and orientation [rad] error of a frame; zero where the goal leaves it free."""
+    gap = turn = 0.0
+    if goal.position is not None:
+        rows = ["xyz".index(axis) for axis in goal.axes]
+        gap = float(np.linalg.norm((place.translation - goal.position)[rows]))
+    if goal.rotation is not None:
+        turn = float(np.linalg.norm(pin.log3(place.rotation.T @ goal.rotation)))
+    return gap, turn

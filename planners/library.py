@@ -1,0 +1,140 @@
+"""Motions as data: the schema of ``planners/motions/*.yaml`` and what is refused when a file is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import field
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, load_config
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from planners.goals import TARGET_FRAMES
+
+START = "start"
+"""Name of the posture that a motion starts from, beside the postures of the robot's profile."""
+
+Vector3 = tuple[float, float, float]
+JointValues = dict[str, dict[str, float]]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class FrameTarget:
+    """Where a key pose wants one frame."""
+
+    offset: Annotated[
+        Vector3 | None, Field(description="position relative to `anchor`, along base_footprint's axes [unit]")
+    ] = None
+    anchor: Annotated[
+        str | None, Field(description="frame whose place in 'stand' the offset starts from; default: this frame")
+    ] = None
+    unit: Annotated[
+        Literal["m", "leg", "stature"],
+        Field(description="length of one offset: metre, height of base_link or height of gaze in 'stand'"),
+    ] = "m"
+    axes: Annotated[str, Field(pattern="^(x?y?z?)$", min_length=1, description="axes that count")] = "xyz"
+    rpy: Annotated[
+        Vector3 | None,
+        Field(description="roll, pitch, yaw about base_footprint's axes, from the orientation in 'stand' [rad]"),
+    ] = None
+    settable: Annotated[bool, Field(description="whether a caller may give another position")] = False
+
+    def __post_init__(self) -> None:
+        if self.offset is None and self.rpy is None:
+            raise ValueError("give offset, rpy or both")
+        if self.offset is None and (self.settable or self.anchor is not None):
+            raise ValueError("anchor and settable need an offset")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class KeyPose:
+    """One pose on the way."""
+
+    name: Annotated[str, Field(min_length=1, description="what to call it in messages")]
+    duration: Annotated[float, Field(gt=0.0, le=60.0, description="time to get there; more if the joints need it [s]")]
+    hold: Annotated[float, Field(ge=0.0, le=60.0, description="time to stay there [s]")] = 0.0
+    posture: Annotated[str, Field(description="named posture that free joints tend to, or 'start'")] = "stand"
+    frames: Annotated[dict[str, FrameTarget], Field(description="targets by frame")] = field(default_factory=dict)
+    joints: Annotated[JointValues, Field(description="joint targets by robot and joint [rad]")] = field(
+        default_factory=dict
+    )
+    prefer: Annotated[JointValues, Field(description="replaces the posture of joints, by robot and joint [rad]")] = (
+        field(default_factory=dict)
+    )
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Motion:
+    """A motion: key poses in order. It ends at rest in the last one."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="what it is called by")]
+    description: Annotated[str, Field(min_length=1, description="one line")]
+    key_poses: Annotated[tuple[KeyPose, ...], Field(min_length=1, description="in order")]
+
+    @property
+    def settable_frames(self) -> tuple[str, ...]:
+        """Frames whose position a caller may give, sorted."""
+        return tuple(sorted({name for pose in self.key_poses for name, t in pose.frames.items() if t.settable}))
+
+
+def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[str, Motion]:
+    """Read the packaged motions and a user's own.
+
+    Args:
+        model: Robot that they are checked against.
+        extra: Further motion files.
+
+    Returns:
+        Motions by name, sorted.
+
+    Raises:
+        ConfigError: A file is refused; the message names the file and the key.
+    """
+    packaged = Path(str(files("planners"))) / "motions"
+    library: dict[str, Motion] = {}
+    for path in [*sorted(packaged.glob("*.yaml")), *(Path(entry) for entry in extra)]:
+        motion = load_motion(path, model)
+        if motion.name in library:
+            raise ConfigError(f"{path}: name: a motion '{motion.name}' exists already")
+        library[motion.name] = motion
+    return dict(sorted(library.items()))
+
+
+def load_motion(path: Path, model: RobotModel) -> Motion:
+    """Read one motion file and check its frames, postures and joints against a robot.
+
+    Raises:
+        ConfigError: The file is refused; the message names the file and the key.
+    """
+    motion = load_config(Motion, path)
+    for i, pose in enumerate(motion.key_poses):
+        where = f"{path}: key_poses.{i}"
+        if pose.posture != START and pose.posture not in model.posture_names:
+            known = ", ".join((START, *model.posture_names))
+            raise ConfigError(f"{where}.posture: unknown posture '{pose.posture}'; known: {known}")
+        for frame, target in pose.frames.items():
+            _check_frame(frame, f"{where}.frames.{frame}")
+            if target.anchor is not None:
+                _check_frame(target.anchor, f"{where}.frames.{frame}.anchor")
+        for key, sections in (("joints", pose.joints), ("prefer", pose.prefer)):
+            for joint, value in sections.get(model.name, {}).items():
+                _check_joint(model, joint, value, f"{where}.{key}.{model.name}.{joint}")
+    return motion
+
+
+def _check_frame(frame: str, where: str) -> None:
+    if frame not in TARGET_FRAMES:
+        raise ConfigError(f"{where}: a motion cannot move frame '{frame}'; it can move: {', '.join(TARGET_FRAMES)}")
+
+
+def _check_joint(model: RobotModel, joint: str, value: float, where: str) -> None:
+    if joint not in model.joint_names:
+        raise ConfigError(f"{where}: {model.name} has no joint '{joint}'")
+    i = model.joint_index(joint)
+    if not model.q_lower[i] <= value <= model.q_upper[i]:
+        raise ConfigError(f"{where}: {value:g} rad is outside [{model.q_lower[i]:g}, {model.q_upper[i]:g}]")
