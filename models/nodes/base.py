@@ -49,6 +49,7 @@ class PoiseNode(LifecycleNode):
         )
         self._declare_realtime()
         self.active = False
+        self._owned: list[tuple[Callable[[Any], Any], Any]] = []
         self.counters: Counter[str] = Counter()
         self.level = DiagnosticStatus.OK
         self.message = "unconfigured"
@@ -74,7 +75,24 @@ class PoiseNode(LifecycleNode):
         """Stop to act."""
 
     def cleanup(self) -> None:
-        """Destroy what ``configure`` created, so that it can run again."""
+        """Destroy what ``configure`` made with ``listen``, ``serve`` and ``announce``, so that it can run again."""
+        while self._owned:
+            destroy, entity = self._owned.pop()
+            destroy(entity)
+
+    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, *, raw: bool = False) -> None:
+        """Subscribe until ``cleanup``; see ``Node.create_subscription``."""
+        self._owned.append((self.destroy_subscription, self.create_subscription(kind, topic, callback, qos, raw=raw)))
+
+    def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Offer a service until ``cleanup``; see ``Node.create_service``."""
+        self._owned.append((self.destroy_service, self.create_service(kind, name, callback)))
+
+    def announce(self, kind: type, topic: str, qos: Any) -> Any:
+        """Publisher that works while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
+        publisher = self.create_lifecycle_publisher(kind, topic, qos)
+        self._owned.append((self.destroy_lifecycle_publisher, publisher))
+        return publisher
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
         """Timer on the steady clock, which neither wall-clock jumps nor ``/clock`` disturb.

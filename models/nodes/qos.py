@@ -38,6 +38,20 @@ COMMAND = QoSProfile(
 """Joint commands without an offered or requested deadline, for commanders slower than the controller."""
 
 
+SENSOR_RELIABLE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Sensors in lockstep: the plant waits for the answer, so no sample may be lost."""
+
+
+def sensor(*, reliable: bool) -> QoSProfile:
+    """Profile of the sensor topics: best effort, or reliable in lockstep."""
+    return SENSOR_RELIABLE if reliable else SENSOR
+
+
 def command(deadline_s: float | None = None) -> QoSProfile:
     """Joint commands: reliable, newest only, with a deadline that DDS watches.
 

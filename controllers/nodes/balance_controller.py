@@ -1,0 +1,167 @@
+"""Node ``balance_controller``: state in, one joint command for each state out while the mode lets the robot move."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from controllers.balance import BalanceController
+from controllers.nodes.state_topics import StateTopics
+from controllers.supervisor import ACTIVE_MODES
+from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, trajectory_from_message
+from models.nodes.parameters import declare_config, describe
+from models.nodes.qos import EVENT, LATCHED, SENSOR, command
+from models.nodes.spin import run
+from models.types import ControlResult, Mode, RobotState, SolveStatus
+
+MODES = {mode.value: mode for mode in Mode}
+
+FIRST_STEP = 0.001
+"""Step of the first tick after a reset, when there is no earlier stamp [s]."""
+
+
+class BalanceControllerNode(PoiseNode):
+    """Runs ``BalanceController`` once for each state.
+
+    Args:
+        local: Whether an estimator in this process calls ``on_state``; otherwise the state comes from topics.
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, *, local: bool = False, **kwargs: Any) -> None:
+        super().__init__("balance_controller", **kwargs)
+        self._local = local
+        self._balance = declare_config(self, default_config(BalanceConfig, "controllers", "balance"), "balance.")
+        whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
+        self._whole_body = declare_config(self, whole_body, "whole_body.")
+        self._lockstep = topics.declare_lockstep(self)
+        text = describe("Offered deadline of the joint command [s]", low=0.002, high=1.0)
+        self._deadline = float(self.declare_parameter("command_deadline", 0.02, text).value)
+        text = describe("Rate of the reference posture, which planners start from [Hz]", low=1.0, high=1000.0)
+        self._posture_period = round(NANOSECONDS / float(self.declare_parameter("posture_rate", 50.0, text).value))
+        self._mode = Mode.OFF
+        self._reset = True
+        self._last_stamp = self._last_posture = 0
+        self._result: ControlResult | None = None
+        self._motion = False
+
+    def configure(self) -> None:
+        """Build the law, the codecs and the topics."""
+        self._law = BalanceController(self.model, self._balance, self._whole_body)
+        self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
+        self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
+        self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
+        self._motion_state = self.announce(String, topics.MOTION_STATE, EVENT)
+        self.listen(String, topics.MODE, self._on_mode, LATCHED)
+        self.listen(JointTrajectory, topics.MOTION_TRAJECTORY, self._on_trajectory, EVENT, raw=True)
+        self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
+        if not self._local:
+            self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
+
+    def activate(self) -> None:
+        """Start from the next state."""
+        self._reset = True
+
+    def deactivate(self) -> None:
+        """Forget the motion."""
+        self._motion = False
+
+    def on_state(self, state: RobotState, stamp: int) -> None:
+        """Answer one state with one command.
+
+        Args:
+            state: Estimated state.
+            stamp: Its stamp [ns], which the command carries.
+        """
+        if not self.active or self._mode not in ACTIVE_MODES:
+            return
+        if not self._reset and stamp <= self._last_stamp:
+            self.refuse(topics.ODOM, f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
+            return
+        dt = FIRST_STEP if self._reset else (stamp - self._last_stamp) / NANOSECONDS
+        if self._reset:
+            self._law.reset(state)
+            self._reset = False
+        self._last_stamp = stamp
+        result = self._law.step(state, dt)
+        self._command.publish(self._codec.encode(stamp, result.command))
+        self._after(result, stamp)
+
+    def _after(self, result: ControlResult, stamp: int) -> None:
+        """What need not precede the command: posture, motion state, alarms."""
+        worse = self._result is not None and result.status is not self._result.status
+        self._result = result
+        if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
+            self._last_posture = stamp
+            reference = self._law.reference
+            self._posture.publish(
+                self._posture_codec.encode(stamp, reference.posture, reference.posture_velocity, result.command.tau)
+            )
+        if self._motion and not self._law.motion_active:
+            self._tell(topics.MOTION_DONE)
+        if worse and result.status in (SolveStatus.HELD, SolveStatus.DAMPED):
+            self.counters[result.status.value] += 1
+            self.publish_diagnostics()
+
+    def _tell(self, word: str, reason: str = "") -> None:
+        self._motion = word == topics.MOTION_RUNNING
+        self._motion_state.publish(String(data=f"{word}: {reason}" if reason else word))
+
+    def before_diagnostics(self) -> None:
+        """Report the newest result."""
+        result = self._result
+        if not self.active or result is None:
+            return
+        moving = self._mode in ACTIVE_MODES
+        bad = moving and result.status in (SolveStatus.HELD, SolveStatus.DAMPED)
+        self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
+        self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
+        self.values["residual"] = f"{result.residual:.3g}"
+        self.values["capture margin [m]"] = f"{self._law.capture_margin:.4f}"
+        self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"
+
+    def _on_mode(self, message: String) -> None:
+        if message.data not in MODES:
+            self.refuse(topics.MODE, f"unknown mode '{message.data[:32]}'; known: {', '.join(MODES)}")
+            return
+        before, self._mode = self._mode, MODES[message.data]
+        if before not in ACTIVE_MODES:
+            self._reset = True
+            self._motion = False
+
+    def _on_request(self, message: String) -> None:
+        if message.data == topics.STOP_MOTION and self._motion:
+            self._law.stop_motion()
+            self._tell(topics.MOTION_DONE)
+
+    def _on_trajectory(self, data: bytes) -> None:
+        try:
+            if not self.active or self._mode not in ACTIVE_MODES:
+                raise PoiseError(f"no motion in mode '{self._mode.value}'")
+            self._law.follow(trajectory_from_message(decode(data, JointTrajectory)))
+        except PoiseError as error:
+            self.refuse(topics.MOTION_TRAJECTORY, error)
+            if not self._motion:
+                self._tell(topics.MOTION_REFUSED, str(error))
+            return
+        self._tell(topics.MOTION_RUNNING)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own; the state comes from topics."""
+    sys.exit(run([BalanceControllerNode], args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Puts samples that arrive one by one on several topics together into one ``SensorData`` per tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.errors import MessageError
+from models.types import FOOT_NAMES, SensorData, Vector
+
+JOINTS, IMU = 0, 1
+"""Rows of the stamp table; the feet follow."""
+
+_NAMES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
+
+
+class SampleAssembler:
+    """One ``SensorData`` for each joint sample.
+
+    A tick is complete when every source has given a sample of the joints' stamp. When the next joint sample comes
+    before that, the newest samples of the other sources are used instead if they are young enough: a source may be
+    slower than the joints, or lose a message.
+
+    Args:
+        max_age_ns: Oldest usable sample of another source [ns].
+        max_gap_ns: Largest step of a source's stamp that is believed at once [ns]. A larger one is refused, unless the
+            source goes on from there: then samples had been missing.
+        strict: Never mix stamps: wait for the complete tick (lockstep).
+
+    Attributes:
+        incomplete: Ticks made of samples with different stamps.
+        dropped: Ticks given up because a source was too old.
+    """
+
+    def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False) -> None:
+        self._max_age, self._max_gap, self._strict = max_age_ns, max_gap_ns, strict
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample."""
+        self._stamps: list[int | None] = [None] * len(_NAMES)
+        self._leaps: list[int | None] = [None] * len(_NAMES)
+        self._emitted: int | None = None
+        self._joints: tuple[Vector, Vector, Vector] | None = None
+        self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
+        self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
+        self.incomplete = 0
+        self.dropped = 0
+
+    @property
+    def stamp(self) -> int | None:
+        """Stamp of the newest joint sample [ns]; None before the first."""
+        return self._stamps[JOINTS]
+
+    def add_joints(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> SensorData | None:
+        """Take joint positions, velocities and torques (nj,) of a stamp [ns]; see ``add_imu``."""
+        pending = self._stamps[JOINTS] != self._emitted
+        self._accept(JOINTS, stamp)
+        self._joints = (q, v, tau)
+        return self._emit(mixed=pending and not self._strict)
+
+    def add_imu(self, stamp: int, gyro: Vector, accel: Vector) -> SensorData | None:
+        """Take an inertial sample of a stamp [ns].
+
+        Returns:
+            The tick's sensor data if this completes it.
+
+        Raises:
+            MessageError: The stamp is not newer than this source's last one, or leaps ahead.
+        """
+        self._accept(IMU, stamp)
+        self._imu = (gyro, accel)
+        return self._emit(mixed=False)
+
+    def add_foot(self, foot: int, stamp: int, wrench: Vector) -> SensorData | None:
+        """Take the wrench (6,) of a foot (0 left, 1 right) of a stamp [ns]; see ``add_imu``."""
+        self._accept(IMU + 1 + foot, stamp)
+        self._wrenches[foot] = wrench
+        return self._emit(mixed=False)
+
+    def _accept(self, source: int, stamp: int) -> None:
+        last = self._stamps[source]
+        if last is not None:
+            if stamp <= last:
+                kind = "repeats" if stamp == last else "is before"
+                raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns {kind} {last} ns")
+            leap = self._leaps[source]
+            goes_on = leap is not None and 0 < stamp - leap <= self._max_gap
+            if stamp - last > self._max_gap and not goes_on:
+                self._leaps[source] = stamp
+                raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns leaps ahead of {last} ns")
+        self._stamps[source] = stamp
+        self._leaps[source] = None
+
+    def _emit(self, *, mixed: bool) -> SensorData | None:
+        stamp = self._stamps[JOINTS]
+        if self._joints is None or stamp is None or stamp == self._emitted:
+            return None
+        if any(other != stamp for other in self._stamps):
+            if not mixed:
+                return None
+            if _too_old(self._stamps, stamp, self._max_age):
+                self.dropped += 1
+                return None
+            self.incomplete += 1
+        self._emitted = stamp
+        return SensorData(stamp * 1e-9, *self._joints, *self._imu, np.array(self._wrenches))
+
+
+def _too_old(stamps: Sequence[int | None], now: int, max_age: int) -> bool:
+    return any(stamp is None or now - stamp > max_age for stamp in stamps)

@@ -1,0 +1,81 @@
+"""nav_msgs/Odometry and the contact flags: the base of ``RobotState`` as topics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
+
+from models.errors import MessageError
+from models.nodes.cdr import Markers, Template, stamp_of
+from models.nodes.messages import decode, require_finite
+from models.types import FOOT_NAMES, ContactState, RobotState, Vector
+
+QUATERNION_TOLERANCE = 1e-3
+"""Accepted deviation of a quaternion's norm from 1 [-]."""
+
+
+class OdometryCodec:
+    """Pose of the base in ``odom`` and its twist in ``base_link`` (REP-105): ``q[:7]`` and ``v[:6]`` of a state."""
+
+    def __init__(self, frame_id: str = "odom", child_frame_id: str = "base_link") -> None:
+        marks = Markers()
+        slots = [marks.take(7), marks.take(6)]
+        message = Odometry(child_frame_id=child_frame_id)
+        message.header.frame_id = frame_id
+        p, o = message.pose.pose.position, message.pose.pose.orientation
+        p.x, p.y, p.z, o.x, o.y, o.z, o.w = slots[0].tolist()
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = slots[1].tolist()
+        self._frames = (frame_id, child_frame_id)
+        self._template = Template(message, slots)
+
+    def encode(self, stamp: int, state: RobotState) -> bytes:
+        """Serialised message from a stamp [ns] and a state."""
+        return self._template.pack(stamp, (state.q[:7], state.v[:6]))
+
+    def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
+        """Stamp [ns], pose (7,) (position, quaternion xyzw) and twist in the base frame (6,).
+
+        Raises:
+            MessageError: Wrong frames, NaN, infinity, or a quaternion that is not of unit length.
+        """
+        values = self._template.unpack(data)
+        if values is None:
+            values = self._decode_slowly(decode(data, Odometry))
+        pose, twist = values
+        require_finite("pose", pose)
+        require_finite("twist", twist)
+        norm = float(np.linalg.norm(pose[3:]))
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            raise MessageError(f"pose.orientation: quaternion of norm {norm:.4f}")
+        return stamp_of(data), pose, twist
+
+    def _decode_slowly(self, message: Any) -> list[Vector]:
+        frames = (message.header.frame_id, message.child_frame_id)
+        if frames != self._frames:
+            raise MessageError(f"frames are {frames}, expected {self._frames}")
+        p, o = message.pose.pose.position, message.pose.pose.orientation
+        v, w = message.twist.twist.linear, message.twist.twist.angular
+        return [np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w]), np.array([v.x, v.y, v.z, w.x, w.y, w.z])]
+
+
+def contacts_to_message(contacts: tuple[ContactState, ContactState]) -> UInt8MultiArray:
+    """1 for each foot that bears load, in the order of ``FOOT_NAMES``, which label the layout."""
+    message = UInt8MultiArray(data=[int(contact.active) for contact in contacts])
+    message.layout.dim = [MultiArrayDimension(label=name, size=1, stride=1) for name in FOOT_NAMES]
+    return message
+
+
+def contacts_from_message(message: UInt8MultiArray) -> tuple[bool, bool]:
+    """Whether each foot bears load, in the order of ``FOOT_NAMES``.
+
+    Raises:
+        MessageError: Other labels or another number of values.
+    """
+    labels = tuple(dim.label for dim in message.layout.dim)
+    if labels != FOOT_NAMES or len(message.data) != len(FOOT_NAMES):
+        raise MessageError(f"layout: labels {labels} with {len(message.data)} values, expected {FOOT_NAMES}")
+    return bool(message.data[0]), bool(message.data[1])

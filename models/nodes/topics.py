@@ -1,0 +1,44 @@
+"""Names of the graph: topics, frames and words, in one place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from models.nodes.parameters import describe
+from models.types import FOOT_NAMES
+
+JOINT_STATES = "joint_states"
+IMU = "imu/data_raw"
+FOOT_WRENCHES = tuple(f"foot/{name}/wrench" for name in FOOT_NAMES)
+ODOM = "odom"
+CONTACTS = "contacts"
+JOINT_COMMAND = "joint_trajectory_controller/joint_trajectory"
+MODE = "mode"
+DRIVER_STATE = "driver_state"
+ROBOT_DESCRIPTION = "robot_description"
+CLOCK = "/clock"
+GROUND_TRUTH = "ground_truth/odom"
+PUSH = "push"
+HUMANOID_COMMANDS = "humanoid_commands"
+MOTION_REQUEST = "motion/request"
+MOTION_PLAN_STATE = "motion/plan_state"
+MOTION_TRAJECTORY = "motion/joint_trajectory"
+MOTION_STATE = "motion/state"
+POSTURE = "balance_controller/posture"
+
+IMU_FRAME = "imu"
+
+HELD, ACTIVE, DAMPED, OFF = "held", "active", "damped", "off"
+"""Words of ``driver_state``: held in place by the simulator, or what the joint drivers do."""
+
+MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
+"""First word of ``motion/state`` and ``motion/plan_state``; the reason follows ``refused: ``."""
+
+STOP_MOTION = "stop"
+"""``motion/request`` that asks the controller to hold the present posture."""
+
+
+def declare_lockstep(node: Any) -> bool:
+    """Declare the parameter ``lockstep`` that all nodes of the tick share."""
+    text = "The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)"
+    return bool(node.declare_parameter("lockstep", False, describe(text)).value)
