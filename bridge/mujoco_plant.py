@@ -1,0 +1,203 @@
+"""The simulated robot: MuJoCo behind the interface of a plant."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bridge.sensors import SensorNoise
+from models.errors import CommandError, ConfigError
+from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
+from models.robot_model import RobotModel
+from models.types import ContactState, Matrix, RobotState, SensorData, Vector
+
+
+class MujocoPlant:
+    """Robot, floor, sensors and disturbances in MuJoCo, in ticks of one physics step.
+
+    A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those of the tick's instant;
+    accelerometer, wrenches and torques are those that acted during the step before it.
+
+    ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld, until
+    ``hold(False)``.
+
+    Args:
+        model: Robot.
+        seed: Of the sensor noise.
+        sensor_noise: True for the noise of the robot's profile, False for exact values, or a factor on noise and
+            biases.
+        friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
+        payload_kg: Mass at the torso that no law knows of [kg].
+        terrain: Floor, one of ``models.mujoco_model.TERRAINS``.
+        timestep: Physics step [s].
+        visuals: Load meshes for pictures; no effect on the dynamics.
+
+    Attributes:
+        model: The compiled MuJoCo model.
+        data: Its state. For scoring and pictures only: no law may see it.
+        robot: The robot.
+        mujoco: Indices of the robot in model and data.
+
+    Raises:
+        ConfigError: An argument is out of range.
+        RobotModelError: MuJoCo refuses the URDF.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        *,
+        seed: int = 0,
+        sensor_noise: bool | float = True,
+        friction: float | None = None,
+        payload_kg: float = 0.0,
+        terrain: str = "flat",
+        timestep: float = 0.001,
+        visuals: bool = False,
+    ) -> None:
+        if seed < 0:
+            raise ConfigError(f"seed: {seed} is negative")
+        self.robot = model
+        self.mujoco: MujocoModel = build_mujoco(
+            model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
+        )
+        self.model = self.mujoco.model
+        self.data = mujoco.MjData(self.model)
+        self._noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise))
+        self._index_channels()
+        self._read: SensorData | None = None
+        self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
+        self._tick = 0
+        self._held = True
+        self.reset()
+
+    def _index_channels(self) -> None:
+        """Where the channels of ``SensorNoise`` lie in MuJoCo's arrays; views of those stay valid for good."""
+        mj, data = self.mujoco, self.data
+        feet = [mj.sole_force[0], mj.sole_torque[0], mj.sole_force[1], mj.sole_torque[1]]
+        self._sensor_index = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._sensordata, self._force, self._ctrl = data.sensordata, data.actuator_force, data.ctrl
+
+    @property
+    def t(self) -> float:
+        """Simulated time since ``reset`` [s]."""
+        return self._tick * self.period
+
+    @property
+    def period(self) -> float:
+        """Physics step [s]."""
+        return float(self.model.opt.timestep)
+
+    @property
+    def held(self) -> bool:
+        """Whether the base is held by the weld."""
+        return self._held
+
+    def reset(self) -> None:
+        """Standing posture, soles on the floor, base held, no torque, sensor noise from its start."""
+        q = self.robot.standing_configuration()
+        mujoco.mj_resetData(self.model, self.data)
+        self._qpos[:], self._qvel[:] = pin_to_mujoco(self.robot, self.mujoco, q, np.zeros(self.robot.nv))
+        self.mujoco.hold(self.data, q[:3], q[3:7])
+        self._held = True
+        self._pushes.clear()
+        self._tick = 0
+        self._noise.reset()
+        self._read = None
+        mujoco.mj_forward(self.model, self.data)
+
+    def hold(self, on: bool) -> None:
+        """Hold the base where it is, or let go of it."""
+        if on:
+            self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
+        else:
+            self.mujoco.release(self.data)
+        self._held = on
+
+    def read(self) -> SensorData:
+        """What the sensors say in this tick; the same however often it is called."""
+        if self._read is None:
+            nj, mj = self.robot.nj, self.mujoco
+            values = np.empty(self._noise.size)
+            # mode="clip" takes without a buffer; the indices are in range
+            self._qpos.take(mj.joint_qpos, out=values[:nj], mode="clip")
+            self._qvel.take(mj.joint_qvel, out=values[nj : 2 * nj], mode="clip")
+            self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
+            self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
+            np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
+            self._read = self._noise.measure(self.t, values)
+        return self._read
+
+    def write(self, tau: Vector) -> None:
+        """Set the joint torques (nj,) [N.m] of the coming steps; MuJoCo clamps them to the torque limits."""
+        self._ctrl[self.mujoco.actuator] = tau
+
+    def step(self) -> None:
+        """Advance the world by one physics step."""
+        if self._pushes:
+            self._push()
+        # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
+        mujoco.mj_step2(self.model, self.data)
+        mujoco.mj_step1(self.model, self.data)
+        self._tick += 1
+        self._noise.advance()
+        self._read = None
+
+    def close(self) -> None:
+        """Take the torque away."""
+        self._ctrl[:] = 0.0
+
+    def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
+        """Push a body at its centre of mass from the next step on; pushes that overlap add up.
+
+        Args:
+            force: In the world (3,) [N].
+            duration: [s], rounded to physics steps, at least one.
+            body: Link of the URDF, or a REP-120 frame that stands for its link.
+
+        Raises:
+            CommandError: The body is unknown, or force or duration is not usable.
+        """
+        vector = np.asarray(force, dtype=np.float64)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise CommandError(f"push: force {force} is not three finite numbers")
+        if not 0.0 < duration < np.inf:
+            raise CommandError(f"push: duration {duration} s is not positive")
+        if body not in self.mujoco.bodies:
+            raise CommandError(f"push: unknown body '{body}'; known: {', '.join(sorted(self.mujoco.bodies))}")
+        last = self._tick + max(round(duration / self.period), 1)
+        self._pushes.append((last, self.mujoco.bodies[body], vector))
+
+    def _push(self) -> None:
+        """Put the pushes of this step into effect and drop those that are over."""
+        self.data.xfrc_applied[:] = 0.0
+        self._pushes = [push for push in self._pushes if push[0] > self._tick]
+        for _, body, force in self._pushes:
+            self.data.xfrc_applied[body, :3] += force
+
+    @property
+    def wrenches(self) -> Matrix:
+        """Exact ground reaction on each foot, in its sole frame (2, 6) [N, N.m]."""
+        return self.mujoco.foot_wrenches(self.data)
+
+    @property
+    def com(self) -> Vector:
+        """Exact CoM of robot and payload in W (3,) [m]."""
+        return np.array(self.data.subtree_com[self.mujoco.base_body])
+
+    @property
+    def truth(self) -> RobotState:
+        """Exact state; for scoring only."""
+        q, v = mujoco_to_pin(self.robot, self.mujoco, self._qpos, self._qvel)
+        left, right = self.wrenches
+        return RobotState(
+            t=self.t,
+            q=q,
+            v=v,
+            tau=self._force[self.mujoco.actuator],
+            contacts=(
+                ContactState(active=bool(left[2] > 0.0), wrench=left),
+                ContactState(active=bool(right[2] > 0.0), wrench=right),
+            ),
+        )
