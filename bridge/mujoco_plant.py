@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from bridge.sensors import SensorNoise
-from models.errors import CommandError, ConfigError
+from models.errors import CommandError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
 from models.robot_model import RobotModel
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
@@ -55,8 +55,6 @@ class MujocoPlant:
         timestep: float = 0.001,
         visuals: bool = False,
     ) -> None:
-        if seed < 0:
-            raise ConfigError(f"seed: {seed} is negative")
         self.robot = model
         self.mujoco: MujocoModel = build_mujoco(
             model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
@@ -94,8 +92,8 @@ class MujocoPlant:
         """Whether the base is held by the weld."""
         return self._held
 
-    def reset(self) -> None:
-        """Standing posture, soles on the floor, base held, no torque, sensor noise from its start."""
+    def reset(self, seed: int | None = None) -> None:
+        """Standing posture, soles on the floor, base held, no torque, sensor noise from its start or of a new seed."""
         q = self.robot.standing_configuration()
         mujoco.mj_resetData(self.model, self.data)
         self._qpos[:], self._qvel[:] = pin_to_mujoco(self.robot, self.mujoco, q, np.zeros(self.robot.nv))
@@ -103,7 +101,7 @@ class MujocoPlant:
         self._held = True
         self._pushes.clear()
         self._tick = 0
-        self._noise.reset()
+        self._noise.reset(seed)
         self._read = None
         mujoco.mj_forward(self.model, self.data)
 

@@ -32,7 +32,7 @@ class SensorNoise:
         scale: s, which multiplies noise and biases; with 0 the measurements are exact and not rounded either.
 
     Raises:
-        ConfigError: ``scale`` is negative or not finite.
+        ConfigError: The seed is negative, or ``scale`` is negative or not finite.
     """
 
     def __init__(self, model: RobotModel, *, period: float, seed: int, scale: float = 1.0) -> None:
@@ -60,8 +60,12 @@ class SensorNoise:
         self._error = np.zeros(self.size)
         self.reset()
 
-    def reset(self) -> None:
-        """Start over: the same seed gives the same biases and the same noise again."""
+    def reset(self, seed: int | None = None) -> None:
+        """Start over: the same seed gives the same biases and the same noise again; a new one replaces it."""
+        if seed is not None:
+            self._seed = seed
+        if self._seed < 0:
+            raise ConfigError(f"seed: {self._seed} is negative")
         biases, white = np.random.SeedSequence(self._seed).spawn(2)
         self._bias = self._bias_sigma * np.random.default_rng(biases).standard_normal(self.size)
         self._rng = np.random.default_rng(white)

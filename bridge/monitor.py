@@ -1,0 +1,91 @@
+"""Scores of the simulated robot from its true state: has it fallen, have its feet slid."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from bridge.loop_config import LoopConfig
+from bridge.mujoco_plant import MujocoPlant
+from bridge.start_up import GRAVITY
+
+
+class PlantMonitor:
+    """Watches for falls and for feet that slide while they stand.
+
+    Fallen, for good until ``reset``: the base is lower than ``fall_height`` of its height at ``reset``, or tilted more
+    than ``fall_tilt``, or anything but a sole touches the floor.
+
+    Slip of a foot, from where its sole was when the foot last took load:
+    |p_xy - p_xy,0| + |yaw - yaw_0| r, with r the distance from the sole's origin to the farthest corner.
+
+    Args:
+        plant: Plant to watch.
+        config: Limits.
+
+    Attributes:
+        fallen: Whether the robot has fallen.
+        reason: How; empty while it has not.
+        foot_slip: Largest slip of each foot since ``reset`` (2,) [m].
+    """
+
+    def __init__(self, plant: MujocoPlant, config: LoopConfig) -> None:
+        self._plant = plant
+        self._config = config
+        model, mj = plant.model, plant.mujoco
+        self._sites = np.array(mj.sole_sites)
+        soles = model.site_bodyid[self._sites]
+        self._is_sole = np.isin(model.geom_bodyid, soles)  # (ngeom,)
+        self._is_floor = model.geom_bodyid == 0
+        self._radius = np.array([np.linalg.norm(foot.corners, axis=1).max() for foot in plant.robot.feet])
+        self._load = config.slip_load * GRAVITY * plant.robot.mass
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the present height of the base is the standing height."""
+        self.fallen = False
+        self.reason = ""
+        self.foot_slip = np.zeros(2)
+        self._standing = np.zeros(2, dtype=bool)
+        self._anchor = np.zeros((2, 3))  # x, y, yaw
+        self._height = float(self._plant.data.qpos[2])
+
+    def update(self) -> None:
+        """Look at the present state."""
+        if not self.fallen:
+            self.reason = self._find_fall()
+            self.fallen = bool(self.reason)
+        self._measure_slip()
+
+    def _find_fall(self) -> str:
+        data = self._plant.data
+        height = float(data.qpos[2])
+        upright = float(data.xmat[self._plant.mujoco.base_body, 8])  # z of W along z of B
+        if not height >= self._config.fall_height * self._height:
+            return f"base at {height:.2f} m, {height / self._height:.2f} of its standing height"
+        if not upright >= math.cos(self._config.fall_tilt):
+            return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
+        pairs = data.contact.geom  # (ncon, 2)
+        strange = self._is_floor[pairs].any(axis=1) & ~self._is_sole[pairs].any(axis=1)
+        if strange.any():
+            pair = pairs[int(np.flatnonzero(strange)[0])]
+            body = self._plant.model.geom_bodyid[pair[0] if self._is_floor[pair[1]] else pair[1]]
+            return f"{mujoco.mj_id2name(self._plant.model, mujoco.mjtObj.mjOBJ_BODY, body)} touches the floor"
+        return ""
+
+    def _measure_slip(self) -> None:
+        data = self._plant.data
+        frames = data.site_xmat[self._sites]  # (2, 9)
+        now = np.empty((2, 3))
+        now[:, :2] = data.site_xpos[self._sites, :2]
+        now[:, 2] = np.arctan2(frames[:, 3], frames[:, 0])
+        standing = self._plant.wrenches[:, 2] > self._load
+        landed = standing & ~self._standing
+        self._anchor[landed] = now[landed]
+        moved = now - self._anchor
+        turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        slip = np.hypot(moved[:, 0], moved[:, 1]) + turn * self._radius
+        self.foot_slip = np.where(standing, np.maximum(self.foot_slip, slip), self.foot_slip)
+        self._standing = standing
