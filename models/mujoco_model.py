@@ -286,9 +286,11 @@ def _add_hulls(spec: Any, model: RobotModel) -> None:
 
 
 def _add_payload(spec: Any, model: RobotModel, mass: float, config: PlantConfig) -> None:
-    torso = spec.body(model.profile.frames["torso"].link)
-    ball = torso.add_body(name="payload", pos=torso.ipos)
-    ball.explicitinertial, ball.mass = True, mass
+    torso = model.pin.frames[model.frame_id("torso")]
+    link = model.pin.frames[torso.parentFrame]
+    centre = link.placement.actInv(model.pin.inertias[torso.parentJoint].lever)
+    ball = spec.body(link.name).add_body(name="payload", pos=centre)
+    ball.explicitinertial, ball.mass, ball.ipos = True, mass, [0.0, 0.0, 0.0]  # ipos defaults to pos, not to zero
     ball.inertia = [0.4 * mass * config.payload_radius**2] * 3  # solid ball
 
 

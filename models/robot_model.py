@@ -106,6 +106,8 @@ class RobotModel:
         self.pin.effortLimit = np.concatenate([self.pin.effortLimit[:_BASE_NV], self.tau_max])
 
         self._frames = self._add_frames()
+        for hull_name, hull in profile.hulls.items():
+            self.link_frame_id(hull.link, f"hull '{hull_name}'")
         soles = (profile.feet.left, profile.feet.right)
         self.feet = (self._foot(0, soles[0]), self._foot(1, soles[1]))
         self._postures = {name: self._posture(name, values) for name, values in profile.postures.items()}

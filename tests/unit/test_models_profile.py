@@ -1,0 +1,133 @@
+"""Profiles: what is accepted, and that every refusal names the file and the key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from models.errors import ConfigError, RobotModelError
+from models.profile import load_profile, robot_names
+from models.robot_model import RobotModel
+
+Write = Callable[[dict[str, Any]], Path]
+
+
+@pytest.fixture
+def g1_data(root: Path) -> dict[str, Any]:
+    data = yaml.safe_load((root / "models" / "robots" / "g1.yaml").read_text())
+    assert isinstance(data, dict)
+    return data
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def _write(data: dict[str, Any]) -> Path:
+        path = tmp_path / "mine.yaml"
+        path.write_text(yaml.safe_dump(data))
+        return path
+
+    return _write
+
+
+def test_packaged_robots_are_listed() -> None:
+    assert robot_names() == ["g1", "talos"]
+
+
+def test_copy_of_a_profile_loads_by_path(g1_data: dict[str, Any], write: Write) -> None:
+    path = write(g1_data)
+    assert load_profile(path).source == str(path)
+    assert load_profile(str(path)).name == "g1"
+    assert RobotModel.load(path).nj == 29
+
+
+def test_unknown_robot_lists_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"'hal'.*g1, talos"):
+        load_profile("hal")
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
+        load_profile(tmp_path / "nowhere.yaml")
+
+
+def _set(*keys: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(data: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            data = data[key]
+        data[keys[-1]] = value
+
+    return change
+
+
+def _delete(*keys: str) -> Callable[[dict[str, Any]], None]:
+    def change(data: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            data = data[key]
+        del data[keys[-1]]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_set("colour", value="red"), "colour"),
+        (_set("sensors", "imu", "temperature", value=1.0), r"sensors\.imu\.temperature"),
+        (_set("motors", "unitree_5020", "kp", value="strong"), r"motors\.unitree_5020\.kp"),
+        (_set("motors", "unitree_5020", "armature", value=-1.0), r"motors\.unitree_5020\.armature"),
+        (_set("motors", "unitree_5020", "torque_rate", value=0.0), r"motors\.unitree_5020\.torque_rate"),
+        (_delete("motors", "unitree_5020", "kd"), r"motors\.unitree_5020\.kd"),
+        (_delete("feet", "right"), r"feet\.right"),
+        (_set("feet", "left", "rectangle", value=[0.1, -0.1, -0.03, 0.03]), r"feet\.left.*x_min < x_max"),
+        (_set("feet", "friction", value=0.0), r"feet\.friction"),
+        (_set("joints", "left_knee_joint", "motor", value="steam"), "left_knee_joint.*unknown motor 'steam'"),
+        (_set("joints", "left_knee_joint", "torque_limit", value=-5.0), r"joints\.left_knee_joint\.torque_limit"),
+        (_delete("frames", "gaze"), "'gaze' is missing"),
+        (_set("frames", "l_sole", value={"link": "pelvis"}), "'l_sole' is defined by the loader"),
+        (_delete("postures", "stand"), "'stand' is missing"),
+        (_set("postures", "zero", value={}), "'zero' is built in"),
+        (_set("postures", "stand", "tail_joint", value=0.1), "posture 'stand': unknown joint 'tail_joint'"),
+        (_set("hulls", "head", "radius", value=0.0), r"hulls\.head\.radius"),
+        (_set("source", value="/elsewhere"), "source"),
+        (_set("name", value="G 1"), "name"),
+    ],
+)
+def test_bad_yaml_is_refused(
+    g1_data: dict[str, Any], write: Write, change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    change(g1_data)
+    with pytest.raises(ConfigError, match=rf"(?s)mine\.yaml: .*{message}"):
+        load_profile(write(g1_data))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (_delete("joints", "waist_yaw_joint"), "joints: 'waist_yaw_joint' of .* is missing"),
+        (_set("joints", "tail_joint", value={"motor": "unitree_5020"}), "joints: 'tail_joint' is not a moving joint"),
+        (_set("frames", "gaze", "link", value="eye"), "frame 'gaze': link 'eye' does not exist"),
+        (_set("feet", "left", "link", value="hoof"), "frame 'l_sole': link 'hoof' does not exist"),
+        (_set("hulls", "head", "link", value="horn"), "hull 'head': link 'horn' does not exist"),
+        (_set("base_link", value="torso_link"), "base_link: 'torso_link' is not the root link"),
+        (_set("postures", "stand", "left_knee_joint", value=3.0), "'stand': joint 'left_knee_joint' at 3 rad"),
+    ],
+)
+def test_profile_that_does_not_fit_its_urdf_is_refused(
+    g1_data: dict[str, Any], write: Write, change: Callable[[dict[str, Any]], None], message: str
+) -> None:
+    change(g1_data)
+    with pytest.raises(RobotModelError, match=rf"mine\.yaml: .*{message}"):
+        RobotModel.load(write(g1_data))
+
+
+def test_limits_and_gains_of_a_joint_replace_those_of_urdf_and_motor(g1_data: dict[str, Any], write: Write) -> None:
+    g1_data["joints"]["left_knee_joint"] |= {"torque_limit": 7.0, "velocity_limit": 3.0, "kp": 11.0, "kd": 0.5}
+    model = RobotModel.load(write(g1_data))
+    left, right = model.joint_index("left_knee_joint"), model.joint_index("right_knee_joint")
+    assert (model.tau_max[left], model.v_max[left], model.kp[left], model.kd[left]) == (7.0, 3.0, 11.0, 0.5)
+    assert (model.tau_max[right], model.v_max[right]) == (139.0, 20.0)
+    assert model.pin.effortLimit[6 + left] == 7.0
