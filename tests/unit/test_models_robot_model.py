@@ -44,19 +44,8 @@ def test_sizes(name: str, nq: int, nv: int, mass: float) -> None:
 
 
 def test_joint_vectors_are_complete_and_read_only(robot: RobotModel) -> None:
-    names = [
-        "q_lower",
-        "q_upper",
-        "v_max",
-        "tau_max",
-        "tau_rate_max",
-        "armature",
-        "damping",
-        "frictionloss",
-        "kp",
-        "kd",
-    ]
-    for name in names:
+    drives = ["v_max", "tau_max", "tau_rate_max", "armature", "damping", "frictionloss", "kp", "kd"]
+    for name in ["q_lower", "q_upper", *drives]:
         vector = getattr(robot, name)
         assert vector.shape == (robot.nj,) and np.isfinite(vector).all(), name
         with pytest.raises(ValueError, match="read-only"):
