@@ -1,0 +1,298 @@
+"""Largest push that a standing robot takes without a step, beside the bound of the ankle strategy.
+
+The bound is that of the linear inverted pendulum whose centre of pressure sits on the edge of the support from the
+first instant on: a force F for a time T leaves the DCM on that edge when
+
+    ``F = m w^2 d / (1 - exp(-w T))``,  ``w = sqrt(g / z)``,
+
+with mass m [kg], CoM height z above the soles [m] and distance d [m] from the centre of pressure at rest to the edge of
+the support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from bridge.stability import GRAVITY
+from bridge.support_polygon import distance_along, support_polygon
+from models.config import STRICT, default_config
+from models.robot_model import RobotModel
+from models.types import Matrix, RobotState, Vector
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class PushConfig:
+    """The push test; the unit of every value stands in ``benchmarks/config/push.yaml``."""
+
+    body: str
+    directions: Annotated[int, Field(ge=1)]
+    duration: Positive
+    settle_time: Positive
+    rest_time: Positive
+    rest_samples: Annotated[int, Field(ge=1)]
+    recover_time: Positive
+    check_period: Positive
+    first_ratio: Positive
+    largest_ratio: Positive
+    stride: Positive
+    resolution: Positive
+    com_tolerance: Positive
+    speed_tolerance: Positive
+    foot_tolerance: Positive
+    required_ratio: Positive
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """What the robot's true state says about balance.
+
+    Attributes:
+        com: CoM in W (3,) [m].
+        com_velocity: CoM velocity in W (3,) [m/s].
+        cop: Centre of pressure of all contacts on the floor, x and y in W (2,) [m]; NaN in flight.
+        soles: Origin of each sole in W (2, 3) [m].
+        polygon: Support polygon of both soles, counter-clockwise (n, 2) [m].
+    """
+
+    com: Vector
+    com_velocity: Vector
+    cop: Vector
+    soles: Matrix
+    polygon: Matrix
+
+
+@cache
+def _loop(robot: str) -> ClosedLoop:
+    """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
+    return ClosedLoop(robot=robot, record=False)
+
+
+@cache
+def _config() -> PushConfig:
+    return default_config(PushConfig, "benchmarks", "push")
+
+
+def stance(model: RobotModel, truth: RobotState) -> Stance:
+    """Read CoM, centre of pressure and support polygon off the true state.
+
+    Args:
+        model: The robot.
+        truth: Its exact state, contact wrenches included.
+    """
+    data = model.data()
+    pin.centerOfMass(model.pin, data, truth.q, truth.v)
+    pin.framesForwardKinematics(model.pin, data, truth.q)
+    total, soles, corners = np.zeros(6), np.empty((2, 3)), []
+    for k, foot in enumerate(model.feet):
+        placement = data.oMf[foot.frame_id]
+        total += placement.act(pin.Force(truth.contacts[k].wrench)).vector
+        soles[k] = placement.translation
+        corners.append((placement.rotation @ foot.corners.T).T + placement.translation)
+    cop = np.array([-total[4], total[3]]) / total[2] if total[2] > 0.0 else np.full(2, np.nan)
+    return Stance(data.com[0].copy(), data.vcom[0].copy(), cop, soles, support_polygon(corners))
+
+
+def ankle_bound(mass: float, height: float, distance: float, duration: float) -> float:
+    """Largest force that the ankle strategy takes [N].
+
+    Args:
+        mass: Mass of the robot [kg].
+        height: CoM above the soles [m].
+        distance: Centre of pressure to the edge of the support in the direction of the push [m].
+        duration: How long the force acts [s].
+    """
+    omega = math.sqrt(GRAVITY / height)
+    return mass * omega**2 * distance / (1.0 - math.exp(-omega * duration))
+
+
+def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:
+    """Push a standing robot once.
+
+    Args:
+        robot: Name of the profile.
+        seed: Seed of the sensor noise.
+        force: Force in W (3,) [N].
+        config: The push test.
+
+    Returns:
+        Whether it stays up, keeps both feet where they were and comes back to rest.
+    """
+    loop = _loop(robot)
+    loop.reset(seed)
+    loop.run(config.settle_time)
+    before = stance(loop.robot, loop.truth)
+    loop.apply_push(tuple(force.tolist()), duration=config.duration, body=config.body)
+    end = loop.t + config.duration + config.recover_time
+    while loop.t < end - 1e-9:  # 1e-9: rounding of the simulated time
+        loop.run(min(config.check_period, end - loop.t))
+        now = stance(loop.robot, loop.truth)
+        moved = float(np.linalg.norm(now.soles - before.soles, axis=1).max())
+        if loop.fallen or moved > config.foot_tolerance:
+            return False
+    back = float(np.linalg.norm(now.com[:2] - before.com[:2])) < config.com_tolerance
+    return back and float(np.linalg.norm(now.com_velocity)) < config.speed_tolerance
+
+
+def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
+    """Let a standing robot stand for ``rest_time`` and compute its ankle bound.
+
+    Args:
+        loop: The robot, at rest.
+        direction: Heading of the force in W (3,), a unit vector.
+        config: The push test.
+
+    Returns:
+        The bound [N], and the distance from the mean centre of pressure to the edge in that direction [m].
+    """
+    cops = []
+    for _ in range(config.rest_samples):
+        loop.run(config.rest_time / config.rest_samples)
+        rest = stance(loop.robot, loop.truth)
+        cops.append(rest.cop)
+    distance = distance_along(rest.polygon, np.mean(cops, axis=0), direction)
+    height = float(rest.com[2] - rest.soles[:, 2].mean())
+    return ankle_bound(loop.robot.mass, height, distance, config.duration), distance
+
+
+def largest_ratio(holds: Callable[[float], bool], config: PushConfig) -> tuple[float, int]:
+    """Bracket and bisect the largest ratio that holds; every smaller ratio that was tried holds as well.
+
+    Args:
+        holds: Whether the robot survives a push of this part of the bound.
+        config: Search limits.
+
+    Returns:
+        The ratio [-], 0 when none holds, and how many pushes were tried.
+    """
+    low, high, ratio, tried = 0.0, math.inf, config.first_ratio, 0
+    while high - low > config.resolution:
+        tried += 1
+        if holds(ratio):
+            low = ratio
+            if low >= config.largest_ratio:
+                break
+        else:
+            high = ratio
+        if math.isinf(high):
+            ratio = min(low + config.stride, config.largest_ratio)
+        elif low == 0.0:
+            ratio = max(high - config.stride, 0.5 * high)
+        else:
+            ratio = 0.5 * (low + high)
+    return low, tried
+
+
+def measure(robot: str, seed: int, angle: float) -> Case:
+    """Bisect the push in one direction.
+
+    Args:
+        robot: Name of the profile.
+        seed: Seed of the sensor noise.
+        angle: Heading of the force in W [rad].
+
+    Returns:
+        ``force`` and ``bound`` [N], ``ratio`` [-], ``dv`` and ``bound_dv`` [m/s], ``distance`` [m], ``pushes`` [-].
+    """
+    config, loop = _config(), _loop(robot)
+    direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+    loop.reset(seed)
+    loop.run(config.settle_time - config.rest_time)
+    bound, distance = bound_at_rest(loop, direction, config)
+    ratio, pushes = largest_ratio(lambda part: survives(robot, seed, part * bound * direction, config), config)
+    to_dv = config.duration / loop.robot.mass
+    return {
+        "force": ratio * bound,
+        "bound": bound,
+        "ratio": ratio,
+        "dv": ratio * bound * to_dv,
+        "bound_dv": bound * to_dv,
+        "distance": distance,
+        "pushes": pushes,
+    }
+
+
+def run(options: Options) -> Report:
+    """Bisect the push in every direction for every seed.
+
+    Args:
+        options: Robot, seeds and workers.
+
+    Returns:
+        Figures ``dv_min``, ``dv_median`` (impulse over mass [m/s]), ``ratio_to_ankle_bound_min`` and
+        ``..._median`` [-], ``bound_dv_min`` and ``bound_dv_median`` [m/s].
+    """
+    config, load = _config(), LoadMeter()
+    cases: list[dict[str, Any]] = [
+        {"robot": options.robot, "seed": seed, "angle": 2.0 * math.pi * k / config.directions}
+        for seed in range(options.seeds)
+        for k in range(config.directions)
+    ]
+    results = run_cases(measure, cases, title=f"push {options.robot}", workers=options.workers)
+    dv, bound_dv, ratio = (np.array([case[key] for case in results]) for key in ("dv", "bound_dv", "ratio"))
+    worst = int(np.argmin(ratio))
+    heading = math.degrees(results[worst]["angle"])
+    return Report(
+        bench="push",
+        robot=options.robot,
+        seeds=options.seeds,
+        figures={
+            "dv_min": float(dv.min()),
+            "dv_median": float(np.median(dv)),
+            "ratio_to_ankle_bound_min": float(ratio.min()),
+            "ratio_to_ankle_bound_median": float(np.median(ratio)),
+            "bound_dv_min": float(bound_dv.min()),
+            "bound_dv_median": float(np.median(bound_dv)),
+        },
+        cases=results,
+        passed=bool(ratio.min() >= config.required_ratio),
+        load=load.read(),
+        notes=[
+            f"weakest direction {heading:.0f} deg: {ratio[worst]:.2f} of the ankle bound "
+            f"(required {config.required_ratio:.2f}), {results[worst]['force']:.0f} N for {config.duration} s"
+        ],
+    )
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw the push map: impulse over mass against heading, with the ankle bound.
+
+    Args:
+        report: What ``run`` found.
+        folder: Where the picture goes.
+
+    Returns:
+        The file written.
+    """
+    figure = new_figure(6.0, 6.0)
+    axes = figure.add_subplot(projection="polar")
+    angles = sorted({case["angle"] for case in report.cases})
+    closed = [*angles, angles[0]]
+
+    def ring(key: str, reduce: Callable[[list[float]], float]) -> list[float]:
+        values = [reduce([case[key] for case in report.cases if case["angle"] == angle]) for angle in angles]
+        return [*values, values[0]]
+
+    axes.plot(closed, ring("bound_dv", min), color="0.4", linestyle="--", label="ankle bound")
+    axes.plot(closed, ring("dv", min), color="#1b6ca8", marker="o", label="taken without a step")
+    axes.fill(closed, ring("dv", min), color="#1b6ca8", alpha=0.15)
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(f"{report.robot}: push at the pelvis, impulse / mass [m/s]", fontsize=10)
+    axes.legend(loc="lower right", fontsize=8)
+    file = folder / f"push-{report.robot}.png"
+    figure.savefig(file, dpi=110)
+    return [file]
