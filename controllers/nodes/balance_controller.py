@@ -54,6 +54,7 @@ class BalanceControllerNode(PoiseNode):
         self._reset = True
         self._last_stamp = self._last_posture = 0
         self._result: ControlResult | None = None
+        self._last_command = b""
         self._motion = False
 
     def configure(self) -> None:
@@ -86,6 +87,9 @@ class BalanceControllerNode(PoiseNode):
         """
         if not self.active or self._mode not in ACTIVE_MODES:
             return
+        if self._lockstep and not self._reset and stamp == self._last_stamp:
+            self._command.publish(self._last_command)  # the plant asks again: the answer was lost
+            return
         if not self._reset and stamp <= self._last_stamp:
             self.refuse(topics.ODOM, f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
             return
@@ -95,7 +99,8 @@ class BalanceControllerNode(PoiseNode):
             self._reset = False
         self._last_stamp = stamp
         result = self._law.step(state, dt)
-        self._command.publish(self._codec.encode(stamp, result.command))
+        self._last_command = self._codec.encode(stamp, result.command)
+        self._command.publish(self._last_command)
         self._after(result, stamp)
 
     def _after(self, result: ControlResult, stamp: int) -> None:

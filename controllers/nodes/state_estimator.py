@@ -14,12 +14,12 @@ from std_srvs.srv import Trigger
 
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
-from controllers.sample_assembler import SampleAssembler
+from controllers.sample_assembler import SampleAssembler, mean_sample
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS
+from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_to_message
 from models.nodes.parameters import declare_config, describe
@@ -50,7 +50,10 @@ class StateEstimatorNode(PoiseNode):
         self._max_age = round(NANOSECONDS * float(self.declare_parameter("max_age", 0.005, age).value))
         gap = describe("Largest step of a stamp believed at once [s]", low=0.0, high=10.0)
         self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, gap).value))
+        count = describe("Samples averaged for the start, at rest (lockstep: 1)")
+        self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
         self._started = False
+        self._first: list[SensorData] = []
         self._last_stamp = self._last_odom = 0
         self._driver_state = ""
 
@@ -75,6 +78,8 @@ class StateEstimatorNode(PoiseNode):
     def activate(self) -> None:
         """Start from the next complete sample."""
         self._started = False
+        self._first.clear()
+        self._state: RobotState | None = None
         self._assembler.reset()
 
     def before_diagnostics(self) -> None:
@@ -91,6 +96,9 @@ class StateEstimatorNode(PoiseNode):
         self._take(topics.IMU, lambda: self._assembler.add_imu(*self._imu_codec.decode(data)))
 
     def _on_joints(self, data: bytes) -> None:
+        if self._lockstep and self._state is not None and stamp_of(data) == self._last_stamp:
+            self._give(self._state, self._last_stamp)  # the plant asks again: an answer was lost
+            return
         self._take(topics.JOINT_STATES, lambda: self._assembler.add_joints(*self._joint_codec.decode(data)))
 
     def _foot_callback(self, foot: int) -> Callable[[bytes], None]:
@@ -117,9 +125,18 @@ class StateEstimatorNode(PoiseNode):
         if self._started:
             state = self._law.step(sensors, (stamp - self._last_stamp) / NANOSECONDS)
         else:
-            state = self._law.reset(sensors)
+            self._first.append(sensors)
+            if len(self._first) < self._start_samples:
+                return
+            state = self._law.reset(mean_sample(self._first))
+            self._first.clear()
             self._started = True
         self._last_stamp = stamp
+        self._give(state, stamp)
+
+    def _give(self, state: RobotState, stamp: int) -> None:
+        """Hand the state to the controller at once, or publish it."""
+        self._state = state
         if self._hand_over is not None:
             self._hand_over(state, stamp)
             if 0 <= stamp - self._last_odom < self._odom_period:

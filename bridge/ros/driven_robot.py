@@ -1,0 +1,115 @@
+"""The simulated robot with its motor drivers, held at the start until its feet carry it; no ROS."""
+
+from __future__ import annotations
+
+from bridge.loop_config import LoopConfig
+from bridge.mujoco_plant import MujocoPlant
+from bridge.start_up import ReleaseGate, average, hanging_command
+from controllers.joint_servo import JointServo, ServoState
+from controllers.supervisor import ACTIVE_MODES
+from models.types import JointCommand, JointTrajectory, Mode, SensorData
+
+HELD = "held"
+"""Driver state of a robot that the simulator holds; the others are those of ``ServoState``."""
+
+
+class DrivenRobot:
+    """Plant and joint servo in step, with the hold at the start.
+
+    Held, the drivers carry the joints against gravity. When the mode lets the robot move and commands arrive, they
+    execute those; when both feet carry the weight, the weld lets go.
+
+    Args:
+        plant: Simulated robot.
+        config: Times and tolerances of the start.
+        servo: Driver law; that with the packaged configuration when None.
+    """
+
+    def __init__(self, plant: MujocoPlant, config: LoopConfig, servo: JointServo | None = None) -> None:
+        self.plant = plant
+        self.servo = servo or JointServo(plant.robot)
+        self._config = config
+        self._hanging = hanging_command(plant.robot)
+        self._mode = Mode.OFF
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the start: standing posture, held, no mode."""
+        self.plant.reset()
+        self.servo.arm()
+        self._mode = Mode.OFF
+        self._commanded = False
+        self._gate: ReleaseGate | None = None
+
+    @property
+    def state(self) -> str:
+        """``held``, or what the drivers do: ``active``, ``damped`` or ``off``."""
+        return HELD if self.plant.held else self.servo.state.value
+
+    @property
+    def awaits_command(self) -> bool:
+        """Whether the drivers would execute a command of the controller."""
+        return self._mode in ACTIVE_MODES and self.servo.state is ServoState.ACTIVE
+
+    def set_mode(self, mode: Mode) -> None:
+        """Follow the supervisor: arm, damp or switch off the drivers. A held robot stays held and carried."""
+        before, self._mode = self._mode, mode
+        if mode in ACTIVE_MODES:
+            if before not in ACTIVE_MODES and not self.plant.held:
+                self.servo.arm()
+            return
+        self._commanded, self._gate = False, None
+        if self.plant.held:
+            self.servo.arm()
+        elif mode is Mode.DAMP:
+            self.servo.damp()
+        else:
+            self.servo.off()
+
+    def command(self, command: JointCommand | JointTrajectory) -> bool:
+        """Give the drivers a set-point or a trajectory, if the mode lets the robot move.
+
+        Returns:
+            Whether it is in force.
+
+        Raises:
+            JointNameError: A joint of a trajectory is unknown or named twice.
+            TrajectoryError: The trajectory is refused.
+        """
+        if not self.awaits_command:
+            return False
+        if isinstance(command, JointTrajectory):
+            taken = self.servo.command_trajectory(command, self.plant.t)
+        else:
+            taken = self.servo.command(command, self.plant.t)
+        if taken and self.plant.held and self._gate is None:
+            self._gate = ReleaseGate(self.plant.robot, self._config)
+        self._commanded |= taken
+        return taken
+
+    def hang(self) -> SensorData:
+        """Let the held robot settle for ``hang_time``.
+
+        Returns:
+            Its sensors averaged over the last ``average_time``.
+        """
+        dt = self.plant.period
+        count, last = round(self._config.hang_time / dt), round(self._config.average_time / dt)
+        samples = []
+        for i in range(count):
+            self.step()
+            if i >= count - last:
+                samples.append(self.plant.read())
+        return average(samples)
+
+    def step(self) -> None:
+        """One period: drivers, physics, and the hold."""
+        plant, servo = self.plant, self.servo
+        sensors, dt = plant.read(), plant.period
+        if plant.held and not self._commanded:
+            servo.command(self._hanging, plant.t)
+        plant.write(servo.step(plant.t, sensors.q, sensors.v, dt))
+        plant.step()
+        if self._gate is not None and self._gate.update(plant.read(), dt):
+            plant.hold(False)
+            self._gate = None

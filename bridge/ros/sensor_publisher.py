@@ -1,0 +1,37 @@
+"""The sensors of one tick as topics; the joints come last and complete the tick."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import Imu, JointState
+
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
+from models.nodes.qos import sensor
+from models.robot_model import SOLE_FRAMES
+from models.types import SensorData
+
+
+class SensorPublisher:
+    """Publishes ``SensorData``.
+
+    Args:
+        node: Node that publishes.
+        reliable: Whether no sample may be lost (lockstep).
+    """
+
+    def __init__(self, node: PoiseNode, *, reliable: bool) -> None:
+        qos = sensor(reliable=reliable)
+        self._imu_codec, self._joint_codec = ImuCodec(topics.IMU_FRAME), JointStateCodec(node.model)
+        self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
+        self._imu = node.announce(Imu, topics.IMU, qos)
+        self._feet = [node.announce(WrenchStamped, topic, qos) for topic in topics.FOOT_WRENCHES]
+        self._joints = node.announce(JointState, topics.JOINT_STATES, qos)
+
+    def publish(self, stamp: int, sensors: SensorData) -> None:
+        """Publish one sample of everything with the same stamp [ns]."""
+        self._imu.publish(self._imu_codec.encode(stamp, sensors.gyro, sensors.accel))
+        for foot, publisher in enumerate(self._feet):
+            publisher.publish(self._foot_codecs[foot].encode(stamp, sensors.wrenches[foot]))
+        self._joints.publish(self._joint_codec.encode(stamp, sensors.q, sensors.v, sensors.tau))

@@ -1,0 +1,218 @@
+"""Node ``supervisor``: modes, text commands, preflight and faults; what moves the robot is decided here."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from controllers.health import Health, tilt
+from controllers.nodes.preflight_probe import SENSOR_TOPICS, PreflightProbe
+from controllers.preflight import preflight
+from controllers.supervisor import ACTIVE_MODES, Supervisor, SupervisorConfig
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS, stamp_of
+from models.nodes.messages import stamp_ns
+from models.nodes.odometry import OdometryCodec
+from models.nodes.parameters import declare_config, describe
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.spin import run
+from models.types import CommandReply, Mode, SolveStatus
+
+STATUSES = {status.value: status for status in SolveStatus}
+
+
+class SupervisorNode(PoiseNode):
+    """Runs ``Supervisor`` on what the other nodes report.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("supervisor", **kwargs)
+        self._config = declare_config(self, default_config(SupervisorConfig, "controllers", "supervisor"))
+        self._lockstep = topics.declare_lockstep(self)
+        get = self.declare_parameter
+        text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
+        self._auto_stand = bool(get("auto_stand", True, text).value)
+        text = describe("Time between two looks at the robot's health [s]", low=0.001, high=1.0)
+        self._period = float(get("period", 0.02, text).value)
+        text = describe("How long a preflight check listens [s]", low=0.05, high=10.0)
+        self._listen_time = float(get("preflight_time", 0.5, text).value)
+        text = describe("Rate of each sensor topic [Hz]", low=1.0, high=10000.0)
+        rate = float(get("sensor_rate", 1000.0, text).value)
+        self._rates = {} if self._lockstep else dict.fromkeys(SENSOR_TOPICS, rate)
+        text = describe("Silence of /clock after which the robot is damped [s]", low=0.01, high=60.0)
+        self._clock_timeout = float(get("clock_timeout", 0.5, text).value)
+
+    def configure(self) -> None:
+        """Build the law and the topics."""
+        self._law = Supervisor(self.model, self._config)
+        self._probe, self._odom_codec = PreflightProbe(self), OdometryCodec()
+        self._now = self._odom_stamp = self._command_stamp = 0
+        self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
+        self._driver_state, self._description, self._published = "", None, ""
+        self._clock_seen = self._probe_until = time.monotonic()
+        self._mode_topic = self.announce(String, topics.MODE, LATCHED)
+        self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
+        self.listen(String, topics.HUMANOID_COMMANDS, self._on_text, EVENT)
+        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
+        self.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
+        self.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+        self.listen(String, topics.MOTION_STATE, self._on_motion_state, EVENT)
+        self.listen(String, topics.MOTION_PLAN_STATE, self._on_motion_state, EVENT)
+        self.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK):
+            self._offer(f"mode/{mode.value}", lambda mode=mode: self._law.request(mode))
+        self._offer("estop", lambda: self._law.estop())
+        self._offer("reset_faults", lambda: self._law.reset_faults())
+        self._timer = self.every(self._period, self._update)
+
+    def cleanup(self) -> None:
+        """Destroy what ``configure`` created."""
+        self._probe.stop()
+        self.destroy_timer(self._timer)
+        super().cleanup()
+
+    def before_diagnostics(self) -> None:
+        """Report mode, faults and what stands in the way of arming."""
+        if not self.active:
+            return
+        law = self._law
+        self.message = f"mode '{law.mode.value}'" + (f": {'; '.join(law.faults)}" if law.faults else "")
+        self.level = DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.OK
+        self.values["mode"], self.values["drivers"] = law.mode.value, self._driver_state
+        self.values["preflight"] = "; ".join(law.preflight) or "passed"
+        self.values["commands ignored"] = str(law.ignored)
+
+    def _update(self) -> None:
+        """Health to mode, preflight, and what changed."""
+        if not self.active:
+            return
+        law = self._law
+        if law.mode in ACTIVE_MODES:
+            self._watch()
+        elif not self._probe.open:
+            if law.preflight and time.monotonic() >= self._probe_until:
+                self._probe.start()
+                self._probe_until = time.monotonic() + self._listen_time
+        elif time.monotonic() >= self._probe_until:
+            self._probe.stop()
+            law.set_preflight(preflight(self.model, self._config, self._probe.evidence(self._description), self._rates))
+            self._probe_until += self._listen_time
+            if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
+                self._say("auto_stand", law.request(Mode.STAND))
+        self._publish_mode()
+
+    def _watch(self) -> None:
+        silence = time.monotonic() - self._clock_seen
+        if silence > self._clock_timeout:
+            self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
+            return
+        now = self._now / NANOSECONDS
+        health = Health(
+            self._odom_stamp / NANOSECONDS,
+            self._command_stamp / NANOSECONDS,
+            self._tilt,
+            self._status,
+            self._driver_state == topics.DAMPED,
+            self._motion_active,
+        )
+        self._law.update(health, now)
+
+    def _publish_mode(self) -> None:
+        if self._published != self._law.mode.value:
+            if self._law.mode in ACTIVE_MODES and self._published not in _ACTIVE_NAMES:
+                self._odom_stamp = self._command_stamp = self._now  # their age counts from here
+            self._published = self._law.mode.value
+            self.get_logger().info(f"mode {self._published}" + "".join(f"; {fault}" for fault in self._law.faults))
+            self._mode_topic.publish(String(data=self._published))
+        motion = self._law.take_motion()
+        if motion is not None:
+            self._request.publish(String(data=motion))
+
+    def _say(self, source: str, reply: CommandReply) -> None:
+        """Log a reply and act on it at once."""
+        if reply.accepted:
+            self.get_logger().info(f"{source}: {reply.reason}")
+        else:
+            self.refuse(source, reply.reason)
+        self._publish_mode()
+
+    def _offer(self, name: str, act: Any) -> None:
+        def on_call(request: Any, response: Any) -> Any:
+            if not self.active:
+                response.success, response.message = False, "the supervisor is not active"
+                return response
+            reply = act()
+            response.success, response.message = reply.accepted, reply.reason
+            self._say(name, reply)
+            return response
+
+        self.serve(Trigger, name, on_call)
+
+    def _on_text(self, message: String) -> None:
+        if self.active:
+            self._say(topics.HUMANOID_COMMANDS, self._law.text(message.data))
+
+    def _on_motion_state(self, message: String) -> None:
+        word, _, reason = message.data.partition(": ")
+        self._motion_active = word == topics.MOTION_RUNNING
+        if word == topics.MOTION_REFUSED and self._law.mode is Mode.MOTION:
+            self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
+
+    def _on_driver_state(self, message: String) -> None:
+        """A robot put back to its start begins anew; one that already stands when this node starts keeps standing."""
+        before, self._driver_state = self._driver_state, message.data
+        if message.data == topics.HELD and before not in ("", topics.HELD):
+            self._law.reset()
+        elif message.data == topics.ACTIVE and before == "":
+            self._law.reset(Mode.STAND)
+            self._law.set_preflight(())
+
+    def _on_description(self, message: String) -> None:
+        self._description = message.data
+
+    def _on_clock(self, message: Clock) -> None:
+        self._now = stamp_ns(message.clock)
+        self._clock_seen = time.monotonic()
+
+    def _on_odom(self, data: bytes) -> None:
+        try:
+            self._odom_stamp, pose, _ = self._odom_codec.decode(data)
+            self._tilt = tilt(pose[3:])
+        except PoiseError as error:
+            self.refuse(topics.ODOM, error)
+
+    def _on_posture(self, data: bytes) -> None:
+        self._command_stamp = stamp_of(data)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("/balance_controller"):
+                self._status = STATUSES.get(status.message, SolveStatus.OPTIMAL)
+
+
+_ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([SupervisorNode], args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+"""Node ``motion_planner``: names of motions in, joint trajectories out."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from models.config import default_config
+from models.errors import MessageError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.messages import JointStateCodec, trajectory_to_message
+from models.nodes.parameters import declare_config
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.spin import run
+from models.types import Vector
+from planners.motion import MotionPlanner
+from planners.motion_config import MotionConfig
+
+
+class MotionPlannerNode(PoiseNode):
+    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("motion_planner", **kwargs)
+        self._config = declare_config(self, default_config(MotionConfig, "planners", "motion"))
+
+    def configure(self) -> None:
+        """Build the law and the topics."""
+        self._law = MotionPlanner(self.model, self._config)
+        self._codec = JointStateCodec(self.model)
+        self._posture: Vector | None = None
+        self._trajectory = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        self._plan_state = self.announce(String, topics.MOTION_PLAN_STATE, EVENT)
+        self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
+        self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+
+    def before_diagnostics(self) -> None:
+        """Say what can be asked for."""
+        if self.active:
+            self.message = f"motions: {', '.join(self._law.names)}"
+
+    def _on_posture(self, data: bytes) -> None:
+        try:
+            self._posture = self._codec.decode(data)[1]
+        except PoiseError as error:
+            self.refuse(topics.POSTURE, error)
+
+    def _on_request(self, message: String) -> None:
+        if not self.active or message.data == topics.STOP_MOTION:
+            return
+        try:
+            if self._posture is None:
+                raise MessageError("no posture of the controller has arrived to start from")
+            trajectory = self._law.plan(message.data, start_q=self._posture)
+        except PoiseError as error:
+            self.refuse(topics.MOTION_REQUEST, error)
+            self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {error}"))
+            return
+        self.values["last plan"] = message.data
+        self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
+        self._trajectory.publish(trajectory_to_message(trajectory))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([MotionPlannerNode], args))
+
+
+if __name__ == "__main__":
+    main()
