@@ -79,7 +79,7 @@ class RobotModel:
         self.profile = profile
         self.name = profile.name
         self.urdf = resolve_uri(profile.urdf, source.parent)
-        self.pin = _build(self.urdf)
+        self.pin = pinocchio_from_urdf(self.urdf)
         self.nq: int = self.pin.nq
         self.nv: int = self.pin.nv
         self.nj: int = self.nv - _BASE_NV
@@ -87,7 +87,6 @@ class RobotModel:
         self.mass = float(pin.computeTotalMass(self.pin))
         self._index = {name: i for i, name in enumerate(self.joint_names)}
         _check_names(profile, self.joint_names, self.urdf)
-        _check_bodies(self.pin, self.urdf)
 
         drives = [(profile.joints[name], profile.motors[profile.joints[name].motor]) for name in self.joint_names]
         self.q_lower = _frozen(self.pin.lowerPositionLimit[_BASE_NQ:])
@@ -260,12 +259,20 @@ class RobotModel:
         return _frozen(q)
 
 
-def _build(urdf: Path) -> pin.Model:
+def pinocchio_from_urdf(urdf: Path) -> pin.Model:
+    """Check a URDF and build its Pinocchio model with a free-flying base.
+
+    Raises:
+        RobotModelError: The URDF is unusable (see ``read_urdf``), or a moving body has no mass or an impossible
+            inertia; file, joint or link, and cause are named.
+    """
     read_urdf(urdf)
     try:
-        return pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+        model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
     except Exception as error:  # Pinocchio raises several kinds, none of them narrower
         raise RobotModelError(f"{urdf}: Pinocchio refuses it: {error}") from error
+    _check_bodies(model, urdf)
+    return model
 
 
 def _check_names(profile: Profile, joint_names: tuple[str, ...], urdf: Path) -> None:

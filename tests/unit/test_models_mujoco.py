@@ -196,6 +196,9 @@ def test_soles_touch_at_the_corners_of_their_rectangles(robot: RobotModel, mj: M
 def test_motors_give_torque_up_to_their_limit(robot: RobotModel, mj: MujocoModel) -> None:
     data = _set(robot, mj, *_random_state(robot, 0))
     command = np.linspace(-2.0, 2.0, robot.nj) * robot.tau_max
+    np.testing.assert_array_equal(
+        mj.model.actuator_ctrlrange[mj.actuator], np.stack([-robot.tau_max, robot.tau_max], 1)
+    )
     data.ctrl[mj.actuator] = command
     mujoco.mj_forward(mj.model, data)
     applied = data.qfrc_actuator[mj.joint_qvel]

@@ -82,6 +82,12 @@ def _weightless(tree: ET.Element) -> None:
     _find(tree, f"{_SHIN}/inertial/mass").set("value", "0.0")
 
 
+def _pointlike(tree: ET.Element) -> None:
+    inertia = _find(tree, f"{_SHIN}/inertial/inertia")
+    for key in list(inertia.attrib):
+        inertia.set(key, "0")
+
+
 def _twice(path: str) -> Change:
     return lambda tree: tree.append(_find(tree, path))
 
@@ -112,6 +118,7 @@ def _mimic(tree: ET.Element) -> None:
         (_set(f"{_SHIN}/inertial/mass", "value", "-1"), "link 'left_knee_link': mass -1 is negative"),
         (_remove(f"{_SHIN}/inertial", "inertia"), "link 'left_knee_link': <inertial> needs <mass> and <inertia>"),
         (_set(f"{_SHIN}/inertial/inertia", "ixx", "0.9"), "joint 'left_knee_joint' has an impossible inertia"),
+        (_pointlike, "joint 'left_knee_joint' has an impossible inertia: principal moments 0, 0, 0"),
         (_twice(_SHIN), "link 'left_knee_link' is defined twice"),
         (_twice(_KNEE), "joint 'left_knee_joint' is defined twice"),
         (_second_root, "expected one root link, found .*'pelvis', 'moon'"),
