@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from controllers.posture_reference import PostureReference, middle_frame
+from controllers.posture_reference import PostureReference
+from controllers.qp.kernels_terms import follow_pose
 from controllers.qp.terms import GRAVITY
 from controllers.support import cmp_command, convex_hull
 from controllers.whole_body import WholeBodyController
@@ -61,7 +62,11 @@ class BalanceController:
         self._com_acceleration = np.zeros(3)
         self._anchor_rotation = np.eye(3)
         self._anchor = np.zeros(3)
+        self._rotations = np.zeros((2, 3, 3))
+        self._rotations[:] = np.eye(3)
+        self._positions = np.zeros((2, 3))
         self._zero = np.zeros(model.nj)
+        self._still = np.zeros((2, 6))
         self._motion: TrajectorySampler | None = None
         self._motion_time = 0.0
         self._hold = model.posture("stand")
@@ -115,7 +120,7 @@ class BalanceController:
         """
         terms = self.whole_body.terms
         terms.update(state)
-        self._move_anchor(dt)
+        self._move_footholds(state, dt)
         posture, velocity, acceleration = self._sample(dt)
         self.reference = self._refer(posture, velocity, acceleration, dt)
         self._feed_back()
@@ -132,26 +137,20 @@ class BalanceController:
             solve_time=self.whole_body.solution.time,
         )
 
-    def _move_anchor(self, dt: float) -> None:
-        left, right = self.whole_body.terms.soles
-        rotation, position = middle_frame(left.rotation, left.position, right.rotation, right.position)
-        # Level, at the soles' mean heading: a sole that tips on its edge under a push must not tilt the references.
-        heading = math.atan2(rotation[1, 0], rotation[0, 0])
-        rotation = np.array(
-            [
-                [math.cos(heading), -math.sin(heading), 0.0],
-                [math.sin(heading), math.cos(heading), 0.0],
-                [0.0, 0.0, 1.0],
-            ]
-        )
-        if self._fresh:
-            self._anchor_rotation, self._anchor = rotation, position.copy()
-            return
-        share = min(dt / self.config.anchor_time_s, 1.0)
-        self._anchor += share * (position - self._anchor)
-        blend = self._anchor_rotation[:2, 0] + share * (rotation[:2, 0] - self._anchor_rotation[:2, 0])
-        cosine, sine = blend / math.hypot(blend[0], blend[1])
-        self._anchor_rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    def _move_footholds(self, state: RobotState, dt: float) -> None:
+        """Footholds follow the soles that bear load, slowly; the anchor is level and half-way between them."""
+        share = 1.0 if self._fresh else min(dt / self.config.anchor_time_s, 1.0)
+        least = self.config.foothold_load * self.model.mass * GRAVITY
+        for foot, sole in enumerate(self.whole_body.terms.soles):
+            if self._fresh or state.contacts[foot].wrench[2] > least:
+                follow_pose(self._rotations[foot], self._positions[foot], sole.pose, share)
+        np.add(self._positions[0], self._positions[1], out=self._anchor)
+        self._anchor *= 0.5
+        # Mean heading only: a sole that tips on its edge under a push must not tilt the references.
+        heading = self._rotations[0, :2, 0] + self._rotations[1, :2, 0]
+        cosine, sine = heading / math.hypot(heading[0], heading[1])
+        self._anchor_rotation[0, 0] = self._anchor_rotation[1, 1] = cosine
+        self._anchor_rotation[0, 1], self._anchor_rotation[1, 0] = -sine, sine
 
     def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
         if self._motion is None:
@@ -172,7 +171,6 @@ class BalanceController:
         else:
             self._com_velocity = self._zero[:3]
         turn = self._anchor_rotation
-        soles = self.whole_body.terms.soles
         return Reference(
             com=self._anchor + turn @ self._posture.com,
             com_velocity=turn @ self._com_velocity,
@@ -182,10 +180,10 @@ class BalanceController:
             posture=posture,
             posture_velocity=velocity,
             posture_acceleration=acceleration,
-            sole_rotations=np.array([soles[0].rotation, soles[1].rotation]),
-            sole_positions=np.array([soles[0].position, soles[1].position]),
-            sole_velocities=np.zeros((2, 6)),
-            sole_accelerations=np.zeros((2, 6)),
+            sole_rotations=self._rotations,
+            sole_positions=self._positions,
+            sole_velocities=self._still,
+            sole_accelerations=self._still,
         )
 
     def _feed_back(self) -> None:

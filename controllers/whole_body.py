@@ -22,8 +22,11 @@ class WholeBodyController:
 
     .. math::
         \min_{a, w} \sum_k \tfrac12 \|J_k a + \dot J_k v - a_k^*\|_{W_k}^2 + \tfrac12 \|w - w_0\|_Q^2
-        \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = -d\,v_c,\;
+        \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = k\,e_c - d\,v_c,\;
         w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
+
+    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or one
+    that tips, comes back to where it stood.
 
     Joint limits enter as acceleration bounds: with ``v_hi = min(share v_max, g (q_max - margin - q))`` a joint may
     accelerate by at most ``k (v_hi - v)``, and likewise below.
@@ -81,7 +84,6 @@ class WholeBodyController:
         self._builder = QPBuilder(
             model,
             stack,
-            contact_damping=contact.damping,
             force_min=contact.force_min * weight_force,
             force_max=contact.force_max * weight_force,
             friction=contact.friction,
@@ -93,6 +95,7 @@ class WholeBodyController:
         lever = scale / contact.moment_arm**2
         self._wrench_weight = np.tile(np.array([scale, scale, scale, lever, lever, lever]), (2, 1))
         self._wrench_target = np.zeros((2, 6))
+        self._contact_acceleration = np.zeros((2, 6))
         self._limits = QPLimits(config.limits.torque * model.tau_max, np.zeros(nj), np.zeros(nj))
         margin = np.minimum(config.limits.position_margin, 0.25 * (model.q_upper - model.q_lower))
         self._q_low, self._q_high = model.q_lower + margin, model.q_upper - margin
@@ -119,11 +122,21 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
+        contact = self.config.contact
         for foot, task in enumerate(self._feet):
             task.set_active(not reference.contacts[foot])
+            error, twist = task.error(self.terms, reference), self.terms.soles[foot].twist
+            self._contact_acceleration[foot] = contact.stiffness * error - contact.damping * twist
         self._update_limits(state)
         self._update_wrench_target(reference)
-        qp = self._builder.build(self.terms, reference, self._limits, self._wrench_target, self._wrench_weight)
+        qp = self._builder.build(
+            self.terms,
+            reference,
+            self._limits,
+            self._contact_acceleration,
+            self._wrench_target,
+            self._wrench_weight,
+        )
         self.solution = solution = self._solver.solve(qp)
         if solution.z is None:
             return self._fall_back(state)

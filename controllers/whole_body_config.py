@@ -46,7 +46,8 @@ class ContactConfig:
     """Contacts of the QP.
 
     Attributes:
-        damping: Draws the velocity of a planted sole to zero [1/s].
+        stiffness: Draws a planted sole to its foothold [1/s^2].
+        damping: Draws its velocity to zero [1/s].
         friction: Coulomb coefficient of the cones [-].
         sole_margin: Taken off each side of the contact rectangles [m].
         force_min: Least normal force per sole, share of the weight [-].
@@ -55,6 +56,7 @@ class ContactConfig:
         moment_arm: Lever that makes moments comparable with forces in that weight [m].
     """
 
+    stiffness: NonNegative
     damping: NonNegative
     friction: Positive
     sole_margin: NonNegative
@@ -140,7 +142,8 @@ class BalanceConfig:
         momentum_margin: Distance of the DCM from the edge at which arms and hips start to help [m].
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
-        anchor_time_s: Time constant with which the references follow the estimated soles [s].
+        anchor_time_s: Time constant with which footholds and references follow the soles that bear load [s].
+        foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
     """
 
     dcm_gain: Positive
@@ -149,3 +152,4 @@ class BalanceConfig:
     momentum_gain: NonNegative
     momentum_reach_max: NonNegative
     anchor_time_s: Positive
+    foothold_load: Fraction

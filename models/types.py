@@ -119,8 +119,8 @@ class Reference:
         posture: Joint positions (nj,) [rad].
         posture_velocity: Joint velocities (nj,) [rad/s].
         posture_acceleration: Joint accelerations (nj,) [rad/s^2].
-        sole_rotations: Wanted rotation of each sole in W (2, 3, 3); used for feet that are not in contact.
-        sole_positions: Wanted position of each sole in W (2, 3) [m]; used for feet that are not in contact.
+        sole_rotations: Rotation of each sole in W (2, 3, 3): the foothold in contact, else where to swing.
+        sole_positions: Position of each sole in W (2, 3) [m]: the foothold in contact, else where to swing.
         sole_velocities: Wanted spatial velocity of each sole, world-aligned at the sole (2, 6) [m/s, rad/s].
         sole_accelerations: Wanted acceleration of each sole, world-aligned at the sole (2, 6) [m/s^2, rad/s^2].
         contacts: Whether each foot is planned to bear load.

@@ -19,6 +19,9 @@ from planners.whole_body_ik import Bounds, WholeBodyIk
 _TOUCH = 1e-3
 """A bound counts as what stops a target when it is closer than this [m, rad]; for messages only."""
 
+_LISTED = 3
+"""Pairs of bodies that a message lists."""
+
 
 class KeyPoseSolver:
     """Solves key poses and refuses them with a reason.
@@ -106,26 +109,42 @@ class KeyPoseSolver:
             UnreachableError: A target is missed by more than its tolerance, or nothing satisfies the bounds; the
                 message names the target, the remaining error and what stops it.
         """
-        q = self._ik.reach(goal, seed, [])
-        avoided: list[int] = []
-        if q is not None and self._too_close(q, bounds).size:
-            ends = [self._collision.distances(end, 2.0 * self._config.collision.trigger) for end in (seed, q)]
-            close = np.minimum(*ends) < 2.0 * self._config.collision.trigger
-            avoided = [int(k) for k in np.flatnonzero(close & (bounds.gaps >= self._config.collision.margin))]
-            q = self._ik.reach(goal, seed, avoided)
-        if q is None:
-            raise UnreachableError(
-                f"{goal.name}: planted soles, joint limits, the CoM above the support polygon and the distances "
-                "between bodies contradict each other on the way to the target"
-            )
+        q = self._settle(goal, seed, bounds)
         missed = self._missed(goal, q)
-        stops = self._stops(goal, q, stance, bounds)
         if missed:
-            raise UnreachableError(f"{goal.name}: {', '.join(missed)}; {stops}")
+            raise UnreachableError(f"{goal.name}: {', '.join(missed)}; {self._stops(goal, q, stance, bounds)}")
         touching = self._too_close(q, bounds)
         if touching.size:
             raise UnreachableError(f"{goal.name}: {self._pairs_text(touching, q)}")
         return q
+
+    def _settle(self, goal: PoseGoal, seed: Vector, bounds: Bounds) -> Vector:
+        """Solve, and solve again while bodies come too close or, with the habits relaxed, while targets are missed."""
+        avoided: set[int] = set()
+        habits = 1.0
+        q = seed
+        for _ in range(self._config.solver.rounds):
+            found = self._ik.reach(goal, seed, sorted(avoided), habits)
+            if found is None:
+                raise UnreachableError(
+                    f"{goal.name}: planted soles, joint limits, the CoM above the support polygon and the distances "
+                    "between bodies contradict each other on the way to the target"
+                )
+            q = found
+            fresh = {int(k) for k in self._too_close(q, bounds) if bounds.gaps[k] >= self._config.collision.margin}
+            if fresh - avoided:
+                avoided |= fresh | self._near(seed, bounds) | self._near(q, bounds)
+            elif habits == 1.0 and self._missed(goal, q):
+                habits = self._config.solver.relaxed_habits
+            else:
+                break
+        return q
+
+    def _near(self, q: Vector, bounds: Bounds) -> set[int]:
+        """Pairs that the solver can keep apart and that are less than twice the trigger apart."""
+        reach = 2.0 * self._config.collision.trigger
+        near = (self._collision.distances(q, reach) < reach) & (bounds.gaps >= self._config.collision.margin)
+        return {int(k) for k in np.flatnonzero(near)}
 
     def _too_close(self, q: Vector, bounds: Bounds) -> np.ndarray:
         """Pairs closer than they may be, less the touch tolerance (k,)."""
@@ -172,8 +191,10 @@ class KeyPoseSolver:
 
     def _pairs_text(self, pairs: np.ndarray, q: Vector) -> str:
         distances = self._collision.distances(q, self._config.collision.trigger)
-        named = [f"'{' and '.join(self._collision.names(int(k)))}' ({distances[k]:.3f} m apart)" for k in pairs]
-        return f"bodies would collide: {', '.join(named)}"
+        nearest = sorted((int(k) for k in pairs), key=lambda k: float(distances[k]))
+        named = [f"'{' and '.join(self._collision.names(k))}' ({distances[k]:.3f} m apart)" for k in nearest[:_LISTED]]
+        more = f" and {len(nearest) - _LISTED} more" if len(nearest) > _LISTED else ""
+        return f"bodies would collide: {', '.join(named)}{more}"
 
 
 def _errors(goal: FrameGoal, place: pin.SE3) -> tuple[float, float]:

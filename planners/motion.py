@@ -21,8 +21,12 @@ from planners.library import START, FrameTarget, KeyPose, Motion, load_library
 from planners.motion_config import MotionConfig
 from planners.path_check import check_path
 from planners.stance import Stance, stand_on
-from planners.timing import JointCurve, blend_time, min_jerk, smooth_curve
+from planners.timing import blend_time, min_jerk, smooth_curve
 from planners.whole_body_ik import Bounds, WholeBodyIk
+
+_DECIMALS = 9
+"""Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
+the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere."""
 
 
 class MotionPlanner:
@@ -198,7 +202,16 @@ class MotionPlanner:
             shortest = blend_time(change, self._v_max, self._config.limits.acceleration)
             rows += self._blend(goal.name, rows[-1], end, max(duration, shortest))
             rows += [rows[-1]] * round(hold * self._config.sample_rate)
-        curve = self._curve(np.array(rows)[:, 7:])
+        joints = np.array(rows)[:, 7:]
+        joints[1:] = joints[1:].round(_DECIMALS)
+        limits = self._config.limits
+        curve, slower = smooth_curve(joints, self._config.sample_rate, self._v_max, limits.acceleration)
+        if slower > limits.slowdown:
+            at, joint = divmod(int(np.abs(curve.a).argmax()), self._model.nj)
+            raise UnreachableError(
+                f"{goals[0].name}: joint '{self._model.joint_names[joint]}' would have to jump "
+                f"{at / self._config.sample_rate:.2f} s after the start; the soles leave it no smooth way"
+            )
         check_path(self._model, self._config, self._collision, stance, bounds, curve)
         return JointTrajectory(self._model.joint_names, curve.times, curve.q, curve.v)
 
@@ -225,9 +238,6 @@ class MotionPlanner:
             rows.append(q)
             seed = q
         return rows
-
-    def _curve(self, q: Matrix) -> JointCurve:
-        return smooth_curve(q, self._config.sample_rate, self._v_max, self._config.limits.acceleration)
 
 
 def _vector(values: ArrayLike, size: int, name: str) -> Vector:

@@ -16,6 +16,7 @@ class LimitConfig:
 
     velocity_fraction: Annotated[float, Field(gt=0.0, le=1.0, description="share of the velocity limit [1]")]
     acceleration: Annotated[float, Field(gt=0.0, description="largest joint acceleration [rad/s^2]")]
+    slowdown: Annotated[float, Field(ge=1.0, description="largest factor that slows a whole motion [1]")]
     joint_margin: Annotated[float, Field(ge=0.0, description="distance kept from joint limits [rad]")]
     start_overrun: Annotated[float, Field(ge=0.0, description="overrun of a start posture that is clipped [rad]")]
 
@@ -49,6 +50,8 @@ class SolverConfig:
     max_iterations: Annotated[int, Field(ge=1, description="steps towards one key pose [1]")]
     step: Annotated[float, Field(gt=0.0, description="largest joint step of one iteration [rad]")]
     settled: Annotated[float, Field(gt=0.0, description="step at which a key pose has converged [rad]")]
+    rounds: Annotated[int, Field(ge=2, description="times a key pose is solved anew [1]")]
+    relaxed_habits: Annotated[float, Field(gt=0.0, lt=1.0, description="factor on all but the targets' weights [1]")]
     path_iterations: Annotated[int, Field(ge=1, description="steps at a point between key poses [1]")]
     position_tolerance: Annotated[float, Field(gt=0.0, description="error of a reached position [m]")]
     orientation_tolerance: Annotated[float, Field(gt=0.0, description="error of a reached orientation [rad]")]

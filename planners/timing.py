@@ -58,7 +58,7 @@ def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
     return max(by_velocity, math.sqrt(_PEAK_ACCELERATION * float(distance.max()) / a_max))
 
 
-def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> JointCurve:
+def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> tuple[JointCurve, float]:
     """Twice continuously differentiable curve through equally spaced points, at rest at both ends.
 
     When it would exceed a limit (the legs of a blend do not move by minimum jerk themselves), the whole curve is
@@ -69,10 +69,13 @@ def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> JointCu
         rate: Points per second [Hz].
         v_max: Velocity limits (nj,) [rad/s].
         a_max: Acceleration limit [rad/s^2].
+
+    Returns:
+        The curve, and the factor by which it was slowed (1 when it was not).
     """
     times = np.arange(len(q)) / rate
     spline = CubicSpline(times, q, bc_type="clamped")
     v, a = spline(times, 1), spline(times, 2)
     v[0] = v[-1] = 0.0
     slower = max(1.0, float((np.abs(v) / v_max).max()), math.sqrt(float(np.abs(a).max()) / a_max))
-    return JointCurve(times * slower, q, v / slower, a / slower**2)
+    return JointCurve(times * slower, q, v / slower, a / slower**2), slower

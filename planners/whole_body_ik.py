@@ -105,13 +105,14 @@ class WholeBodyIk:
         for i, name in enumerate(self._model.joint_names):
             self._robot.set_joint_limits(name, float(bounds.lower[i]), float(bounds.upper[i]))
 
-    def reach(self, goal: PoseGoal, seed: Vector, avoid: list[int]) -> Vector | None:
+    def reach(self, goal: PoseGoal, seed: Vector, avoid: list[int], habits: float = 1.0) -> Vector | None:
         """Solve one key pose.
 
         Args:
             goal: The key pose.
             seed: Configuration to start from (nq,) [m, rad].
             avoid: Pairs of ``SelfCollision`` to keep apart.
+            habits: Factor on the weights of what is not a target of the key pose: CoM, base, torso and posture.
 
         Returns:
             The configuration that comes closest (nq,) [m, rad]; None when placo's QP has no solution.
@@ -123,10 +124,10 @@ class WholeBodyIk:
             pose = goal.base.homogeneous.copy()
             axes, position, orientation = _ALL_AXES, 0.0, 0.0
             if name == "base_link":
-                axes, position, orientation = "z", weights.base_height, weights.base_orientation
+                axes, position, orientation = "z", habits * weights.base_height, habits * weights.base_orientation
             elif name == "torso":
                 pose[:3, :3] = goal.torso
-                orientation = weights.torso_orientation
+                orientation = habits * weights.torso_orientation
             if target is not None and target.position is not None:
                 pose[:3, 3] = target.position
                 axes, position = target.axes, weights.target_position
@@ -135,13 +136,13 @@ class WholeBodyIk:
                 orientation = weights.target_orientation
             self._aim(task, name, pose, axes, position, orientation)
         self._com.target_world = np.array([*goal.com, 0.0])
-        self._com.configure("CoM", "soft", weights.com)
+        self._com.configure("CoM", "soft", habits * weights.com)
         for i in range(self._model.nj):
             wanted = goal.joints.get(i)
             self._aim_joint(
                 i,
                 float(goal.posture[i]) if wanted is None else wanted,
-                self._posture_weights[i] if wanted is None else weights.target_joint,
+                habits * self._posture_weights[i] if wanted is None else weights.target_joint,
             )
         self._set_pairs(avoid)
         self._robot.state.q = seed.copy()
@@ -197,7 +198,7 @@ class WholeBodyIk:
         for _ in range(most):
             try:
                 step = self._solver.solve(True)
-            except placo.QPError:
+            except RuntimeError:  # placo's QPError; its bindings raise it as this
                 return None
             self._robot.update_kinematics()
             if np.abs(step).max() < self._config.solver.settled:

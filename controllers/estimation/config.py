@@ -86,6 +86,7 @@ class InitialConfig:
     """Initial standard deviations besides those that follow from the sensors."""
 
     velocity: Annotated[float, Field(gt=0.0, description="base velocity [m/s]")]
+    force: Annotated[float, Field(gt=0.0, description="first specific force, vibration included [m/s^2]")]
     heading: Annotated[float, Field(gt=0.0, description="yaw; a convention, so small [rad]")]
     position: Annotated[float, Field(gt=0.0, description="base position; a convention, so small [m]")]
 

@@ -108,7 +108,7 @@ class StateEstimator:
             raise MessageError(f"sensors.accel: {share:.2f} times gravity, so the robot is not at rest")
         self._kinematics.update(self._buffer.joints[0])
         self._contacts.reset(self._buffer.wrenches)
-        self.filter.initialise(self._kinematics, self._buffer.imu[1], NOMINAL_STEP)
+        self.filter.initialise(self._kinematics, self._buffer.imu[1])
         self.health = EstimatorHealth()
         self._t = sensors.t
         self._ready = True

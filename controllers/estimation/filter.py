@@ -74,7 +74,7 @@ class InvariantFilter:
         self._imu_variances = np.zeros(4)
         self._foot_variances = np.zeros((2, 2))
 
-    def initialise(self, kinematics: SoleKinematics, force: Vector, dt: float) -> None:
+    def initialise(self, kinematics: SoleKinematics, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
 
         Roll and pitch make the specific force vertical. An accelerometer bias tilts this estimate by ``b / g``:
@@ -83,7 +83,6 @@ class InvariantFilter:
         Args:
             kinematics: Updated with the same sample.
             force: Specific force in the inertial unit's frame (3,) [m/s^2]; must not be zero.
-            dt: Nominal step, for the noise of one sample [s].
         """
         up = kinematics.imu_rotation @ (force / np.linalg.norm(force))
         # Base orientation without yaw: its x axis stays in the x-z plane of W.
@@ -99,15 +98,15 @@ class InvariantFilter:
             self.soles[foot] = self.rotation @ kinematics.rotations[foot]
         self.biases[:] = 0.0
         self.innovation[:] = 0.0
-        self._initialise_covariance(kinematics, dt)
+        self._initialise_covariance(kinematics)
 
-    def _initialise_covariance(self, kinematics: SoleKinematics, dt: float) -> None:
+    def _initialise_covariance(self, kinematics: SoleKinematics) -> None:
         config = self._config
         gravity = config.gravity
         covariance = self.covariance
         covariance[:] = 0.0
         tilt = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / gravity  # xi_R = tilt (R b_error)
-        sample = config.imu.accel_noise**2 / dt
+        sample = config.initial.force**2
         bias = config.imu.accel_bias**2
         block = slice(ROTATION, ROTATION + 3), slice(ACCEL_BIAS, ACCEL_BIAS + 3)
         covariance[block[0], block[0]] = (bias + sample) * tilt @ tilt.T

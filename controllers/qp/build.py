@@ -86,7 +86,6 @@ class QPBuilder:
     Args:
         model: The robot.
         tasks: Tasks of the stack, in any order; a ``PostureTask`` is treated apart.
-        contact_damping: Draws the velocity of a planted sole to zero [1/s].
         force_min: Least normal force of a sole in contact [N].
         force_max: Largest normal force of a sole in contact [N].
         friction: Coulomb coefficient used by the cone.
@@ -102,7 +101,6 @@ class QPBuilder:
         model: RobotModel,
         tasks: Sequence[Task],
         *,
-        contact_damping: float,
         force_min: float,
         force_max: float,
         friction: float,
@@ -119,7 +117,6 @@ class QPBuilder:
         self.model = model
         self.posture = postures[0]
         self.tasks = [task for task in tasks if task is not self.posture]
-        self._damping = contact_damping
         self._regularisation = regularisation
         self.leg_1, self.leg_2 = (np.array(foot.joint_ids_v, dtype=np.int64) for foot in model.feet)
         if len(set(self.leg_1) | set(self.leg_2)) != 12 or len(self.leg_1) != 6:
@@ -157,6 +154,7 @@ class QPBuilder:
         terms: Terms,
         reference: Reference,
         limits: QPLimits,
+        contact_acceleration: Matrix,
         wrench_target: Matrix,
         wrench_weight: Matrix,
     ) -> QP:
@@ -166,6 +164,7 @@ class QPBuilder:
             terms: Model terms of the measured state.
             reference: What to track; its ``contacts`` pick the contact mode.
             limits: Torque and acceleration limits.
+            contact_acceleration: Acceleration of each sole in contact, in its frame (2, 6) [m/s^2, rad/s^2].
             wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
             wrench_weight: (2, 6).
 
@@ -178,8 +177,7 @@ class QPBuilder:
             self._jacobian[span] = task.jacobian(terms)
             self._target[span] = task.acceleration(terms, reference) - task.drift(terms)
         for foot in range(2):
-            sole = terms.soles[foot]
-            self._wanted[foot] = -sole.drift - self._damping * sole.twist
+            np.subtract(contact_acceleration[foot], terms.soles[foot].drift, out=self._wanted[foot])
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)
         reduction = self._reductions[mode]
         self._active = reduction

@@ -198,3 +198,37 @@ def rotation_error(current: Array, wanted: Array, out: Array) -> None:
         length = np.sqrt(length)
         for i in range(3):
             out[i] *= angle / length
+
+
+@njit(cache=True)
+def follow_pose(rotation: Array, position: Array, pose: Array, share: float) -> None:
+    """Move a stored pose a share of the way to a measured one, in place.
+
+    Args:
+        rotation: Stored rotation (3, 3).
+        position: Stored position (3,).
+        pose: Measured homogeneous transform (4, 4).
+        share: 0 leaves the stored pose, 1 replaces it.
+    """
+    turn = np.zeros(3)
+    rotation_error(rotation, pose[:3, :3], turn)
+    turn *= share
+    angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    first = 1.0 if angle < 1e-8 else np.sin(angle) / angle
+    second = 0.5 if angle < 1e-4 else (1.0 - np.cos(angle)) / (angle * angle)
+    skew = np.zeros((3, 3))
+    skew[0, 1], skew[0, 2], skew[1, 2] = -turn[2], turn[1], -turn[0]
+    skew[1, 0], skew[2, 0], skew[2, 1] = turn[2], -turn[1], turn[0]
+    step = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            square = 0.0
+            for k in range(3):
+                square += skew[i, k] * skew[k, j]
+            step[i, j] = first * skew[i, j] + second * square
+        step[i, i] += 1.0
+    old = rotation.copy()
+    for i in range(3):
+        position[i] += share * (pose[i, 3] - position[i])
+        for j in range(3):
+            rotation[i, j] = old[i, 0] * step[0, j] + old[i, 1] * step[1, j] + old[i, 2] * step[2, j]

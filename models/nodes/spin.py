@@ -86,6 +86,7 @@ def run(
         code = 1
     finally:
         for node in nodes:
+            node.trigger_shutdown()
             executor.remove_node(node)
             node.destroy_node()
         try_shutdown()
