@@ -17,8 +17,6 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, load_config
 from models.errors import ConfigError
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
 Vector3 = tuple[float, float, float]
 
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
