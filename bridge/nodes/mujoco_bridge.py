@@ -83,6 +83,7 @@ class MujocoBridge(PoiseNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; publishers work only from here on."""
         result = super().on_activate(state)
+        self._said = ""
         self._description.publish(String(data=self.model.urdf.read_text(encoding="utf-8")))
         self._say_state()
         return result

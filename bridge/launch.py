@@ -1,0 +1,297 @@
+"""Starts the graph's processes, brings their nodes up in order, restarts what crashes, and ends it all cleanly."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from rich.console import Console
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from bridge.ros.environment import graph_environment, join_graph
+from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, LifecycleClient
+from bridge.ros.processes import GraphProcess, Parameters, ProcessSpec, stop_all
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.qos import EVENT, LATCHED
+from models.nodes.spin import make_executor
+
+BRIDGE = ProcessSpec("bridge.nodes.mujoco_bridge", ("mujoco_bridge",))
+CONTROL = ProcessSpec("controllers.nodes.control", ("balance_controller", "state_estimator"))
+ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
+CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
+PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
+SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
+
+START_TIMEOUT = 300.0
+"""Longest wait for a node to answer while it starts; the first start on a machine compiles [s]."""
+
+RESTARTS_MAX = 5
+"""Restarts of one process after which the launcher gives up."""
+
+LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
+
+
+class Graph:
+    """The running graph, seen from the process that started it.
+
+    Use it as a context manager: entering starts the processes and activates the nodes, leaving ends them.
+
+    Args:
+        robot: Profile, by name or path.
+        lockstep: Whether the plant waits for the command of each tick.
+        merged: Whether estimator and controller share a process.
+        domain_id: ROS domain; that of the environment when None.
+        network: Whether other machines may join.
+        parameters: Further parameters by node.
+        log: File for the processes' output; this process's output when None.
+        say: Takes one line about each event.
+
+    Attributes:
+        node: rclpy node of this process, for further topics and services.
+        mode: Last published mode; empty before the first.
+        driver_state: Last state of the joint drivers; empty before the first.
+        exit_codes: Exit code of each process by module, after leaving.
+    """
+
+    def __init__(
+        self,
+        robot: str = "g1",
+        *,
+        lockstep: bool = False,
+        merged: bool = True,
+        domain_id: int | None = None,
+        network: bool = False,
+        parameters: Parameters | None = None,
+        log: Path | None = None,
+        say: Callable[[str], object] = print,
+    ) -> None:
+        self.mode = self.driver_state = ""
+        self.exit_codes: dict[str, int | None] = {}
+        self._say, self._log = say, log
+        self._domain_id, self._network = domain_id, network
+        control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
+        self._specs = [BRIDGE, *control, PLANNER, SUPERVISOR]
+        self._parameters = _parameters(self._specs, robot, lockstep, parameters or {})
+        self._processes: list[GraphProcess] = []
+        self._output: IO[bytes] | None = None
+
+    def __enter__(self) -> Graph:
+        join_graph(domain_id=self._domain_id, network=self._network)
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("poise")
+        self._executor = make_executor()
+        self._executor.add_node(self.node)
+        self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
+        self.node.create_subscription(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self._commands = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+        self._lifecycle = LifecycleClient(self.node, self._tick)
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End every process and leave ROS."""
+        self.exit_codes = stop_all(self._processes[::-1])
+        if self._output is not None:
+            self._output.close()
+        self._executor.remove_node(self.node)
+        self.node.destroy_node()
+        try_shutdown()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process id by module."""
+        return {process.spec.module: process.pid for process in self._processes}
+
+    def spin(self, duration: float) -> None:
+        """Serve callbacks and watch over the processes for a time [s].
+
+        Raises:
+            PoiseError: A process has crashed too often or cannot be brought up again.
+        """
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._tick(min(0.05, max(end - time.monotonic(), 0.0)))
+            for process in self._processes:
+                if process.exit_code is not None:
+                    self._restart(process)
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
+        """Serve callbacks until a condition holds.
+
+        Raises:
+            PoiseError: It does not hold in time; ``what`` names it.
+        """
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise PoiseError(
+                    f"not {what} within {timeout:.0f} s: mode '{self.mode}', drivers '{self.driver_state}'"
+                )
+            self.spin(0.02)
+
+    def wait_standing(self, timeout: float = 60.0) -> None:
+        """Wait until the robot stands on its own feet."""
+        self.wait_for(lambda: self.mode == "stand" and self.driver_state == topics.ACTIVE, timeout, "standing")
+
+    def send(self, text: str) -> None:
+        """Publish a text command on ``/humanoid_commands``."""
+        self._commands.publish(String(data=text))
+
+    def call(self, service: str, timeout: float = 5.0) -> tuple[bool, str]:
+        """Call a Trigger service.
+
+        Returns:
+            Whether it was accepted, and its answer.
+
+        Raises:
+            PoiseError: No answer in time.
+        """
+        client = self.node.create_client(Trigger, service)
+        try:
+            self.wait_for(client.service_is_ready, timeout, f"offering {service}")
+            future = client.call_async(Trigger.Request())
+            self.wait_for(future.done, timeout, f"answering {service}")
+            return bool(future.result().success), str(future.result().message)
+        finally:
+            self.node.destroy_client(client)
+
+    def _start(self) -> None:
+        environment = graph_environment(domain_id=self._domain_id, network=self._network)
+        if self._log is not None:
+            self._log.parent.mkdir(parents=True, exist_ok=True)
+            self._output = self._log.open("ab")
+        self._processes = [GraphProcess(spec, self._parameters, environment, self._output) for spec in self._specs]
+        for process in self._processes:
+            process.start()
+        names = [name for spec in self._specs[1:] for name in spec.nodes] + list(BRIDGE.nodes)
+        self._lifecycle.change(names, CONFIGURE, START_TIMEOUT)
+        for name in names:
+            self._lifecycle.change([name], ACTIVATE, START_TIMEOUT)
+        self._say(f"active: {', '.join(names)}")
+
+    def _restart(self, process: GraphProcess) -> None:
+        """Start a crashed process again and bring its nodes up; the others go on."""
+        code, process.restarts = process.exit_code, process.restarts + 1
+        self._say(f"{process.spec.module} ended with code {code}: restart {process.restarts} of {RESTARTS_MAX}")
+        if process.restarts > RESTARTS_MAX:
+            raise PoiseError(f"{process.spec.module} crashed {process.restarts} times")
+        for name in process.spec.nodes:
+            self._lifecycle.forget(name)
+        process.start()
+        for transition in (CONFIGURE, ACTIVATE):
+            self._lifecycle.change(process.spec.nodes, transition, START_TIMEOUT)
+        self._say(f"{', '.join(process.spec.nodes)} active again")
+
+    def _tick(self, timeout: float = 0.05) -> None:
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def _on_mode(self, message: String) -> None:
+        self.mode = message.data
+        self._say(f"mode {self.mode}")
+
+    def _on_driver_state(self, message: String) -> None:
+        self.driver_state = message.data
+        self._say(f"drivers {self.driver_state}")
+
+
+class _Interrupted(Exception):
+    """SIGINT or SIGTERM arrived."""
+
+
+def up(
+    robot: str = "g1",
+    *,
+    lockstep: bool = False,
+    duration: float | None = None,
+    domain_id: int | None = None,
+    network: bool = False,
+    merged: bool = True,
+    parameters: Parameters | None = None,
+    log: Path | None = None,
+    quiet: bool = False,
+) -> int:
+    """Run the graph until SIGINT or SIGTERM, or for a time.
+
+    Args:
+        robot: Profile, by name or path.
+        lockstep: Whether the plant waits for the command of each tick.
+        duration: Time after which it ends by itself [s]; None for never.
+        domain_id: ROS domain; that of the environment when None.
+        network: Whether other machines may join; the graph is reachable on loopback only otherwise.
+        merged: Whether estimator and controller share a process.
+        parameters: Further parameters by node.
+        log: File for the processes' output; the terminal when None.
+        quiet: Whether to say nothing.
+
+    Returns:
+        Exit code: 0 after a signal or the end of ``duration``, 1 when the graph cannot be kept up.
+    """
+    console = Console(stderr=True, quiet=quiet)
+    begin = time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False)
+
+    def on_signal(number: int, frame: Any) -> None:
+        raise _Interrupted
+
+    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    graph = Graph(
+        robot,
+        lockstep=lockstep,
+        merged=merged,
+        domain_id=domain_id,
+        network=network,
+        parameters=parameters,
+        log=log,
+        say=say,
+    )
+    code = 0
+    try:
+        with graph:
+            say(f"{robot} is up; Ctrl-C ends it")
+            while duration is None or time.monotonic() - begin < duration:
+                graph.spin(0.2)
+    except _Interrupted:
+        say("ending")
+    except PoiseError as error:
+        console.print(f"[red]{error}[/red]", highlight=False)
+        code = 1
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    bad = {module: exit_code for module, exit_code in graph.exit_codes.items() if exit_code != 0}
+    for module, exit_code in bad.items():
+        say(f"{module} ended with code {exit_code}")
+    return 1 if bad else code
+
+
+def _parameters(
+    specs: list[ProcessSpec], robot: str, lockstep: bool, extra: Parameters
+) -> dict[str, dict[str, object]]:
+    """Parameters of every node: the robot, lockstep where it matters, and the caller's."""
+    names = [name for spec in specs for name in spec.nodes]
+    unknown = [name for name in extra if name not in names]
+    if unknown:
+        raise PoiseError(f"parameters for unknown nodes: {', '.join(unknown)}; known: {', '.join(names)}")
+    result: dict[str, dict[str, object]] = {name: {"robot": robot, **extra.get(name, {})} for name in names}
+    if lockstep:
+        for name in LOCKSTEP_NODES:
+            result[name]["lockstep"] = True
+    return result

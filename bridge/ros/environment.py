@@ -1,0 +1,43 @@
+"""Environment of the graph's processes: loopback only unless told otherwise, one thread per numerical library."""
+
+from __future__ import annotations
+
+import os
+from importlib.resources import files
+from pathlib import Path
+
+from models.nodes.realtime import THREAD_VARIABLES
+from models.nodes.spin import SUPERVISED
+
+PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""
+
+
+def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
+    """Variables that differ from this process's environment.
+
+    Args:
+        domain_id: ROS domain; that of the environment when None.
+        network: Whether other machines may join.
+
+    Returns:
+        Names and values; a profile file that is already set is kept.
+    """
+    variables = dict.fromkeys(THREAD_VARIABLES, "1")
+    variables[SUPERVISED] = "1"
+    if domain_id is not None:
+        variables["ROS_DOMAIN_ID"] = str(domain_id)
+    if not network:
+        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        if PROFILE_VARIABLE not in os.environ:
+            variables[PROFILE_VARIABLE] = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
+    if "HOME" not in os.environ and "ROS_LOG_DIR" not in os.environ:
+        variables["ROS_LOG_DIR"] = f"/tmp/ros_log_{os.getuid()}"
+    return variables
+
+
+def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
+    """Bring this process into the graph's environment; call it before ``rclpy.init``."""
+    variables = graph_environment(domain_id=domain_id, network=network)
+    del variables[SUPERVISED]
+    os.environ.update(variables)

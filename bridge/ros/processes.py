@@ -1,0 +1,108 @@
+"""One operating-system process of the graph: what it hosts, how it starts and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import IO
+
+Parameters = Mapping[str, Mapping[str, object]]
+"""Parameter values by node name, then by parameter name."""
+
+STOP_SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+"""What a process is sent to end it, and how long it is given each time [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessSpec:
+    """What a process runs.
+
+    Attributes:
+        module: Python module with a ``main``.
+        nodes: Names of the nodes it hosts, in the order of their activation.
+    """
+
+    module: str
+    nodes: tuple[str, ...]
+
+
+def ros_arguments(nodes: Sequence[str], parameters: Parameters) -> list[str]:
+    """Command line that sets the parameters of the given nodes; JSON is valid YAML, which ROS expects."""
+    arguments = ["--ros-args"]
+    for node in nodes:
+        for name, value in parameters.get(node, {}).items():
+            arguments += ["-p", f"{node}:{name}:={json.dumps(value)}"]
+    return arguments
+
+
+class GraphProcess:
+    """Starts and ends one process.
+
+    Args:
+        spec: What it runs.
+        parameters: Values by node.
+        environment: Variables beside those of this process.
+        output: Where its output goes; this process's when None.
+    """
+
+    def __init__(
+        self,
+        spec: ProcessSpec,
+        parameters: Parameters,
+        environment: Mapping[str, str],
+        output: IO[bytes] | None = None,
+    ) -> None:
+        self.spec = spec
+        self.restarts = 0
+        self._command = [sys.executable, "-m", spec.module, *ros_arguments(spec.nodes, parameters)]
+        self._environment = {**os.environ, **environment}
+        self._output = output
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int:
+        """Process id; 0 before the start."""
+        return self._process.pid if self._process is not None else 0
+
+    @property
+    def exit_code(self) -> int | None:
+        """How it ended; None while it runs or before the start."""
+        return self._process.poll() if self._process is not None else None
+
+    def start(self) -> None:
+        """Start in a session of its own, so that Ctrl-C reaches the launcher alone."""
+        self._process = subprocess.Popen(
+            self._command,
+            env=self._environment,
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=self._output,
+        )
+
+    def signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(number)
+
+
+def stop_all(processes: Sequence[GraphProcess]) -> dict[str, int | None]:
+    """End processes, the gentle way first.
+
+    Returns:
+        Exit code by module.
+    """
+    for number, patience in STOP_SIGNALS:
+        left = [process for process in processes if process.pid and process.exit_code is None]
+        for process in left:
+            process.signal(number)
+        end = time.monotonic() + patience
+        while any(process.exit_code is None for process in left) and time.monotonic() < end:
+            time.sleep(0.01)
+    return {process.spec.module: process.exit_code for process in processes}
