@@ -14,7 +14,7 @@ from planners.collision import SelfCollision
 from planners.goals import FrameGoal, PoseGoal
 from planners.motion_config import MotionConfig
 from planners.stance import Stance
-from planners.whole_body_ik import Bounds, WholeBodyIk
+from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
 _TOUCH = 1e-3
 """A bound counts as what stops a target when it is closer than this [m, rad]; for messages only."""
@@ -172,8 +172,7 @@ class KeyPoseSolver:
         reasons: list[str] = []
         moving = set(self._legs)
         for frame in goal.frames:
-            joint = self._model.pin.frames[self._model.frame_id(frame.frame)].parentJoint
-            moving |= {int(self._model.pin.joints[j].idx_v) - 6 for j in self._model.pin.supports[joint] if j > 1}
+            moving |= chain(self._model, frame.frame)
         for i in sorted(moving | set(goal.joints)):
             name, value = self._model.joint_names[i], q[7 + i]
             if value < bounds.lower[i] + _TOUCH:

@@ -70,6 +70,7 @@ class WeightConfig:
     base_orientation: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
     torso_orientation: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
     posture: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
+    idle_posture: Annotated[float, Field(gt=0.0, description="posture of joints that no target needs [1/rad^2]")]
     leg_posture: Annotated[float, Field(gt=0.0, description="posture of the legs [1/rad^2]")]
     damping: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
 

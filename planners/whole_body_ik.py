@@ -51,6 +51,12 @@ class Bounds:
     gaps: Vector
 
 
+def chain(model: RobotModel, frame: str) -> frozenset[int]:
+    """Joints between the base and a frame, as indices of a joint vector."""
+    joint = model.pin.frames[model.frame_id(frame)].parentJoint
+    return frozenset(int(model.pin.joints[j].idx_v) - 6 for j in model.pin.supports[joint] if j > 1)
+
+
 class WholeBodyIk:
     """Key poses and the configurations between them.
 
@@ -67,8 +73,7 @@ class WholeBodyIk:
         self._model = model
         self._config = config
         self._legs = frozenset(i - 6 for foot in model.feet for i in foot.joint_ids_v)
-        weights = config.weights
-        self._posture_weights = [weights.leg_posture if i in self._legs else weights.posture for i in range(model.nj)]
+        self._chains = {name: chain(model, name) for name in TARGET_FRAMES}
         self._collision = collision
         self._robot = placo_robot(model)
         for body in hull_geometry(self._robot.model, str(model.urdf)).geometryObjects:
@@ -79,7 +84,7 @@ class WholeBodyIk:
         self._com = solver.add_com_task(self._robot.com_world())
         self._com.mask.set_axises("xy", "task")
         self._joints = [solver.add_joints_task() for _ in model.joint_names]
-        solver.add_regularization_task(weights.damping)
+        solver.add_regularization_task(config.weights.damping)
         self._polygon = solver.add_com_polygon_constraint([np.zeros(2)] * 3, 0.0)
         self._polygon.configure("CoM", "hard")
         self._avoid = solver.add_avoid_self_collisions_constraint()
@@ -137,12 +142,14 @@ class WholeBodyIk:
             self._aim(task, name, pose, axes, position, orientation)
         self._com.target_world = np.array([*goal.com, 0.0])
         self._com.configure("CoM", "soft", habits * weights.com)
+        busy = frozenset[int]().union(*(self._chains[name] for name in named))
         for i in range(self._model.nj):
+            habit = weights.leg_posture if i in self._legs else weights.posture if i in busy else weights.idle_posture
             wanted = goal.joints.get(i)
             self._aim_joint(
                 i,
                 float(goal.posture[i]) if wanted is None else wanted,
-                habits * self._posture_weights[i] if wanted is None else weights.target_joint,
+                habits * habit if wanted is None else weights.target_joint,
             )
         self._set_pairs(avoid)
         self._robot.state.q = seed.copy()
