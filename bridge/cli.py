@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points, version
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from models.types import CommandReply
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -26,6 +32,34 @@ for _entry in entry_points(group="poise.commands"):
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
 
 
+def _need_ros() -> None:
+    """End with advice when there is no rclpy."""
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
+        Console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
+        raise typer.Exit(2) from error
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Print an error of poise as one line and end with status 2."""
+    from models.errors import PoiseError
+
+    try:
+        yield
+    except PoiseError as error:
+        Console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from error
+
+
+def _print_reply(reply: CommandReply) -> int:
+    """Print the answer of the robot; returns the exit status."""
+    Console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
+    return 0 if reply.accepted else 1
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         print(f"poise {version('poise')}")
@@ -39,6 +73,63 @@ def _options(
     ] = False,
 ) -> None:
     """Options of the command line itself."""
+
+
+@app.command()
+def demo(
+    robot: Robot = "g1",
+    out: Annotated[Path, typer.Option(help="Folder for report, plots, film strip and recording.")] = Path("out"),
+) -> None:
+    """Stand, wave, squat and take a push over ROS 2 in real time, and report how well."""
+    _need_ros()
+    from bridge.demo import demo as play
+
+    raise typer.Exit(play(robot, out))
+
+
+@app.command()
+def up(
+    robot: Robot = "g1",
+    duration: Annotated[float | None, typer.Option(min=0.0, help="End by itself after so many seconds.")] = None,
+    network: Annotated[bool, typer.Option(help="Let other machines join; loopback only otherwise.")] = False,
+    merged: Annotated[bool, typer.Option(help="Estimator and controller in one process.")] = True,
+    lockstep: Annotated[bool, typer.Option(help="The plant waits for the command of every tick.")] = False,
+) -> None:
+    """Run the real-time graph until Ctrl-C."""
+    _need_ros()
+    from bridge.launch import up as launch
+
+    raise typer.Exit(launch(robot, duration=duration, network=network, merged=merged, lockstep=lockstep))
+
+
+@app.command()
+def send(
+    text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Send a text command to the running robot and say what became of it."""
+    _need_ros()
+    from bridge.ros.client import Client
+
+    with _told(), Client(network=network) as client:
+        raise typer.Exit(_print_reply(client.command(text)))
+
+
+@app.command()
+def mode(
+    name: Annotated[str, typer.Argument(help="off, damp, stand or walk; also estop and reset_faults.")],
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Request a mode of the running robot."""
+    services = {word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")}
+    services |= {word: word for word in ("estop", "reset_faults")}
+    if name not in services:
+        raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(services)}")
+    _need_ros()
+    from bridge.ros.client import Client
+
+    with _told(), Client(network=network) as client:
+        raise typer.Exit(_print_reply(client.trigger(services[name])))
 
 
 @app.command()

@@ -16,7 +16,10 @@ GRAVITY = 9.81
 """Standard acceleration of free fall, as the models have it [m/s^2]."""
 
 LOADED_FRACTION = 0.02
-"""Part of the weight above which a foot counts as loaded [-]."""
+"""Part of the weight that the feet bear together below which the robot counts as in flight [-]."""
+
+FLOOR_GAP = 0.005
+"""A sole that is not farther above the lower one stands on the floor, loaded or not: it can take load at once [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +34,10 @@ class Stability:
         com: CoM in W (n, 3) [m].
         com_velocity: CoM velocity in W (n, 3) [m/s].
         dcm: Divergent component of motion (n, 2) [m].
-        zmp: Measured zero-moment point (n, 2) [m]; NaN where no foot is loaded.
+        zmp: Measured zero-moment point (n, 2) [m]; NaN in flight.
         soles: Origin of each sole in W (n, 2, 3) [m].
-        margin: Distance from the DCM to the edge of the support polygon (n,) [m]; negative outside of it, NaN where
-            no foot is loaded.
+        margin: Distance from the DCM to the edge of the support polygon of the soles on the floor (n,) [m]; negative
+            outside of it, NaN in flight.
     """
 
     t: Vector
@@ -66,17 +69,18 @@ def analyse(model: RobotModel, recording: Recording) -> Stability:
         pin.framesForwardKinematics(model.pin, data, recording.q[i])
         com[i], velocity[i] = data.com[0], data.vcom[0]
         total = np.zeros(6)
-        corners = []
+        outlines = []
         for k, foot in enumerate(model.feet):
             placement = data.oMf[foot.frame_id]
             soles[i, k] = placement.translation
             total += placement.act(pin.Force(recording.wrenches[i, k])).vector
-            if recording.wrenches[i, k, 2] > LOADED_FRACTION * weight:
-                corners.append((placement.rotation @ foot.corners.T).T + placement.translation)
-        if corners:
-            omega = np.sqrt(GRAVITY / (com[i, 2] - soles[i, :, 2].min()))
+            outlines.append((placement.rotation @ foot.corners.T).T + placement.translation)
+        if total[2] > LOADED_FRACTION * weight:
+            floor = soles[i, :, 2].min()
+            standing = [outline for k, outline in enumerate(outlines) if soles[i, k, 2] < floor + FLOOR_GAP]
+            omega = np.sqrt(GRAVITY / (com[i, 2] - floor))
             zmp[i] = -total[4] / total[2], total[3] / total[2]
-            margins[i] = margin(support_polygon(corners), com[i, :2] + velocity[i, :2] / omega)
+            margins[i] = margin(support_polygon(standing), com[i, :2] + velocity[i, :2] / omega)
     height = com[:, 2] - soles[:, :, 2].min(axis=1)
     dcm = com[:, :2] + velocity[:, :2] / np.sqrt(GRAVITY / height)[:, None]
     return Stability(recording.t, com, velocity, dcm, zmp, soles, margins)

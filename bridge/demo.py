@@ -1,0 +1,217 @@
+"""``poise demo``: the robot stands, waves, squats and takes a push over ROS 2 in real time, and a report tells how."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from rich.console import Console
+from std_msgs.msg import String
+
+from bridge.demo_config import DemoConfig
+from bridge.launch import Graph
+from bridge.plots import plot_run
+from bridge.recording import Recording
+from bridge.render import render_filmstrip
+from bridge.report import Check, judge, print_report, write_report
+from bridge.ros.observer import Observer
+from bridge.stability import stability_figures
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.qos import EVENT
+from models.robot_model import RobotModel
+from models.types import Mode
+
+
+class Demo:
+    """The scenario, played on a running graph and recorded.
+
+    Args:
+        graph: The running graph.
+        model: The robot.
+        config: What to do.
+        say: Takes one line about each step.
+    """
+
+    def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
+        self._graph, self._config, self._say = graph, config, say
+        self._observer = Observer(model)
+        self._motion_states: list[str] = []
+        self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+        for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
+            graph.node.create_subscription(String, topic, self._on_motion, EVENT)
+        self._events: list[tuple[float, str]] = []
+        self._began: tuple[float, float] | None = None
+        self.real_time_factor = float("nan")
+
+    def play(self) -> None:
+        """Play the whole scenario.
+
+        Raises:
+            PoiseError: A step cannot be carried out; it is named.
+        """
+        config = self._config
+        self._graph.wait_standing(config.start_limit)
+        self._watch(lambda: self._observer.stamp > 0.0, config.pause, "no ground truth arrived")
+        began = time.monotonic(), self._observer.stamp
+        self._say(f"standing; quiet for {config.quiet_time:.0f} s")
+        self._pause(config.quiet_time)
+        for name in config.motions:
+            self._move(name)
+            self._pause(config.pause)
+        self._disturb()
+        self._pause(config.recover_time)
+        self.real_time_factor = (self._observer.stamp - began[1]) / (time.monotonic() - began[0])
+        if self._graph.mode != Mode.STAND.value:
+            raise PoiseError(f"the robot does not stand at the end: mode '{self._graph.mode}'")
+
+    def recording(self) -> Recording:
+        """What was seen so far."""
+        return self._observer.recording(self._events)
+
+    def close(self) -> None:
+        """Stop to observe."""
+        self._observer.close()
+
+    def _on_motion(self, message: String) -> None:
+        self._motion_states.append(message.data)
+
+    def _watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        """Observe until a condition holds; ``PoiseError(otherwise)`` when it does not in time [s]."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise PoiseError(otherwise)
+            self._graph.spin(self._config.poll_period)
+            self._observer.poll()
+
+    def _pause(self, duration: float) -> None:
+        end = time.monotonic() + duration
+        self._watch(lambda: time.monotonic() >= end, duration + 1.0, "the clock stands still")
+
+    def _note(self, text: str) -> None:
+        self._events.append((self._observer.stamp, text))
+        self._say(text)
+
+    def _move(self, name: str) -> None:
+        """Send a motion's name and watch until it is done."""
+        limit = self._config.motion_limit
+        self._motion_states.clear()
+        self._note(name)
+        self._graph.send(name)
+
+        def ended() -> bool:
+            refused = [state for state in self._motion_states if state.startswith(topics.MOTION_REFUSED)]
+            if refused:
+                raise PoiseError(f"{name} {refused[0]}")
+            return topics.MOTION_DONE in self._motion_states and self._graph.mode == Mode.STAND.value
+
+        self._watch(ended, limit, f"{name} did not end within {limit:.0f} s: mode '{self._graph.mode}'")
+        self._events.append((self._observer.stamp, f"{name} done"))
+
+    def _disturb(self) -> None:
+        """Push the robot."""
+        force = self._config.push_force
+        message = WrenchStamped()
+        message.header.frame_id = "base_link"
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        self._note(f"push {np.linalg.norm(force) * self._config.push_duration:.0f} N.s")
+        self._push.publish(message)
+
+
+def latency_figures(file: Path) -> dict[str, float]:
+    """Timing of the run from what ``mujoco_bridge`` measured.
+
+    Args:
+        file: What its parameter ``latency_file`` named.
+
+    Returns:
+        ``latency_us_p50``, ``..._p99``, ``..._max`` from publishing a tick's sensors to receiving its command, and
+        ``missed_percent`` of the ticks that began a whole period late; empty when there is no such file.
+    """
+    if not file.is_file():
+        return {}
+    with np.load(file) as rows:
+        published, received, skipped, active = (rows[name] for name in ("published", "received", "skipped", "active"))
+    answered = active & (received > 0)
+    if not answered.any():
+        return {}
+    latency = 1e-3 * (received[answered] - published[answered])
+    p50, p99 = np.percentile(latency, [50.0, 99.0])
+    lost = int(skipped[active].sum())
+    return {
+        "latency_us_p50": float(p50),
+        "latency_us_p99": float(p99),
+        "latency_us_max": float(latency.max()),
+        "missed_percent": 100.0 * lost / (int(active.sum()) + lost),
+    }
+
+
+def demo(robot: str = "g1", out: Path = Path("out")) -> int:
+    """Run the demonstration.
+
+    Args:
+        robot: Profile, by name or path.
+        out: Folder of report, plots, film strip, recording and log.
+
+    Returns:
+        0 when everything happened, 1 when not.
+    """
+    console = Console()
+    config = default_config(DemoConfig, "bridge", "demo")
+    begin = time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
+
+    out.mkdir(parents=True, exist_ok=True)
+    latency_file = (out / "latency.npz").resolve()
+    latency_file.unlink(missing_ok=True)
+    plant: dict[str, object] = {"latency_file": str(latency_file), "push.duration": config.push_duration}
+    parameters = {"mujoco_bridge": plant}
+    failure, recording, factor = "", None, float("nan")
+    model = RobotModel.load(robot)
+    say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")
+    graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
+    try:
+        with graph:
+            played = Demo(graph, model, config, say)
+            try:
+                played.play()
+            except PoiseError as error:
+                failure = str(error)
+            finally:
+                factor = played.real_time_factor
+                try:
+                    recording = played.recording()
+                except PoiseError as error:
+                    failure = failure or str(error)
+                played.close()
+    except PoiseError as error:
+        failure = failure or str(error)
+    crashed = {module: code for module, code in graph.exit_codes.items() if code != 0}
+    if crashed and not failure:
+        failure = "processes that did not end cleanly: " + ", ".join(
+            f"{name} ({code})" for name, code in crashed.items()
+        )
+    checks = [Check("scenario", not failure, failure or "played to its end")]
+    stable: dict[str, float] = {}
+    fast = {**latency_figures(latency_file), "real_time_factor": factor}
+    if recording is not None:
+        more, stability = judge(model, recording, config)
+        checks += more
+        stable = stability_figures(stability, config.pause)
+        recording.save(out / "recording.npz")
+        plots = plot_run(model, recording, stability, out / "plots")
+        say("plots: " + ", ".join(str(file) for file in plots))
+        problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png")
+        say(problem or f"film strip: {out / 'filmstrip.png'}")
+    passed = all(check.passed for check in checks)
+    print_report(console, model.name, checks, stable, fast)
+    write_report(out / "report.json", model.name, checks, stable, fast, passed)
+    say(f"report: {out / 'report.json'}")
+    return 0 if passed else 1

@@ -1,0 +1,33 @@
+"""Schema of ``bridge/config/demo.yaml``, where the unit of every value stands."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class DemoConfig:
+    """What the demonstration does, and what counts as done; see ``bridge/config/demo.yaml``."""
+
+    start_limit: Positive
+    quiet_time: Positive
+    motions: tuple[str, ...]
+    motion_limit: Positive
+    pause: Positive
+    push_force: tuple[float, float, float]
+    push_duration: Positive
+    recover_time: Positive
+    poll_period: Positive
+    com_drift_limit: Positive
+    foot_limit: Positive
+    height_tolerance: Positive
+    hand_travel: Positive
+    squat_depth: Positive
+    push_excursion: Positive

@@ -1,0 +1,132 @@
+"""Records a running robot from its topics without burdening the graph: it looks a hundred times a second."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from bridge.recording import Recording
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import JointStateCodec, WrenchCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import SENSOR
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import Matrix, Vector
+
+
+class Observer:
+    """Keeps the newest sample of each topic at every ``poll`` and joins them by their stamps afterwards.
+
+    Its subscriptions belong to no executor, so the samples between two polls cost nothing here.
+
+    Args:
+        model: The robot.
+        context: ROS context of the process; the default one when None.
+    """
+
+    def __init__(self, model: RobotModel, context: Context | None = None) -> None:
+        self._model = model
+        self._node = Node("poise_observer", context=context)
+        subscribe = self._node.create_subscription
+        self._odom = subscribe(Odometry, topics.GROUND_TRUTH, _ignore, SENSOR, raw=True)
+        self._joints = subscribe(JointState, topics.JOINT_STATES, _ignore, SENSOR, raw=True)
+        self._feet = [subscribe(WrenchStamped, topic, _ignore, SENSOR, raw=True) for topic in topics.FOOT_WRENCHES]
+        self._odom_codec, self._joint_codec = OdometryCodec(), JointStateCodec(model)
+        self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
+        self._base_rows: list[tuple[int, Vector]] = []
+        self._joint_rows: list[tuple[int, Vector]] = []
+        self._foot_rows: tuple[list[tuple[int, Vector]], ...] = ([], [])
+        self.stamp = 0.0
+
+    def poll(self) -> None:
+        """Take what has arrived since the last poll.
+
+        Raises:
+            PoiseError: A message is malformed.
+        """
+        data = _take(self._odom)
+        if data is not None:
+            stamp, pose, twist = self._odom_codec.decode(data)
+            _append(self._base_rows, stamp, np.concatenate([pose, twist]))
+            self.stamp = stamp / NANOSECONDS
+        data = _take(self._joints)
+        if data is not None:
+            stamp, *values = self._joint_codec.decode(data)
+            _append(self._joint_rows, stamp, np.concatenate(values))
+        for foot, subscription in enumerate(self._feet):
+            data = _take(subscription)
+            if data is not None:
+                _append(self._foot_rows[foot], *self._foot_codecs[foot].decode(data))
+
+    @property
+    def base_height(self) -> float:
+        """Height of the base in the newest sample [m]; NaN before the first."""
+        return float(self._base_rows[-1][1][2]) if self._base_rows else float("nan")
+
+    def recording(self, events: list[tuple[float, str]]) -> Recording:
+        """What was seen, at the stamps of the true base pose; joints and wrenches are interpolated to these.
+
+        Args:
+            events: Stamp [s] and text of what happened.
+
+        Raises:
+            PoiseError: One of the topics was silent.
+        """
+        named = {topics.GROUND_TRUTH: self._base_rows, topics.JOINT_STATES: self._joint_rows}
+        named |= dict(zip(topics.FOOT_WRENCHES, self._foot_rows, strict=True))
+        silent = [name for name, rows in named.items() if len(rows) < 2]
+        if silent:
+            raise PoiseError(f"nothing to record: {', '.join(silent)} silent")
+        t, base = _table(self._base_rows)
+        joints = _interpolate(t, *_table(self._joint_rows))
+        wrenches = np.stack([_interpolate(t, *_table(rows)) for rows in self._foot_rows], axis=1)  # (n, 2, 6)
+        nj = self._model.nj
+        return Recording(
+            robot=self._model.name,
+            t=t,
+            q=np.hstack([base[:, :7], joints[:, :nj]]),
+            v=np.hstack([base[:, 7:], joints[:, nj : 2 * nj]]),
+            tau=joints[:, 2 * nj :],
+            wrenches=wrenches,
+            events=tuple(events),
+        )
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+
+
+def _ignore(message: Any) -> None:
+    """Callback of subscriptions that are polled; nothing ever calls it."""
+
+
+def _take(subscription: Any) -> bytes | None:
+    """Newest serialised message of a subscription, or None when nothing new has come."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if taken is None else bytes(taken[0])
+
+
+def _append(rows: list[tuple[int, Vector]], stamp: int, values: Vector) -> None:
+    """Keep a sample; one that is not newer than the last begins a new run, as after a reset."""
+    if rows and stamp <= rows[-1][0]:
+        rows.clear()
+    rows.append((stamp, values))
+
+
+def _table(rows: list[tuple[int, Vector]]) -> tuple[Vector, Matrix]:
+    """Stamps (n,) [s] and values (n, k)."""
+    return np.array([stamp for stamp, _ in rows]) / NANOSECONDS, np.array([values for _, values in rows])
+
+
+def _interpolate(t: Vector, stamps: Vector, values: Matrix) -> Matrix:
+    """Linear interpolation of each column at the times ``t``; the ends are held (n, k)."""
+    return np.column_stack([np.interp(t, stamps, column) for column in values.T])
