@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import os
+import socket
 from importlib.resources import files
 from pathlib import Path
 
+from models.errors import PoiseError
 from models.nodes.realtime import THREAD_VARIABLES
 from models.nodes.spin import SUPERVISED
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""
+
+DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
+"""Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)."""
 
 
 def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
@@ -41,3 +46,20 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
     variables = graph_environment(domain_id=domain_id, network=network)
     del variables[SUPERVISED]
     os.environ.update(variables)
+
+
+def free_domain() -> int:
+    """A ROS domain whose discovery port nobody on this machine listens on.
+
+    Raises:
+        PoiseError: All are taken.
+    """
+    start = os.getpid() % DOMAIN_MAX
+    for candidate in (1 + (start + i) % DOMAIN_MAX for i in range(DOMAIN_MAX)):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("127.0.0.1", DISCOVERY_PORT + DOMAIN_STEP * candidate))
+            except OSError:
+                continue
+        return candidate
+    raise PoiseError("every ROS domain is in use")

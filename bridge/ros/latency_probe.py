@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 CAPACITY = 600_000
 """Ticks that are kept: ten minutes at 1 kHz; later ones are not recorded."""
@@ -50,6 +52,9 @@ class LatencyProbe:
 
     def save(self, path: Path) -> None:
         """Write the rows as a NumPy archive."""
-        n = self._count
+        np.savez(path, allow_pickle=False, **self.rows())
+
+    def rows(self) -> dict[str, NDArray[Any]]:
+        """Every attribute by name, as far as it was filled."""
         names = ("published", "received", "late", "skipped", "active")
-        np.savez(path, **{name: getattr(self, name)[:n] for name in names})
+        return {name: getattr(self, name)[: self._count] for name in names}
