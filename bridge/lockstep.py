@@ -1,0 +1,201 @@
+"""One tick of everything: sensors, estimator, supervisor, controller, delay line, drivers, physics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from bridge.loop_config import LoopConfig
+from bridge.monitor import PlantMonitor
+from bridge.mujoco_plant import MujocoPlant
+from bridge.start_up import ReleaseGate, average, hanging_command
+from controllers.estimation.estimator import StateEstimator
+from controllers.health import Health, tilt
+from controllers.joint_servo import JointServo, ServoState
+from controllers.supervisor import ACTIVE_MODES, Supervisor
+from models.errors import PoiseError
+from models.types import (
+    ControlResult,
+    JointCommand,
+    JointTrajectory,
+    Mode,
+    Reference,
+    RobotState,
+    SensorData,
+    SolveStatus,
+)
+
+
+class Controller(Protocol):
+    """What the loop needs of a whole-body controller."""
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        ...
+
+    @property
+    def reference(self) -> Reference:
+        """What the last tick tracked."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a state."""
+        ...
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion."""
+        ...
+
+    def stop_motion(self) -> None:
+        """Hold the posture that the motion has reached."""
+        ...
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick."""
+        ...
+
+
+class Lockstep:
+    """The laws and the plant, advanced together.
+
+    Args:
+        plant: Simulated robot; the laws get its ``SensorData`` only.
+        controller: Whole-body controller.
+        config: Start-up and supervision.
+        control_ticks: Physics ticks to a tick of estimator and controller.
+        delay_ticks: Physics ticks from a measurement to the arrival of its command in the drivers.
+        use_truth: Whether the true state replaces the estimate.
+        note: Takes a sentence about what happened.
+        after_tick: Called at the end of every tick.
+
+    Attributes:
+        plant: The simulated robot.
+        controller: The whole-body controller.
+        supervisor: Mode machine.
+        monitor: Fall and slip of the true robot.
+        servo: Drivers.
+        state: Last estimate.
+        result: Last tick of the controller.
+        tick: Ticks since the controller took over.
+    """
+
+    def __init__(
+        self,
+        plant: MujocoPlant,
+        controller: Controller,
+        config: LoopConfig,
+        *,
+        control_ticks: int,
+        delay_ticks: int,
+        use_truth: bool,
+        note: Callable[[str], None],
+        after_tick: Callable[[], None],
+    ) -> None:
+        self.plant, self.controller, self._config = plant, controller, config
+        self.supervisor = Supervisor(plant.robot)
+        self.monitor = PlantMonitor(plant, config)
+        self.servo = JointServo(plant.robot)
+        self.tick = 0
+        self.state: RobotState
+        self.result: ControlResult
+        self._estimator = StateEstimator(plant.robot)
+        self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
+        self._control_dt = control_ticks * plant.period
+        self._supervise_ticks = max(round(config.supervise_period / plant.period), 1)
+        self._use_truth = use_truth
+        self._note, self._after_tick = note, after_tick
+        self._hang = hanging_command(plant.robot)
+        self._queue: deque[tuple[int, JointCommand]] = deque()
+        self._command_t = 0.0
+
+    def start(self, seed: int | None = None) -> None:
+        """Reset everything; hang, average, hand over to the controller, and let go when the feet carry the robot.
+
+        Raises:
+            PoiseError: The feet did not take the weight within ``settle_limit``, or a fault came first.
+        """
+        plant, config = self.plant, self._config
+        plant.reset(seed)
+        self.servo = JointServo(plant.robot)
+        self.servo.arm()
+        self.supervisor.reset()
+        self.supervisor.set_preflight(())
+        self._queue.clear()
+        state = self._estimator.reset(self._hang_and_average())
+        self.tick = 0
+        self.state = plant.truth if self._use_truth else state
+        self.controller.reset(self.state)
+        self.supervisor.request(Mode.STAND)
+        self.monitor.reset()
+        gate = ReleaseGate(plant.robot, config)
+        while not gate.update(plant.read(), plant.period):
+            if gate.waited > config.settle_limit or self.supervisor.mode is not Mode.STAND:
+                why = "; ".join(self.supervisor.faults) or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
+                raise PoiseError(f"{plant.robot.name} cannot be let go after {gate.waited:.1f} s: {why}")
+            self.step()
+        plant.hold(False)
+        self.monitor.reset()
+        self._note("released")
+
+    def _hang_and_average(self) -> SensorData:
+        """Hang under gravity compensation; returns the mean of the last sensor samples."""
+        samples: list[SensorData] = []
+        keep = max(round(self._config.average_time / self.plant.period), 1)
+        for left in range(round(self._config.hang_time / self.plant.period), 0, -1):
+            sensors = self.plant.read()
+            if left <= keep:
+                samples.append(sensors)
+            self.servo.command(self._hang, sensors.t)
+            self._drive(sensors)
+        return average(samples)
+
+    def step(self) -> None:
+        """Run one tick."""
+        sensors = self.plant.read()
+        if self.tick % self._control_ticks == 0:
+            self._control(sensors)
+        if self.tick % self._supervise_ticks == 0:
+            self._supervise()
+        while self._queue and self._queue[0][0] <= self.tick:
+            self.servo.command(self._queue.popleft()[1], sensors.t)
+        self._drive(sensors)
+        self.tick += 1
+        self._after_tick()
+
+    def _control(self, sensors: SensorData) -> None:
+        """Estimator and controller; the command enters the delay line."""
+        self.state = self.plant.truth if self._use_truth else self._estimator.step(sensors, self._control_dt)
+        if self.supervisor.mode not in ACTIVE_MODES:
+            return
+        self.result = self.controller.step(self.state, self._control_dt)
+        self._command_t = sensors.t
+        if self.result.status is SolveStatus.DAMPED:
+            self.servo.damp()
+        self._queue.append((self.tick + self._delay_ticks, self.result.command))
+
+    def _supervise(self) -> None:
+        """Supervisor, scores, and what a mode means for the drivers."""
+        self.monitor.update()
+        before = self.supervisor.mode
+        health = Health(
+            state_stamp=self.state.t,
+            command_stamp=self._command_t,
+            tilt=tilt(self.state.q[3:7]),
+            status=self.result.status,
+            drivers_damped=self.servo.state is ServoState.DAMPED,
+            motion_active=self.controller.motion_active,
+        )
+        mode = self.supervisor.update(health, self.plant.t)
+        if mode is Mode.DAMP and self.servo.state is ServoState.ACTIVE:
+            self.servo.damp()
+            self.controller.stop_motion()
+        if mode is not before:
+            faults = self.supervisor.faults
+            self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
+
+    def _drive(self, sensors: SensorData) -> None:
+        """Drivers and physics."""
+        self.plant.write(self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period))
+        self.plant.step()

@@ -1,0 +1,103 @@
+"""Absolute deadlines, with a clock that the test turns."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.pacing import Pacer
+from models.errors import ConfigError
+
+MS = 1_000_000
+
+
+class Clock:
+    """A monotonic clock [ns] that only moves when told to; sleep overshoots by a fixed time, or sleeps a share."""
+
+    def __init__(self, overshoot: int = 0, share: float = 1.0) -> None:
+        self.now = 5_000_000_000
+        self.share = share
+        self.overshoot = overshoot
+        self.slept = 0
+
+    def __call__(self) -> int:
+        return self.now
+
+    def sleep(self, time: float) -> None:
+        self.slept += 1
+        self.now += math.ceil(round(time * 1e9 * self.share, 3)) + self.overshoot
+
+
+def pacer(clock: Clock, **options: float) -> Pacer:
+    return Pacer(0.001, clock=clock, sleep=clock.sleep, **options)  # type: ignore[arg-type]
+
+
+def test_deadlines_do_not_drift() -> None:
+    clock = Clock(overshoot=50_000)
+    start = clock.now
+    pace = pacer(clock)
+    for _ in range(1000):
+        clock.now += 300_000  # work
+        late = pace.wait()
+        assert late == pytest.approx(50e-6)
+    assert clock.now - start == 1000 * MS + 50_000
+    assert pace.statistics.overruns == 0 and pace.statistics.ticks == 1000
+    assert pace.statistics.lateness_max == pytest.approx(50e-6)
+
+
+def test_late_ticks_are_counted_and_caught_up() -> None:
+    clock = Clock()
+    start = clock.now
+    pace = pacer(clock)
+    clock.now += 3 * MS + MS // 2  # one tick takes 3.5 periods
+    assert [pace.wait() for _ in range(3)] == pytest.approx([2.5e-3, 1.5e-3, 0.5e-3])
+    assert pace.wait() == 0.0
+    assert clock.now - start == 4 * MS
+    assert (pace.statistics.ticks, pace.statistics.overruns, pace.statistics.skipped) == (4, 3, 0)
+
+
+def test_long_stall_is_skipped_not_made_up_for() -> None:
+    clock = Clock()
+    start = clock.now
+    pace = pacer(clock, backlog=10)
+    clock.now += 100 * MS + MS // 2
+    assert pace.wait() == pytest.approx(0.5e-3)
+    statistics = pace.statistics
+    assert (statistics.ticks, statistics.overruns, statistics.skipped) == (1, 1, 99)
+    assert statistics.missed_fraction == 1.0
+    assert pace.wait() == 0.0
+    assert clock.now - start == 101 * MS
+    assert clock.slept == 1
+
+
+def test_early_wake_ups_are_slept_again() -> None:
+    clock = Clock(share=0.6)
+    start = clock.now
+    pace = pacer(clock)
+    pace.wait()
+    assert clock.now - start >= MS
+    assert clock.slept > 1
+
+
+def test_spin_sleeps_less() -> None:
+    clock = Clock(overshoot=100_000)
+    pace = pacer(clock, spin=100e-6)
+    assert pace.wait() == 0.0
+
+
+def test_real_clock_keeps_the_mean_period() -> None:
+    import time
+
+    pace = Pacer(0.002)
+    begin = time.monotonic()
+    for _ in range(100):
+        pace.wait()
+    assert time.monotonic() - begin >= 0.2 - 1e-4
+    assert pace.statistics.ticks + pace.statistics.skipped >= 100
+
+
+@pytest.mark.parametrize("options", [{"period": 0.0}, {"period": -1.0}, {"backlog": -1}, {"spin": -1e-3}])
+def test_bad_arguments_are_named(options: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(options))):
+        Pacer(**{"period": 0.001, **options})  # type: ignore[arg-type]
