@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -52,7 +53,7 @@ def plot_run(model: RobotModel, recording: Recording, stability: Stability, fold
 def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> None:
     for time, name in recording.events:
         axes.axvline(time, color="0.75", linewidth=0.8, zorder=0)
-        if text:
+        if text and not name.endswith("done"):
             axes.annotate(
                 name,
                 (time, 1.0),
@@ -74,7 +75,7 @@ def _balance(model: RobotModel, recording: Recording, stability: Stability) -> F
             axes.plot(stability.t, values[:, row], color=COLOURS[name], linewidth=0.9, label=name)
         axes.set_ylabel(f"{axis} [m]")
         axes.margins(x=0.0)
-        axes.legend(loc="upper right", fontsize=8, ncols=3)
+        axes.legend(loc="lower left", fontsize=8, ncols=3)
     axes.set_xlabel("t [s]")
     above = figure.add_subplot(grid[:, 1])
     data = model.data()
@@ -105,6 +106,7 @@ def _torques(model: RobotModel, recording: Recording) -> Figure:
     groups["waist, arms and head"] = [index for index in range(model.nj) if index not in groups["legs"]]
     for row, (name, joints) in enumerate(groups.items()):
         axes = figure.add_subplot(2, 1, row + 1)
+        axes.set_prop_cycle(color=[colormaps["tab20"](k) for k in range(20)])
         _mark_events(axes, recording, text=row == 0)
         for index in joints:
             axes.plot(recording.t, used[:, index], linewidth=0.7, label=model.joint_names[index])

@@ -23,6 +23,9 @@ FRAMES = 8
 FRAME_SIZE = (300, 480)
 """Width and height of one picture [pixel]."""
 
+DONE = "done"
+"""Last word of the events that end a part of the run."""
+
 GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 
 
@@ -58,24 +61,42 @@ def render_filmstrip(recording_file: Path, picture: Path, *, timeout: float = 12
 
 
 def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
-    """Stamps worth a picture: shortly after each event, and in between where the gaps are widest.
+    """Stamps worth a picture: the beginning, the end, and in each part of the run the posture farthest from the first.
+
+    A part lasts from an event to the next one. Where pictures are left, they show each part on its way to that posture,
+    then the middle of the widest gaps.
 
     Args:
         recording: The run.
-        count: How many.
+        count: How many, at least two.
 
     Returns:
         Increasing stamps [s].
     """
-    start, end = float(recording.t[0]), float(recording.t[-1])
-    times = sorted({start, *(time for time, _ in recording.events if start < time < end), end})
-    while len(times) < count:
-        gaps = np.diff(times)
+    t = recording.t
+    deviation = np.linalg.norm(recording.q[:, 7:] - recording.q[0, 7:], axis=1) + np.abs(
+        recording.q[:, 2] - recording.q[0, 2]
+    )
+    edges = [*(time for time, _ in recording.events), float(t[-1])]
+    peaks, ways = [], []
+    for (start, text), end in zip(recording.events, edges[1:], strict=True):
+        part = np.flatnonzero((t >= start) & (t <= end))
+        if len(part) == 0 or text.endswith(DONE):
+            continue
+        peak = int(part[np.argmax(deviation[part])])
+        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])  # 0.6: well on the way, and not yet there
+        peaks.append(float(t[peak]))
+        ways.append(float(t[way]))
+    times = {float(t[0]), float(t[-1])}
+    for candidate in (*peaks, *ways):
+        if len(times) < count:
+            times.add(candidate)
+    result = sorted(times)
+    while len(result) < count:
+        gaps = np.diff(result)
         widest = int(np.argmax(gaps))
-        times.insert(widest + 1, times[widest] + float(gaps[widest]) / 2.0)
-    if len(times) > count:
-        times = [times[round(i)] for i in np.linspace(0, len(times) - 1, count)]
-    return times
+        result.insert(widest + 1, result[widest] + float(gaps[widest]) / 2.0)
+    return result
 
 
 def draw(recording: Recording, picture: Path) -> None:

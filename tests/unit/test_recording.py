@@ -88,15 +88,17 @@ def test_without_a_loaded_foot_there_is_no_margin(g1: RobotModel) -> None:
     assert np.isnan(stability_figures(stability)["capture_margin_min_m"])
 
 
-def test_film_strip_shows_every_event_and_fills_the_gaps(g1: RobotModel) -> None:
+def test_film_strip_shows_the_height_of_every_part(g1: RobotModel) -> None:
     state = _standing(g1, 0.0)
     t = np.linspace(0.0, 10.0, 101)
+    q = np.tile(state.q, (len(t), 1))
+    q[20:40, 20] += np.hanning(20)  # an arm, highest about t = 3
+    q[60:70, 2] -= 0.1 * np.hanning(10)  # the pelvis, lowest about t = 6.5
     rows = len(t)
-    recording = Recording(
-        "g1", t, np.tile(state.q, (rows, 1)), np.zeros((rows, g1.nv)), np.zeros((rows, g1.nj)), np.zeros((rows, 2, 6)),
-        ((1.0, "wave"), (6.0, "push")),
-    )  # fmt: skip
-    times = frame_times(recording, 6)
-    assert len(times) == 6 and times == sorted(times)
-    assert {0.0, 1.0, 6.0, 10.0} <= set(times)
-    assert len(frame_times(recording, 3)) == 3
+    events = ((1.0, "wave"), (5.0, "wave done"), (6.0, "push"))
+    recording = Recording("g1", t, q, np.zeros((rows, g1.nv)), np.zeros((rows, g1.nj)), np.zeros((rows, 2, 6)), events)
+    for count in (4, 6, 8):
+        times = frame_times(recording, count)
+        assert len(times) == count and times == sorted(times)
+        assert times[0] == 0.0 and times[-1] == 10.0
+        assert any(2.8 < time < 3.2 for time in times) and any(6.3 < time < 6.7 for time in times)
