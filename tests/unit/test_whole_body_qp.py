@@ -1,0 +1,231 @@
+"""The reduced QP against the full one, its solution against physics, and what happens when it cannot be solved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import quadprog
+
+from controllers.balance import BalanceController
+from controllers.qp.build import QP
+from controllers.qp.kernels_assemble import kkt_residual
+from controllers.qp.solve import QPSolver
+from controllers.whole_body import WholeBodyController
+from controllers.whole_body_config import WholeBodyConfig
+from models.config import default_config
+from models.robot_model import RobotModel
+from models.types import ContactState, Reference, RobotState, SolveStatus
+
+CONTACTS = [(False, False), (True, False), (False, True), (True, True)]
+
+
+@pytest.fixture(scope="module", params=["g1", "talos"])
+def model(request: pytest.FixtureRequest) -> RobotModel:
+    return RobotModel.load(request.param)
+
+
+def moving_state(model: RobotModel, seed: int, speed: float = 0.2) -> RobotState:
+    rng = np.random.default_rng(seed)
+    q = model.standing_configuration().copy()
+    q[7:] = np.clip(q[7:] + 0.03 * rng.normal(size=model.nj), model.q_lower + 0.03, model.q_upper - 0.03)
+    foot = ContactState(True, np.zeros(6))
+    return RobotState(0.0, q, speed * rng.normal(size=model.nv), np.zeros(model.nj), (foot, foot))
+
+
+def prepare(
+    model: RobotModel, state: RobotState, contacts: tuple[bool, bool], **solver: float
+) -> tuple[WholeBodyController, Reference]:
+    config = default_config(WholeBodyConfig, "controllers", "whole_body")
+    config = replace(config, solver=replace(config.solver, **solver)) if solver else config
+    balance = BalanceController(model, whole_body=config)
+    balance.reset(state)
+    balance.step(state, 1e-3)
+    balance.whole_body.com_task.override = np.array([0.5, -0.3, 0.2])
+    reference = replace(balance.reference, contacts=contacts)
+    balance.whole_body.step(state, reference)
+    return balance.whole_body, reference
+
+
+@pytest.mark.parametrize("contacts", CONTACTS)
+@pytest.mark.parametrize("seed", range(3))
+def test_solution_obeys_physics(model: RobotModel, contacts: tuple[bool, bool], seed: int) -> None:
+    state = moving_state(model, seed)
+    controller, reference = prepare(model, state, contacts)
+    assert controller.solution.status is SolveStatus.OPTIMAL
+    assert controller.solution.residual < 1e-6
+    data = model.data()
+    forces = [pin.Force.Zero() for _ in range(model.pin.njoints)]
+    for foot, active in enumerate(contacts):
+        frame = model.pin.frames[model.feet[foot].frame_id]
+        if not active:
+            np.testing.assert_array_equal(controller.wrenches[foot], 0.0)
+        forces[frame.parentJoint] += frame.placement.act(pin.Force(controller.wrenches[foot]))
+    tau = pin.rnea(model.pin, data, state.q, state.v, controller.acceleration, forces)
+    np.testing.assert_allclose(tau[:6], 0.0, atol=1e-7)
+    np.testing.assert_allclose(tau[6:], controller.torque, atol=1e-7)
+    assert (np.abs(controller.torque) <= model.tau_max + 1e-6).all()
+    pin.forwardKinematics(model.pin, data, state.q, state.v, controller.acceleration)
+    contact = controller.config.contact
+    for foot, active in enumerate(contacts):
+        if active:
+            frame_id = model.feet[foot].frame_id
+            acceleration = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL).vector
+            velocity = pin.getFrameVelocity(model.pin, data, frame_id, pin.LOCAL).vector
+            error = controller.tasks[f"{model.feet[foot].name}_foot"].error(controller.terms, reference)
+            wanted = contact.stiffness * error - contact.damping * velocity
+            np.testing.assert_allclose(acceleration, wanted, atol=1e-7)
+            assert controller.wrenches[foot, 2] > 0.0
+
+
+def full_solution(
+    controller: WholeBodyController, reference: Reference, state: RobotState, model: RobotModel
+) -> np.ndarray:
+    """Solve the same problem in (a, w) with explicit equalities and return the joint torques."""
+    terms = controller.terms
+    builder, nv = controller._builder, model.nv
+    active = [foot for foot in range(2) if reference.contacts[foot]]
+    n = nv + 6 * len(active)
+    hessian, gradient = 1e-13 * np.eye(n), np.zeros(n)
+    for task in controller.tasks.values():
+        jacobian = np.hstack([task.jacobian(terms), np.zeros((len(task.weight), n - nv))])
+        target = task.acceleration(terms, reference) - task.drift(terms)
+        hessian += jacobian.T @ (task.weight[:, None] * jacobian)
+        gradient -= jacobian.T @ (task.weight * target)
+    equalities, right = [], []
+    base = np.zeros((6, n))
+    base[:, :nv] = terms.mass_matrix[:6]
+    torque_rows = np.zeros((model.nj, n))
+    torque_rows[:, :nv] = terms.mass_matrix[6:]
+    inequalities, bounds = [], []
+    for k, foot in enumerate(active):
+        span = slice(nv + 6 * k, nv + 6 * k + 6)
+        sole = terms.soles[foot]
+        weight = controller._wrench_weight[foot]
+        hessian[span, span] += np.diag(weight)
+        gradient[span] -= weight * controller._wrench_target[foot]
+        base[:, span] = -sole.jacobian[:, :6].T
+        torque_rows[:, span] = -sole.jacobian[:, 6:].T
+        row = np.zeros((6, n))
+        row[:, :nv] = sole.jacobian
+        equalities.append(row)
+        right.append(controller._contact_acceleration[foot] - sole.drift)
+        cone = np.zeros((17, n))
+        cone[:, span] = builder._cone[foot]
+        inequalities += [cone, -cone]
+        bounds += [builder._cone_lower[foot], -builder._cone_upper[foot]]
+    equalities.append(base)
+    right.append(-terms.bias[:6])
+    limits = controller._limits
+    select = np.hstack([np.zeros((model.nj, 6)), np.eye(model.nj), np.zeros((model.nj, n - nv))])
+    inequalities += [torque_rows, -torque_rows, select, -select]
+    bounds += [-limits.torque - terms.bias[6:], -limits.torque + terms.bias[6:]]
+    bounds += [limits.acceleration_lower, -limits.acceleration_upper]
+    matrix = np.vstack(equalities + inequalities)
+    answer = quadprog.solve_qp(
+        hessian, -gradient, matrix.T, np.concatenate(right + bounds), sum(len(r) for r in right)
+    )[0]
+    return torque_rows @ answer + terms.bias[6:]
+
+
+@pytest.mark.parametrize("contacts", CONTACTS[1:])
+@pytest.mark.parametrize("speed", [0.1, 0.6])
+def test_reduced_problem_equals_the_full_one(model: RobotModel, contacts: tuple[bool, bool], speed: float) -> None:
+    state = moving_state(model, 5, speed)
+    controller, reference = prepare(model, state, contacts, regularisation=1e-11)
+    assert controller.solution.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(controller.torque, full_solution(controller, reference, state, model), atol=2e-4)
+
+
+def test_limits_are_active_in_the_hard_case(model: RobotModel) -> None:
+    """The comparison above must meet active limits, or it proves little."""
+    state = moving_state(model, 5, 0.6)
+    controller, _ = prepare(model, state, (True, True))
+    qp = controller._builder._active.qp
+    values = qp.matrix @ controller.solution.z
+    simple = len(qp.lower) - len(values)
+    slack = np.minimum(values - qp.lower[simple:], qp.upper[simple:] - values)
+    assert (slack < 1e-6).sum() >= 2
+
+
+def toy(**changes: object) -> QP:
+    qp = QP(
+        np.eye(2),
+        np.array([-1.0, -2.0]),
+        np.array([[1.0, 1.0]]),
+        np.array([-1.0, -1e30]),
+        np.array([1.0, 1.0]),
+        np.array([False, True]),
+    )
+    for name, value in changes.items():
+        setattr(qp, name, value)
+    return qp
+
+
+def solver() -> QPSolver:
+    return QPSolver(residual_max=1e-6, iterations_max=100, soft_rho=1e-6)
+
+
+def test_solver_finds_the_optimum() -> None:
+    solution = solver().solve(toy())
+    assert solution.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-9)
+
+
+def test_infeasible_problem_is_relaxed_on_its_soft_rows_only() -> None:
+    impossible = toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
+    solution = solver().solve(impossible)
+    assert solution.status is SolveStatus.RELAXED
+    assert solution.z is not None and solution.z[0] <= 1.0 + 1e-6
+
+
+def test_infeasible_hard_rows_are_held() -> None:
+    qp = toy(lower=np.array([2.0, 5.0]), upper=np.array([1.0, 6.0]), soft=np.array([False, False]))
+    assert solver().solve(qp).status is SolveStatus.HELD
+
+
+@pytest.mark.parametrize("field", ["hessian", "gradient", "matrix"])
+def test_nan_is_held(field: str) -> None:
+    qp = toy()
+    getattr(qp, field).flat[0] = np.nan
+    assert solver().solve(qp).status is SolveStatus.HELD
+
+
+def test_wrong_answer_of_the_first_solver_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    import controllers.qp.solve as module
+
+    def wrong(*args: object, **kwargs: object) -> tuple[np.ndarray, float, int, dict[str, np.ndarray]]:
+        return np.array([0.5, 0.5]), 0.0, 1, {"lam": np.zeros(2)}
+
+    monkeypatch.setattr(module.daqp, "solve", wrong)
+    solution = solver().solve(toy())
+    assert solution.status is SolveStatus.FALLBACK_SOLVER
+    np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-9)
+
+
+def test_residual_names_each_violation() -> None:
+    qp = toy()
+    good, multipliers = np.array([0.0, 1.0]), np.array([0.0, 1.0])
+    arguments = (qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper)
+    assert kkt_residual(*arguments, good, multipliers) < 1e-12
+    assert kkt_residual(*arguments, good, np.zeros(2)) > 0.1
+    assert kkt_residual(*arguments, np.array([1.0, 2.0]), np.zeros(2)) > 0.1
+    assert kkt_residual(*arguments, good, -multipliers) > 0.1
+    assert np.isnan(kkt_residual(*arguments, np.array([np.nan, 0.0]), multipliers))
+
+
+def test_unsolvable_state_holds_then_damps(model: RobotModel) -> None:
+    state = moving_state(model, 1)
+    balance = BalanceController(model)
+    balance.reset(state)
+    good = balance.step(state, 1e-3)
+    broken = replace(state, v=np.full(model.nv, np.nan))
+    held = balance.step(broken, 1e-3)
+    assert held.status is SolveStatus.HELD
+    np.testing.assert_array_equal(held.command.tau, good.command.tau)
+    damped = balance.step(broken, 1e-3)
+    assert damped.status is SolveStatus.DAMPED
+    np.testing.assert_array_equal(damped.command.tau, 0.0)
+    assert balance.step(state, 1e-3).status is SolveStatus.OPTIMAL
