@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from controllers.kernels_balance import balance_feedback, move_footholds, place_reference
 from controllers.posture_reference import PostureReference
-from controllers.qp.kernels_terms import follow_pose
 from controllers.qp.terms import GRAVITY
-from controllers.support import cmp_command, convex_hull
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
@@ -51,12 +48,23 @@ class BalanceController:
         self, model: RobotModel, config: BalanceConfig | None = None, whole_body: WholeBodyConfig | None = None
     ) -> None:
         self.model = model
-        self.config = config or default_config(BalanceConfig, "controllers", "balance")
+        self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
         self.whole_body = WholeBodyController(model, whole_body)
         self._posture = PostureReference(model)
         self._corners = np.array([foot.corners for foot in model.feet])  # (2, 4, 3)
-        self._points = np.zeros((8, 2))
-        self._hull = np.zeros((20, 2))
+        com = self.whole_body.config.com
+        self._gains = np.array(
+            [
+                config.dcm_gain,
+                config.polygon_margin,
+                config.momentum_margin,
+                config.momentum_gain,
+                config.momentum_reach_max,
+                com.kp,
+                com.kd,
+            ]
+        )
+        self._least_load = config.foothold_load * model.mass * GRAVITY
         self._cmp = np.zeros(2)
         self._dcm = np.zeros(2)
         self._com_acceleration = np.zeros(3)
@@ -138,19 +146,18 @@ class BalanceController:
         )
 
     def _move_footholds(self, state: RobotState, dt: float) -> None:
-        """Footholds follow the soles that bear load, slowly; the anchor is level and half-way between them."""
-        share = 1.0 if self._fresh else min(dt / self.config.anchor_time_s, 1.0)
-        least = self.config.foothold_load * self.model.mass * GRAVITY
-        for foot, sole in enumerate(self.whole_body.terms.soles):
-            if self._fresh or state.contacts[foot].wrench[2] > least:
-                follow_pose(self._rotations[foot], self._positions[foot], sole.pose, share)
-        np.add(self._positions[0], self._positions[1], out=self._anchor)
-        self._anchor *= 0.5
-        # Mean heading only: a sole that tips on its edge under a push must not tilt the references.
-        heading = self._rotations[0, :2, 0] + self._rotations[1, :2, 0]
-        cosine, sine = heading / math.hypot(heading[0], heading[1])
-        self._anchor_rotation[0, 0] = self._anchor_rotation[1, 1] = cosine
-        self._anchor_rotation[0, 1], self._anchor_rotation[1, 0] = -sine, sine
+        left, right = self.whole_body.terms.soles
+        move_footholds(
+            left.pose,
+            right.pose,
+            self._fresh or bool(state.contacts[0].wrench[2] > self._least_load),
+            self._fresh or bool(state.contacts[1].wrench[2] > self._least_load),
+            1.0 if self._fresh else min(dt / self.config.anchor_time_s, 1.0),
+            self._rotations,
+            self._positions,
+            self._anchor_rotation,
+            self._anchor,
+        )
 
     def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
         if self._motion is None:
@@ -166,17 +173,29 @@ class BalanceController:
         if self._fresh or velocity is not self._zero:
             before = self._posture.com
             self._posture.update(posture)
-            self._com_velocity = np.zeros(3) if self._fresh else (self._posture.com - before) / dt
+            self._com_velocity = self._zero[:3] if self._fresh else (self._posture.com - before) / dt
             self._fresh = False
         else:
             self._com_velocity = self._zero[:3]
-        turn = self._anchor_rotation
+        com, com_velocity, base, torso = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+        place_reference(
+            self._anchor_rotation,
+            self._anchor,
+            self._posture.com,
+            self._com_velocity,
+            self._posture.base,
+            self._posture.torso,
+            com,
+            com_velocity,
+            base,
+            torso,
+        )
         return Reference(
-            com=self._anchor + turn @ self._posture.com,
-            com_velocity=turn @ self._com_velocity,
+            com=com,
+            com_velocity=com_velocity,
             com_acceleration=self._zero[:3],
-            base_orientation=turn @ self._posture.base,
-            torso_orientation=turn @ self._posture.torso,
+            base_orientation=base,
+            torso_orientation=torso,
             posture=posture,
             posture_velocity=velocity,
             posture_acceleration=acceleration,
@@ -188,32 +207,24 @@ class BalanceController:
 
     def _feed_back(self) -> None:
         """Desired CoM acceleration from the DCM error, written to the CoM task."""
-        config, terms, reference = self.config, self.whole_body.terms, self.reference
-        task = self.whole_body.com_task
-        height = max(terms.com[2] - self._anchor[2], 0.1)
-        omega = math.sqrt(GRAVITY / height)
-        np.add(terms.com[:2], terms.com_velocity[:2] / omega, out=self._dcm)
-        dcm_reference = reference.com[:2] + reference.com_velocity[:2] / omega
-        wanted = self._dcm - reference.com_velocity[:2] / omega + config.dcm_gain * (self._dcm - dcm_reference)
-        for foot, sole in enumerate(terms.soles):
-            self._points[4 * foot : 4 * foot + 4] = (self._corners[foot] @ sole.rotation.T + sole.position)[:, :2]
-        count = convex_hull(self._points, self._hull)
-        self.capture_margin = cmp_command(
-            self._hull,
-            count,
+        terms, reference = self.whole_body.terms, self.reference
+        left, right = terms.soles
+        self.capture_margin = balance_feedback(
+            terms.com,
+            terms.com_velocity,
+            reference.com,
+            reference.com_velocity,
+            self._anchor[2],
+            GRAVITY,
+            left.pose,
+            right.pose,
+            self._corners,
+            self._gains,
             self._dcm,
-            wanted,
-            config.polygon_margin,
-            config.momentum_margin,
-            config.momentum_gain,
-            config.momentum_reach_max,
             self._cmp,
+            self._com_acceleration,
         )
-        self._com_acceleration[:2] = omega**2 * (terms.com[:2] - self._cmp)
-        self._com_acceleration[2] = task.kp[2] * (reference.com[2] - terms.com[2]) + task.kd[2] * (
-            reference.com_velocity[2] - terms.com_velocity[2]
-        )
-        task.override = self._com_acceleration
+        self.whole_body.com_task.override = self._com_acceleration
 
     def _warm_up(self) -> None:
         """Compile and fill every cache at construction: the loop itself never waits for a compiler."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.qp.build import QPBuilder, QPLimits
+from controllers.qp.kernels_feedback import foothold_feedback, integrate_joints, joint_bounds
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import GRAVITY, Terms
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
@@ -125,8 +126,16 @@ class WholeBodyController:
         contact = self.config.contact
         for foot, task in enumerate(self._feet):
             task.set_active(not reference.contacts[foot])
-            error, twist = task.error(self.terms, reference), self.terms.soles[foot].twist
-            self._contact_acceleration[foot] = contact.stiffness * error - contact.damping * twist
+            sole = self.terms.soles[foot]
+            foothold_feedback(
+                sole.pose,
+                sole.twist,
+                reference.sole_rotations[foot],
+                reference.sole_positions[foot],
+                contact.stiffness,
+                contact.damping,
+                self._contact_acceleration[foot],
+            )
         self._update_limits(state)
         self._update_wrench_target(reference)
         qp = self._builder.build(
@@ -142,24 +151,34 @@ class WholeBodyController:
             return self._fall_back(state)
         self._failures = 0
         self._builder.recover(self.terms, solution.z, self.acceleration, self.wrenches, self.torque)
-        ahead = self.config.lookahead_s
-        v = state.v[6:]
-        step = ahead * self.acceleration[6:]
-        self._last = JointCommand(
-            np.clip(state.q[7:] + ahead * (v + 0.5 * step), self.model.q_lower, self.model.q_upper),
-            v + step,
-            self.torque.copy(),
+        q, v = np.empty(self.model.nj), np.empty(self.model.nj)
+        integrate_joints(
+            state.q[7:],
+            state.v[6:],
+            self.acceleration[6:],
+            self.config.lookahead_s,
+            self.model.q_lower,
+            self.model.q_upper,
+            q,
+            v,
         )
+        self._last = JointCommand(q, v, self.torque.copy())
         return self._last, solution.status
 
     def _update_limits(self, state: RobotState) -> None:
         limits = self.config.limits
-        q, v = state.q[7:], state.v[6:]
-        fastest = np.clip(limits.position_gain * (self._q_high - q), -self._v_max, self._v_max)
-        slowest = np.clip(limits.position_gain * (self._q_low - q), -self._v_max, self._v_max)
-        most = limits.acceleration
-        np.clip(limits.velocity_gain * (fastest - v), -most, most, out=self._limits.acceleration_upper)
-        np.clip(limits.velocity_gain * (slowest - v), -most, most, out=self._limits.acceleration_lower)
+        joint_bounds(
+            state.q[7:],
+            state.v[6:],
+            self._q_low,
+            self._q_high,
+            self._v_max,
+            limits.position_gain,
+            limits.velocity_gain,
+            limits.acceleration,
+            self._limits.acceleration_lower,
+            self._limits.acceleration_upper,
+        )
 
     def _update_wrench_target(self, reference: Reference) -> None:
         count = reference.contacts[0] + reference.contacts[1]

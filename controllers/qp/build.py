@@ -172,10 +172,12 @@ class QPBuilder:
             The QP, in arrays that the next call with the same contacts overwrites.
         """
         for task, span in zip(self.tasks, self._slices, strict=True):
-            weight = task.weight
-            self._weight[span] = weight
+            if not task.active:
+                self._weight[span] = 0.0
+                continue
+            self._weight[span] = task.weight
             self._jacobian[span] = task.jacobian(terms)
-            self._target[span] = task.acceleration(terms, reference) - task.drift(terms)
+            np.subtract(task.acceleration(terms, reference), task.drift(terms), out=self._target[span])
         for foot in range(2):
             np.subtract(contact_acceleration[foot], terms.soles[foot].drift, out=self._wanted[foot])
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)

@@ -11,6 +11,7 @@ import quadprog
 
 from controllers.qp.build import QP
 from controllers.qp.kernels_assemble import kkt_residual
+from controllers.qp.kernels_feedback import all_finite
 from models.types import SolveStatus, Vector
 
 _HARD = 0
@@ -57,7 +58,7 @@ class QPSolver:
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
         start = perf_counter()
-        if not (np.isfinite(qp.hessian).all() and np.isfinite(qp.gradient).all() and np.isfinite(qp.matrix).all()):
+        if not all_finite(qp.hessian, qp.gradient, qp.matrix):
             return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
         z, residual, infeasible = self._daqp(qp)
         if z is not None:

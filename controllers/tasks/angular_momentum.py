@@ -25,6 +25,7 @@ class AngularMomentumTask:
 
     def __init__(self, kd: Vector, weight: Vector) -> None:
         self.kd, self.weight = kd, weight
+        self.active = bool(weight.any())
 
     def error(self, terms: Terms, reference: Reference) -> Vector:
         """Zero minus the angular momentum, in W (3,) [kg.m^2/s]."""

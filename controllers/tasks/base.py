@@ -22,10 +22,12 @@ class Task(Protocol):
     Attributes:
         name: Unique name, used in configuration and reports.
         weight: W, one entry per row (k,); zero switches a row off.
+        active: False leaves the whole task out of this tick's problem.
     """
 
     name: str
     weight: Vector
+    active: bool
 
     def error(self, terms: Terms, reference: Reference) -> Vector:
         """Wanted minus measured, in the space of the task (k,)."""

@@ -26,6 +26,7 @@ class CoMTask:
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector) -> None:
         self.kp, self.kd, self.weight = kp, kd, weight
+        self.active = bool(weight.any())
         self.override: Vector | None = None
 
     def error(self, terms: Terms, reference: Reference) -> Vector:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.qp.kernels_terms import rotation_error
+from controllers.qp.kernels_feedback import pose_error
 from controllers.qp.terms import Terms
 from models.types import Matrix, Reference, Vector
 
@@ -22,6 +22,7 @@ class FootTask:
         kp: (6,) [1/s^2].
         kd: (6,) [1/s].
         weight: (6,); all zero while in contact.
+        active: Whether the foot swings.
     """
 
     def __init__(self, foot: int, kp: Vector, kd: Vector, weight: Vector) -> None:
@@ -30,20 +31,19 @@ class FootTask:
         self.kp, self.kd = kp, kd
         self._weight = weight
         self.weight = weight
+        self.active = True
         self._silent = np.zeros(6)
         self._error = np.zeros(6)
-        self._turn = np.zeros(3)
 
     def set_active(self, active: bool) -> None:
         """Switch the task on (swing) or off (contact)."""
+        self.active = active
         self.weight = self._weight if active else self._silent
 
     def error(self, terms: Terms, reference: Reference) -> Vector:
         """Position and rotation error in the sole frame (6,) [m, rad]."""
-        sole = terms.soles[self.foot]
-        self._error[:3] = sole.rotation.T @ (reference.sole_positions[self.foot] - sole.position)
-        rotation_error(sole.pose, reference.sole_rotations[self.foot], self._turn)
-        self._error[3:] = self._turn
+        foot = self.foot
+        pose_error(terms.soles[foot].pose, reference.sole_rotations[foot], reference.sole_positions[foot], self._error)
         return self._error
 
     def jacobian(self, terms: Terms) -> Matrix:
@@ -56,7 +56,7 @@ class FootTask:
 
     def acceleration(self, terms: Terms, reference: Reference) -> Vector:
         """Wanted classical acceleration in the sole frame (6,) [m/s^2, rad/s^2]."""
-        if self.weight is self._silent:
+        if not self.active:
             return self._silent
         sole = terms.soles[self.foot]
         turn = sole.rotation.T

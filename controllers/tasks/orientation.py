@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from controllers.qp.kernels_feedback import orientation_feedback
 from controllers.qp.kernels_terms import rotation_error
 from controllers.qp.terms import Terms
 from models.types import Matrix, Reference, Vector
@@ -26,7 +27,9 @@ class OrientationTask:
         self.name = f"{body}_orientation"
         self._is_base = body == "base"
         self.kp, self.kd, self.weight = kp, kd, weight
+        self.active = bool(weight.any())
         self._error = np.zeros(3)
+        self._acceleration = np.zeros(3)
         self._base_jacobian: Matrix | None = None
         self._no_drift = np.zeros(3)
 
@@ -53,5 +56,9 @@ class OrientationTask:
 
     def acceleration(self, terms: Terms, reference: Reference) -> Vector:
         """Wanted angular acceleration in the moving frame (3,) [rad/s^2]."""
-        rate = terms.v[3:6] if self._is_base else terms.torso.twist[3:]
-        return self.kp * self.error(terms, reference) - self.kd * rate
+        if self._is_base:
+            rotation, wanted, rate = terms.base_rotation, reference.base_orientation, terms.v[3:6]
+        else:
+            rotation, wanted, rate = terms.torso.pose, reference.torso_orientation, terms.torso.twist[3:]
+        orientation_feedback(rotation, wanted, rate, self.kp, self.kd, self._error, self._acceleration)
+        return self._acceleration

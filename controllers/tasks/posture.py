@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from controllers.qp.kernels_feedback import proportional_derivative
 from controllers.qp.terms import Terms
 from models.types import Matrix, Reference, Vector
 
@@ -26,6 +27,8 @@ class PostureTask:
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector) -> None:
         self.kp, self.kd, self.weight = kp, kd, weight
+        self.active = True
+        self._acceleration = np.zeros(len(weight))
 
     def error(self, terms: Terms, reference: Reference) -> Vector:
         """Joint error (nj,) [rad]."""
@@ -42,8 +45,14 @@ class PostureTask:
 
     def acceleration(self, terms: Terms, reference: Reference) -> Vector:
         """Wanted joint accelerations (nj,) [rad/s^2]."""
-        return (
-            reference.posture_acceleration
-            + self.kp * self.error(terms, reference)
-            + self.kd * (reference.posture_velocity - terms.v[6:])
+        proportional_derivative(
+            reference.posture_acceleration,
+            self.kp,
+            reference.posture,
+            terms.q[7:],
+            self.kd,
+            reference.posture_velocity,
+            terms.v[6:],
+            self._acceleration,
         )
+        return self._acceleration
