@@ -133,6 +133,22 @@ def mode(
 
 
 @app.command()
+def calibrate(
+    what: Annotated[str, typer.Argument(help="imu, joints or feet.")],
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Ask the running estimator to calibrate its sensors and print its answer."""
+    known = ("imu", "joints", "feet")
+    if what not in known:
+        raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
+    _need_ros()
+    from bridge.ros.client import Client
+
+    with _told(), Client(network=network) as client:
+        raise typer.Exit(_print_reply(client.trigger(f"calibrate/{what}", timeout=30.0)))
+
+
+@app.command()
 def robots() -> None:
     """List the robots that have a profile."""
     import pinocchio as pin
