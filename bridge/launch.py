@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -36,6 +36,10 @@ START_TIMEOUT = 300.0
 
 RESTARTS_MAX = 5
 """Restarts of one process after which the launcher gives up."""
+
+REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
+REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
+"""Where permitted, the processes of the tick run before everything else and keep their memory."""
 
 LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
 
@@ -290,7 +294,10 @@ def _parameters(
     unknown = [name for name in extra if name not in names]
     if unknown:
         raise PoiseError(f"parameters for unknown nodes: {', '.join(unknown)}; known: {', '.join(names)}")
-    result: dict[str, dict[str, object]] = {name: {"robot": robot, **extra.get(name, {})} for name in names}
+    result: dict[str, dict[str, object]] = {}
+    for name in names:
+        realtime = REALTIME if name in REALTIME_NODES and not lockstep else {}
+        result[name] = {"robot": robot, **realtime, **extra.get(name, {})}
     if lockstep:
         for name in LOCKSTEP_NODES:
             result[name]["lockstep"] = True

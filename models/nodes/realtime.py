@@ -29,6 +29,10 @@ def collect() -> None:
     gc.collect()
 
 
+_done: set[str] = set()
+"""Steps this process has taken; nodes that share it ask for the same ones."""
+
+
 def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
     """Schedule every thread of this process first-in first-out.
 
@@ -39,14 +43,15 @@ def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
     Returns:
         Whether it is in force.
     """
-    if priority <= 0:
-        return False
+    if priority <= 0 or f"fifo {priority}" in _done:
+        return priority > 0
     try:
         for task in Path("/proc/self/task").iterdir():
             os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
         log(f"SCHED_FIFO {priority} not permitted ({error.strerror}): scheduled like any other process")
         return False
+    _done.add(f"fifo {priority}")
     log(f"SCHED_FIFO priority {priority}")
     return True
 
@@ -60,8 +65,11 @@ def lock_memory(log: Callable[[str], object]) -> bool:
     Returns:
         Whether it is in force.
     """
+    if "locked" in _done:
+        return True
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0:
+        _done.add("locked")
         log("memory is locked")
         return True
     log(f"locking memory not permitted ({os.strerror(ctypes.get_errno() or errno.EPERM)})")
