@@ -94,6 +94,9 @@ class BalanceController:
         self.whole_body.reset()
         self._motion = None
         self._hold = np.clip(state.q[7:], self.model.q_lower, self.model.q_upper)
+        # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
+        self._anchor[:] = self._positions[:] = 0.0
+        self._anchor_rotation[:] = self._rotations[:] = np.eye(3)
         self._fresh = True
 
     def follow(self, trajectory: JointTrajectory) -> None:
