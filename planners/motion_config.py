@@ -38,6 +38,7 @@ class CollisionConfig:
     """How the robot keeps off itself."""
 
     margin: Annotated[float, Field(ge=0.0, description="distance kept between bodies [m]")]
+    path_slack: Annotated[float, Field(ge=0.0, description="less distance allowed between key poses [m]")]
     trigger: Annotated[float, Field(gt=0.0, description="distance at which the solver reacts [m]")]
     near: Annotated[int, Field(ge=1, description="bodies this many joints apart are not checked [1]")]
     check_rate: Annotated[float, Field(gt=0.0, description="checked points per second [Hz]")]

@@ -16,7 +16,7 @@ from planners.whole_body_ik import Bounds
 _ROUNDING = 1e-6
 """Slack of the joint limits [rad]."""
 _SLACK = 1e-3
-"""Slack of distances that the solver keeps at key poses only [m]."""
+"""Slack of the CoM's margin, which the solver keeps at key poses only [m]."""
 
 
 def check_path(
@@ -69,10 +69,10 @@ def check_path(
             )
         if i % every == 0 or i == len(curve.times) - 1:
             distances = collision.distances(q, config.collision.margin)
-            close = distances - bounds.gaps + _SLACK
-            if close.min() < 0.0:
-                pair = int(close.argmin())
+            wanted = bounds.gaps - config.collision.path_slack
+            pair = int((distances - wanted).argmin())
+            if distances[pair] < wanted[pair]:
                 raise UnreachableError(
                     f"after {time:.2f} s '{' and '.join(collision.names(pair))}' would collide "
-                    f"({distances[pair]:.3f} m apart, at least {bounds.gaps[pair]:.3f} m)"
+                    f"({distances[pair]:.3f} m apart, at least {wanted[pair]:.3f} m)"
                 )

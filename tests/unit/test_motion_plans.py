@@ -152,7 +152,7 @@ class TestEveryMotion:
         model, _ = load(robot)
         data = model.data()
         geometry, geometry_data = raw_meshes(model)
-        _, q, _, _ = fine(robot, motion, start, rate=8.0)
+        _, q, _, _ = fine(robot, motion, start, rate=5.0)
         for joints in q:
             full, _ = plant(model, data, joints)
             pin.computeCollisions(model.pin, data, geometry, geometry_data, full, False)
