@@ -29,8 +29,10 @@ def move_footholds(
     Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
 
     Args:
-        left, right: Measured sole poses (4, 4).
-        loaded_left, loaded_right: Whether each bears load.
+        left: Measured sole poses (4, 4).
+        right: Measured sole poses (4, 4).
+        loaded_left: Whether each bears load.
+        loaded_right: Whether each bears load.
         share: Share of the way to go on this tick.
         rotations: Footholds, in and out (2, 3, 3).
         positions: Footholds, in and out (2, 3).
@@ -101,11 +103,14 @@ def balance_feedback(
     """DCM feedback of ``BalanceController``: the admissible CMP and the CoM acceleration that it means.
 
     Args:
-        com, com_velocity: Measured, in W (3,).
-        com_reference, velocity_reference: Wanted, in W (3,).
+        com: Measured, in W (3,).
+        com_velocity: Measured, in W (3,).
+        com_reference: Wanted, in W (3,).
+        velocity_reference: Wanted, in W (3,).
         ground: Height of the soles [m].
         gravity: [m/s^2].
-        left, right: Sole poses (4, 4).
+        left: Sole poses (4, 4).
+        right: Sole poses (4, 4).
         corners: Contact rectangles in the sole frames (2, 4, 3).
         gains: DCM gain, polygon margin, momentum margin, momentum gain, largest reach, height kp, height kd (7,).
         dcm: Out (2,).

@@ -59,7 +59,8 @@ def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, ou
     Args:
         hull: Vertices, counter-clockwise (>= count, 2).
         count: Number of vertices.
-        x, y: Point [m].
+        x: Point [m].
+        y: Point [m].
         margin: Taken off every edge [m].
         out: Out: nearest point of the shrunk hull's boundary (2,), outward unit direction (2,), as (4,).
 

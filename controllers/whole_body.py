@@ -26,8 +26,8 @@ class WholeBodyController:
         \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = k\,e_c - d\,v_c,\;
         w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
 
-    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or one
-    that tips, comes back to where it stood.
+    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or
+    one that tips, comes back to where it stood.
 
     Joint limits enter as acceleration bounds: with ``v_hi = min(share v_max, g (q_max - margin - q))`` a joint may
     accelerate by at most ``k (v_hi - v)``, and likewise below.

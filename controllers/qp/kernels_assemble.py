@@ -38,8 +38,10 @@ def assemble_cost(
         weight: (m,).
         posture_target: Wanted joint accelerations (nj,).
         posture_weight: (nj,).
-        basis, start: N (nv, na) and a0 (nv,).
-        maps, offsets: P (2, 6, nz) and p (2, 6).
+        basis: N (nv, na) and a0 (nv,).
+        start: N (nv, na) and a0 (nv,).
+        maps: P (2, 6, nz) and p (2, 6).
+        offsets: P (2, 6, nz) and p (2, 6).
         wrench_target: (2, 6).
         wrench_weight: (2, 6).
         regularisation: Added to the diagonal of H.
@@ -129,19 +131,26 @@ def assemble_rows(
 
     Args:
         mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
-        mass_matrix, bias: Dynamics.
-        jacobian_1, jacobian_2: Sole Jacobians (6, nv).
+        mass_matrix: Dynamics.
+        bias: Dynamics.
+        jacobian_1: Sole Jacobians (6, nv).
+        jacobian_2: Sole Jacobians (6, nv).
         upper: Velocity indices outside the legs (nu,).
         legs: Velocity indices of both legs (nl,).
-        basis, start: N and a0.
-        maps, offsets: P and p.
+        basis: N and a0.
+        start: N and a0.
+        maps: P and p.
+        offsets: P and p.
         cone: Wrench cone of each foot (2, rows, 6), scaled.
-        cone_lower, cone_upper: Its bounds (2, rows).
+        cone_lower: Its bounds (2, rows).
+        cone_upper: Its bounds (2, rows).
         torque_max: (nj,).
-        acceleration_lower, acceleration_upper: (nj,).
+        acceleration_lower: (nj,).
+        acceleration_upper: (nj,).
         row_scale: Scale of torque rows and of acceleration rows (2,).
         matrix: Out, general rows (>= used, nz).
-        lower, upper_bound: Out, bounds of the simple rows, then of the general rows.
+        lower: Out, bounds of the simple rows, then of the general rows.
+        upper_bound: Out, bounds of the simple rows, then of the general rows.
 
     Returns:
         Number of general rows used.
@@ -263,9 +272,11 @@ def kkt_residual(
         stationarity = |H z + f + A' y| / (1 + |H z| + |f| + |A' y|)   (largest entries)
 
     Args:
-        hessian, gradient: Cost (nz, nz), (nz,).
+        hessian: Cost (nz, nz), (nz,).
+        gradient: Cost (nz, nz), (nz,).
         matrix: General rows (m, nz).
-        lower, upper: Bounds (nb + m,); nb = number of simple bounds.
+        lower: Bounds (nb + m,); nb = number of simple bounds.
+        upper: Bounds (nb + m,); nb = number of simple bounds.
         z: Solution (nz,).
         multipliers: (nb + m,).
 

@@ -24,9 +24,7 @@ def proportional_derivative(
 ) -> None:
     """``out = feedforward + kp (wanted - measured) + kd (wanted_rate - measured_rate)``, all (k,)."""
     for i in range(out.shape[0]):
-        out[i] = (
-            feedforward[i] + kp[i] * (wanted[i] - measured[i]) + kd[i] * (wanted_rate[i] - measured_rate[i])
-        )
+        out[i] = feedforward[i] + kp[i] * (wanted[i] - measured[i]) + kd[i] * (wanted_rate[i] - measured_rate[i])
 
 
 @njit(cache=True)
@@ -39,7 +37,8 @@ def orientation_feedback(
         rotation: R, the upper left (3, 3) of any larger matrix.
         wanted: R_ref (3, 3).
         rate: Angular velocity in the moving frame (3,).
-        kp, kd: Gains (3,).
+        kp: Gains (3,).
+        kd: Gains (3,).
         error: Out, rotation vector (3,).
         out: Out (3,).
     """
@@ -94,13 +93,16 @@ def joint_bounds(
     With ``v_hi = clip(g (q_high - q), -v_max, v_max)``: ``a <= clip(k (v_hi - v), -largest, largest)``; below likewise.
 
     Args:
-        q, v: Joint state (nj,).
-        q_low, q_high: Position limits less their margin (nj,).
+        q: Joint state (nj,).
+        v: Joint state (nj,).
+        q_low: Position limits less their margin (nj,).
+        q_high: Position limits less their margin (nj,).
         v_max: Usable speed (nj,).
         position_gain: g [1/s].
         velocity_gain: k [1/s].
         largest: Largest bound [rad/s^2].
-        lower, upper: Out (nj,).
+        lower: Out (nj,).
+        upper: Out (nj,).
     """
     for i in range(q.shape[0]):
         fastest = min(max(position_gain * (q_high[i] - q[i]), -v_max[i]), v_max[i])

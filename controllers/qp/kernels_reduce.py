@@ -167,10 +167,15 @@ def reduce_accelerations(
         mode: Contact mode.
         mass_matrix: (nv, nv).
         bias: (nv,).
-        jacobian_1, jacobian_2: Sole Jacobians in their frames (6, nv).
-        inverse_1, inverse_2: Out, inverses of their base blocks (6, 6).
-        wanted_1, wanted_2: Contact accelerations less the drifts (6,).
-        upper, leg_1, leg_2: Velocity indices.
+        jacobian_1: Sole Jacobians in their frames (6, nv).
+        jacobian_2: Sole Jacobians in their frames (6, nv).
+        inverse_1: Out, inverses of their base blocks (6, 6).
+        inverse_2: Out, inverses of their base blocks (6, 6).
+        wanted_1: Contact accelerations less the drifts (6,).
+        wanted_2: Contact accelerations less the drifts (6,).
+        upper: Velocity indices.
+        leg_1: Velocity indices.
+        leg_2: Velocity indices.
         pivot_floor: See ``null_space``.
         basis: Out, N (nv, na).
         start: Out, a0 (nv,).
@@ -270,9 +275,12 @@ def reduce_wrenches(
 
     Args:
         mode: Contact mode.
-        mass_matrix, bias: Dynamics.
-        inverse_1, inverse_2: X_i^-1 (6, 6).
-        basis, start: N and a0.
+        mass_matrix: Dynamics.
+        bias: Dynamics.
+        inverse_1: X_i^-1 (6, 6).
+        inverse_2: X_i^-1 (6, 6).
+        basis: N and a0.
+        start: N and a0.
         wrench_scale: Scale of phi, so that all of z has similar size [N].
         maps: Out (2, 6, nz).
         offsets: Out (2, 6).

@@ -62,4 +62,5 @@ class FootTask:
         turn = sole.rotation.T
         velocity = (turn @ reference.sole_velocities[self.foot].reshape(2, 3).T).T.ravel()
         acceleration = (turn @ reference.sole_accelerations[self.foot].reshape(2, 3).T).T.ravel()
-        return acceleration + self.kp * self.error(terms, reference) + self.kd * (velocity - sole.twist)
+        wanted: Vector = acceleration + self.kp * self.error(terms, reference) + self.kd * (velocity - sole.twist)
+        return wanted
