@@ -15,12 +15,13 @@ class SensorNoise:
 
     For each channel, with white noise w ~ N(0, 1) once a tick:
 
-        y = clip(round_r(x + s (b + sigma w)), -range, range)
+        y = clip(round_r(x + s (b + sigma w)), -range, range),    b += walk sqrt(tick) w'
 
     - joint position: rounded to the encoder's resolution r, no noise besides;
     - joint velocity and torque: sigma from the profile;
-    - gyro and accelerometer: sigma = noise density / sqrt(tick), turn-on bias b drawn once per seed, clipped to range;
-    - foot wrenches: sigma and turn-on offset b from the profile.
+    - gyro and accelerometer: sigma = noise density / sqrt(tick), turn-on bias b drawn once per seed, which then walks,
+      clipped to range;
+    - foot wrenches: sigma and turn-on offset b from the profile, which does not walk.
 
     The noise of a tick depends on the seed and on how often ``advance`` was called since ``reset``, and on nothing
     else: not on the motion, and not on how often ``measure`` is called.
@@ -53,10 +54,12 @@ class SensorNoise:
         sigma[wrenches] = np.tile(np.repeat([feet.force_noise, feet.torque_noise], 3), 2)
         bias[wrenches] = np.tile(np.repeat([feet.force_offset, feet.torque_offset], 3), 2)
         self._sigma, self._bias_sigma = scale * sigma, scale * bias
+        self._walk = scale * np.repeat([imu.gyro_bias_walk, imu.accel_bias_walk], 3) * np.sqrt(period)
         self._range = np.repeat([imu.gyro_range, imu.accel_range], 3)
         self._resolution = encoders.resolution
         self._seed = seed
-        self._white = np.zeros(self.size)
+        self._drawn = np.zeros(self.size + 6)
+        self._white, self._white_walk = self._drawn[: self.size], self._drawn[self.size :]
         self._error = np.zeros(self.size)
         self.reset()
 
@@ -74,7 +77,9 @@ class SensorNoise:
     def advance(self) -> None:
         """Draw the noise of the next tick."""
         if self.scale > 0.0:
-            self._rng.standard_normal(out=self._white)
+            self._rng.standard_normal(out=self._drawn)
+            self._white_walk *= self._walk
+            self._bias[self._imu] += self._white_walk
             np.multiply(self._sigma, self._white, out=self._error)
             self._error += self._bias
 

@@ -105,6 +105,8 @@ class ImuSensor:
     accel_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [m/s^2]")]
     gyro_range: Annotated[float, Field(gt=0.0, description="full scale [rad/s]")]
     accel_range: Annotated[float, Field(gt=0.0, description="full scale [m/s^2]")]
+    gyro_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [rad/s/sqrt(s)]")] = 0.0
+    accel_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [m/s^2/sqrt(s)]")] = 0.0
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -83,6 +86,20 @@ def test_turn_on_biases_are_constant_and_drawn_per_seed(g1: RobotModel) -> None:
     biases = np.array([run(SensorNoise(g1, period=DT, seed=s), 400)[:, at:].mean(axis=0) / sigma for s in range(60)])
     assert 0.7 < biases.std(axis=0).min() and biases.std(axis=0).max() < 1.35
     assert np.abs(biases.mean(axis=0)).max() < 0.5
+
+
+def test_biases_of_the_imu_walk(g1: RobotModel) -> None:
+    """After 4 s, over many seeds, the mean of the last 0.4 s has drifted by about walk sqrt(t)."""
+    imu = g1.profile.sensors.imu
+    fast = replace(imu, gyro_bias_walk=0.01, accel_bias_walk=0.1, gyro_noise_density=0.0, accel_noise_density=0.0)
+    robot = copy(g1)
+    robot.profile = replace(g1.profile, sensors=replace(g1.profile.sensors, imu=fast))
+    at = slice(3 * g1.nj, 3 * g1.nj + 6)
+    drifts = []
+    for seed in range(40):
+        rows = run(SensorNoise(robot, period=0.01, seed=seed), 401)[:, at]
+        drifts.append(rows[400] - rows[0])
+    np.testing.assert_allclose(np.std(drifts, axis=0), np.repeat([0.01, 0.1], 3) * np.sqrt(4.0), rtol=0.4)
 
 
 def test_positions_are_rounded_to_the_encoder(g1: RobotModel) -> None:
