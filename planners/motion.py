@@ -128,8 +128,9 @@ class MotionPlanner:
             raise CommandError(f"frame '{frame}' cannot be moved; these can: {', '.join(TARGET_FRAMES)}")
         if position is None and orientation is None:
             raise CommandError(f"{frame}: give a position, an orientation or both")
-        if duration is not None and not (math.isfinite(duration) and duration > 0.0):
-            raise CommandError(f"duration: {duration} s is not a positive time")
+        longest = self._config.pose.max_duration
+        if duration is not None and not 0.0 < duration <= longest:  # NaN fails too
+            raise CommandError(f"duration: {duration} s is not a time of more than 0 and at most {longest:g} s")
         place = None if position is None else _vector(position, 3, f"{frame}: position")
         rotation = None if orientation is None else _rotation(orientation, f"{frame}: orientation")
         stance, bounds = self._begin(start_q)

@@ -80,7 +80,8 @@ class WeightConfig:
 class PoseConfig:
     """Motions to a pose that is given at run time."""
 
-    min_duration: Annotated[float, Field(gt=0.0, description="[s]")]
+    min_duration: Annotated[float, Field(gt=0.0, description="used when none is asked for [s]")]
+    max_duration: Annotated[float, Field(gt=0.0, le=90.0, description="longest that may be asked for [s]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -84,6 +84,7 @@ class TestRequests:
             (None, None, None, "give a position"),
             ([0.3, -0.2, 0.9], None, -1.0, "duration: -1.0"),
             ([0.3, -0.2, 0.9], None, np.nan, "duration: nan"),
+            ([0.3, -0.2, 0.9], None, 1e6, "duration: 1000000.0"),
         ],
     )
     def test_malformed_pose(self, position: object, orientation: object, duration: float | None, message: str) -> None:
