@@ -61,7 +61,7 @@ class ClosedLoop:
     Raises:
         ConfigError: An argument is out of range.
         RobotModelError: The robot cannot be loaded.
-        PoiseError: The feet of the held robot did not take its weight.
+        PoiseError: The preflight checks fail, or the feet of the held robot do not take its weight.
     """
 
     def __init__(

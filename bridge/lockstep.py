@@ -13,6 +13,7 @@ from bridge.start_up import ReleaseGate, average, hanging_command
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
 from controllers.joint_servo import JointServo, ServoState
+from controllers.preflight import Evidence, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from models.errors import PoiseError
 from models.types import (
@@ -106,6 +107,7 @@ class Lockstep:
         self._supervise_ticks = max(round(config.supervise_period / plant.period), 1)
         self._use_truth = use_truth
         self._note, self._after_tick = note, after_tick
+        self._description = plant.robot.urdf.read_text(encoding="utf-8")
         self._hang = hanging_command(plant.robot)
         self._queue: deque[tuple[int, JointCommand]] = deque()
         self._command_t = 0.0
@@ -114,20 +116,25 @@ class Lockstep:
         """Reset everything; hang, average, hand over to the controller, and let go when the feet carry the robot.
 
         Raises:
-            PoiseError: The feet did not take the weight within ``settle_limit``, or a fault came first.
+            PoiseError: The preflight checks fail, the feet do not take the weight within ``settle_limit``, or a fault
+                comes first.
         """
         plant, config = self.plant, self._config
         plant.reset(seed)
         self.servo = JointServo(plant.robot)
         self.servo.arm()
         self.supervisor.reset()
-        self.supervisor.set_preflight(())
         self._queue.clear()
-        state = self._estimator.reset(self._hang_and_average())
+        sensors = self._hang_and_average()
+        state = self._estimator.reset(sensors)
         self.tick = 0
         self.state = plant.truth if self._use_truth else state
         self.controller.reset(self.state)
-        self.supervisor.request(Mode.STAND)
+        evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
+        self.supervisor.set_preflight(preflight(plant.robot, self.supervisor.config, evidence, {}))
+        reply = self.supervisor.request(Mode.STAND)
+        if not reply.accepted:
+            raise PoiseError(f"{plant.robot.name} cannot stand: {reply.reason}")
         self.monitor.reset()
         gate = ReleaseGate(plant.robot, config)
         while not gate.update(plant.read(), plant.period):

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge import lockstep
 from bridge.closed_loop import ClosedLoop
 from bridge.lockstep import Controller
+from bridge.start_up import average
 from controllers.balance import BalanceController
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
-from models.types import ControlResult, JointCommand, JointTrajectory, Mode, Reference, RobotState, SolveStatus
+from models.types import (
+    ControlResult,
+    JointCommand,
+    JointTrajectory,
+    Mode,
+    Reference,
+    RobotState,
+    SensorData,
+    SolveStatus,
+)
 
 DT = 0.001
 
@@ -219,6 +231,19 @@ def test_robot_whose_feet_take_no_weight_is_not_let_go(g1: RobotModel) -> None:
     controller.limp = True
     with pytest.raises(PoiseError, match=r"g1 cannot be let go after .* s: the feet carry .* N of 327 N"):
         ClosedLoop(g1, controller=controller)
+
+
+def test_robot_that_fails_the_preflight_checks_does_not_stand(g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    knee = g1.joint_index("left_knee_joint")
+
+    def bent(samples: Sequence[SensorData]) -> SensorData:
+        mean = average(samples)
+        mean.q[knee] = g1.q_upper[knee] + 0.2
+        return mean
+
+    monkeypatch.setattr(lockstep, "average", bent)
+    with pytest.raises(PoiseError, match=r"g1 cannot stand: .*'left_knee_joint' measures"):
+        ClosedLoop(g1)
 
 
 def test_log_rows_and_recording(g1: RobotModel) -> None:
