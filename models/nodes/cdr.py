@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
 from models.errors import MessageError
@@ -41,6 +42,66 @@ class Markers:
         return values
 
 
+def padding(message: Any, size: int) -> NDArray[np.bool_]:
+    """Bytes of a serialised message that carry nothing: the serialiser leaves there whatever was in memory.
+
+    Args:
+        message: ROS message.
+        size: Its size when serialised [bytes].
+
+    Returns:
+        True for each byte of padding (size,).
+
+    Raises:
+        MessageError: A field has a type that is not handled here, or the layout does not come out at ``size``.
+    """
+    free = np.zeros(size, dtype=np.bool_)
+    end = _walk(message, "", STAMP_OFFSET, free)
+    if not 0 <= size - end <= _SPARE:  # the serialiser reserves for the worst alignment
+        raise MessageError(f"{type(message).__name__}: {end} bytes laid out, {size} serialised")
+    free[end:] = True
+    return free
+
+
+_WORD = 4
+"""Size and alignment of lengths [bytes]."""
+
+_SPARE = 16
+"""Most bytes that a serialised message may have behind its end [bytes]."""
+
+_SIZES = {"double": 8, "int32": 4, "uint32": 4}
+"""Size and alignment of the primitive types that occur [bytes]."""
+
+
+def _walk(value: Any, kind: str, at: int, free: NDArray[np.bool_]) -> int:
+    """Lay out one value of a ROS type at an offset and mark its padding; returns the offset behind it."""
+    if hasattr(value, "get_fields_and_field_types"):
+        for name, field in value.get_fields_and_field_types().items():
+            at = _walk(getattr(value, name), field, at, free)
+        return at
+    if kind == "string":
+        return _align(at, _WORD, free) + _WORD + len(value.encode()) + 1
+    if kind in _SIZES:
+        return _align(at, _SIZES[kind], free) + _SIZES[kind]
+    if kind.startswith("sequence<"):
+        item = kind[len("sequence<") : -1]
+        at = _align(at, _WORD, free) + _WORD
+    elif kind.endswith("]"):
+        item = kind[: kind.index("[")]
+    else:
+        raise MessageError(f"type '{kind}' has no constant layout that is known here")
+    for element in value:
+        at = _walk(element, item, at, free)
+    return at
+
+
+def _align(at: int, size: int, free: NDArray[np.bool_]) -> int:
+    """Next multiple of ``size``, counted from behind the encapsulation header; what is passed over is padding."""
+    aligned = at + (STAMP_OFFSET - at) % size
+    free[at:aligned] = True
+    return aligned
+
+
 class Template:
     """Layout of one stamped message whose strings and sizes do not change.
 
@@ -61,20 +122,16 @@ class Template:
                 raise MessageError(f"{type(message).__name__}: a block of {slot.size} numbers is not contiguous")
             offsets.append(offset)
         self.size = len(data)
-        self._buffer = bytearray(data)
         self._slots = [(offset, slot.size) for offset, slot in zip(offsets, slots, strict=True)]
+        free = padding(message, self.size)
+        for start, size in [(STAMP_OFFSET, STAMP_SIZE), *((offset, 8 * size) for offset, size in self._slots)]:
+            free[start : start + size] = True
+        self._mask = np.where(free, 0, 255).astype(np.uint8)
+        constant = np.frombuffer(data, np.uint8) & self._mask
+        self._constant = constant.tobytes()
+        self._masked = np.empty_like(self._mask)
+        self._buffer = bytearray(self._constant)
         self._views = [np.frombuffer(self._buffer, "<f8", size, offset) for offset, size in self._slots]
-        self._constant = self._constant_parts(data)
-
-    def _constant_parts(self, data: bytes) -> list[tuple[int, int, bytes]]:
-        """Every stretch between the stamp and the slots, as (start, end, bytes); the encapsulation header first."""
-        parts = [(0, STAMP_OFFSET, data[:STAMP_OFFSET])]
-        start = STAMP_OFFSET + STAMP_SIZE
-        for offset, size in sorted(self._slots):
-            parts.append((start, offset, data[start:offset]))
-            start = offset + 8 * size
-        parts.append((start, len(data), data[start:]))
-        return [part for part in parts if part[0] < part[1]]
 
     def pack(self, stamp_ns: int, values: Sequence[Vector]) -> bytes:
         """Serialised message.
@@ -92,10 +149,11 @@ class Template:
         return bytes(self._buffer)
 
     def matches(self, data: bytes) -> bool:
-        """Whether everything but the stamp and the slots equals the template."""
+        """Whether everything but the stamp, the slots and the padding equals the template."""
         if len(data) != self.size:
             return False
-        return all(data[start:end] == part for start, end, part in self._constant)
+        np.bitwise_and(np.frombuffer(data, np.uint8), self._mask, out=self._masked)
+        return self._masked.tobytes() == self._constant
 
     def unpack(self, data: bytes) -> list[Vector] | None:
         """Values of the slots, as copies that nobody else writes to.

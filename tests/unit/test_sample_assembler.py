@@ -1,0 +1,100 @@
+"""Samples of several topics become one tick, whatever their order, age and stamps."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from controllers.sample_assembler import SampleAssembler, mean_sample
+from models.errors import MessageError
+from models.types import SensorData
+
+MS = 1_000_000
+ZERO = np.zeros(3)
+WRENCH = np.zeros(6)
+
+
+def _assembler(*, strict: bool = False) -> SampleAssembler:
+    return SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, strict=strict)
+
+
+def _add(assembler: SampleAssembler, source: str, stamp: int) -> SensorData | None:
+    value = float(stamp)
+    if source == "joints":
+        return assembler.add_joints(stamp, ZERO + value, ZERO, ZERO)
+    if source == "imu":
+        return assembler.add_imu(stamp, ZERO + value, ZERO)
+    return assembler.add_foot(int(source), stamp, WRENCH + value)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(("joints", "imu", "0", "1"))))
+def test_one_tick_for_each_complete_set(order: tuple[str, ...]) -> None:
+    assembler = _assembler()
+    for stamp in (MS, 2 * MS, 3 * MS):
+        emitted = [_add(assembler, source, stamp) for source in order]
+        assert [sample is not None for sample in emitted] == [False, False, False, True]
+        sample = emitted[-1]
+        assert sample is not None
+        assert sample.t == pytest.approx(stamp * 1e-9)
+        assert sample.q[0] == sample.gyro[0] == sample.wrenches[0, 0] == sample.wrenches[1, 0] == stamp
+    assert assembler.incomplete == 0
+
+
+def test_lost_inertial_sample_is_bridged_by_the_last_one() -> None:
+    assembler = _assembler()
+    for source in ("imu", "0", "1", "joints"):
+        _add(assembler, source, MS)
+    for stamp in (2 * MS, 3 * MS):
+        for source in ("0", "1"):
+            _add(assembler, source, stamp)
+        sample = _add(assembler, "joints", stamp)
+    assert sample is not None  # the second of two incomplete ticks is not waited for
+    assert sample.gyro[0] == MS
+    assert assembler.incomplete == 1
+
+
+def test_strict_waits_for_the_complete_set() -> None:
+    assembler = _assembler(strict=True)
+    for stamp in (MS, 2 * MS, 3 * MS):
+        assert _add(assembler, "joints", stamp) is None
+
+
+def test_too_old_sample_is_not_used() -> None:
+    assembler = _assembler()
+    for source in ("imu", "0", "1", "joints"):
+        _add(assembler, source, MS)
+    for stamp in range(2 * MS, 20 * MS, MS):
+        for source in ("0", "1"):
+            _add(assembler, source, stamp)
+        sample = _add(assembler, "joints", stamp)
+    assert sample is None
+    assert assembler.dropped > 0
+
+
+@pytest.mark.parametrize(
+    ("stamp", "reason"), [(MS, "repeats"), (MS - 1, "is before"), (0, "is before"), (10**12, "leaps ahead")]
+)
+@pytest.mark.parametrize("source", ["joints", "imu", "0", "1"])
+def test_stale_backward_and_leaping_stamps_are_refused(source: str, stamp: int, reason: str) -> None:
+    assembler = _assembler()
+    _add(assembler, source, MS)
+    with pytest.raises(MessageError, match=reason):
+        _add(assembler, source, stamp)
+    _add(assembler, source, 2 * MS)  # the true source goes on undisturbed
+
+
+def test_source_that_goes_on_after_a_gap_is_believed() -> None:
+    assembler = _assembler()
+    _add(assembler, "imu", MS)
+    with pytest.raises(MessageError, match="leaps ahead"):
+        _add(assembler, "imu", 500 * MS)
+    _add(assembler, "imu", 501 * MS)
+
+
+def test_mean_sample() -> None:
+    samples = [SensorData(t, ZERO + t, ZERO, ZERO, ZERO, ZERO, np.full((2, 6), t)) for t in (1.0, 3.0)]
+    mean = mean_sample(samples)
+    assert mean.t == 3.0
+    assert mean.q[0] == mean.wrenches[1, 5] == 2.0

@@ -1,0 +1,139 @@
+"""The mode machine: guarded transitions, text commands, the fault latch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from controllers.health import Health
+from controllers.supervisor import Supervisor
+from models.robot_model import RobotModel
+from models.types import Mode, SolveStatus
+
+WELL = Health(state_stamp=1.0, command_stamp=1.0, tilt=0.05)
+
+
+@pytest.fixture
+def law(g1: RobotModel) -> Supervisor:
+    supervisor = Supervisor(g1)
+    supervisor.set_preflight(())
+    return supervisor
+
+
+@pytest.fixture
+def standing(law: Supervisor) -> Supervisor:
+    assert law.request(Mode.STAND).accepted
+    return law
+
+
+def test_arming_is_refused_until_preflight_passes(g1: RobotModel) -> None:
+    law = Supervisor(g1)
+    assert "preflight checks have not run" in law.request(Mode.STAND).reason
+    law.set_preflight(("imu/data_raw arrives at 500 Hz instead of 1000 Hz",))
+    reply = law.request(Mode.STAND)
+    assert not reply.accepted
+    assert "imu/data_raw arrives at 500 Hz" in reply.reason
+    assert law.mode is Mode.OFF
+
+
+def test_walk_is_refused_with_the_reason(standing: Supervisor) -> None:
+    for reply in (standing.request(Mode.WALK), standing.text("walk"), standing.text("forward")):
+        assert not reply.accepted
+        assert "no gait planner is configured" in reply.reason
+    assert standing.mode is Mode.STAND
+
+
+def test_off_is_refused_while_standing_and_allowed_from_damp(standing: Supervisor) -> None:
+    assert "request 'damp' first" in standing.request(Mode.OFF).reason
+    assert standing.request(Mode.DAMP).accepted
+    assert standing.request(Mode.OFF).accepted
+
+
+def test_motion_runs_from_request_to_end(standing: Supervisor) -> None:
+    assert standing.text("  WAVE ").accepted
+    assert standing.mode is Mode.MOTION
+    assert standing.take_motion() == "wave"
+    assert standing.take_motion() is None
+    assert "busy with 'wave'" in standing.text("squat").reason
+    assert standing.update(WELL, 1.0) is Mode.MOTION  # still being planned
+    assert standing.update(replace(WELL, motion_active=True), 1.01) is Mode.MOTION
+    assert standing.update(WELL, 1.02) is Mode.STAND
+
+
+def test_motion_that_never_starts_is_given_up(standing: Supervisor) -> None:
+    standing.text("bow")
+    standing.take_motion()
+    late = 1.0 + standing.config.plan_timeout + 0.1
+    assert standing.update(WELL, 1.0) is Mode.MOTION
+    assert standing.update(replace(WELL, state_stamp=late, command_stamp=late), late) is Mode.STAND
+
+
+def test_refused_motion_returns_to_stand_with_the_reason(standing: Supervisor) -> None:
+    standing.text("reach")
+    reply = standing.motion_refused("target out of reach")
+    assert not reply.accepted
+    assert reply.reason == "motion 'reach' refused: target out of reach"
+    assert standing.mode is Mode.STAND
+
+
+def test_stop_holds_the_posture(standing: Supervisor) -> None:
+    standing.text("squat")
+    standing.take_motion()
+    assert standing.text("stop").accepted
+    assert standing.mode is Mode.STAND
+    assert standing.take_motion() == "stop"
+
+
+@pytest.mark.parametrize("text", ["dance", "", "wave; rm", "w" * 257, "x" * 1_000_000])
+def test_unknown_or_oversized_text_is_ignored_and_counted(standing: Supervisor, text: str) -> None:
+    reply = standing.text(text)
+    assert not reply.accepted
+    assert len(reply.reason) < 300
+    assert standing.ignored == 1
+    assert standing.mode is Mode.STAND
+    assert standing.take_motion() is None
+
+
+def test_longest_text_that_is_read(standing: Supervisor) -> None:
+    assert standing.text("wave".ljust(256)).accepted
+
+
+@pytest.mark.parametrize(
+    ("health", "culprit"),
+    [
+        (replace(WELL, tilt=0.8), "tilt 0.80 rad"),
+        (replace(WELL, tilt=float("nan")), "tilt nan"),
+        (replace(WELL, state_stamp=0.85), "state estimate older"),
+        (replace(WELL, command_stamp=0.85), "whole-body command older"),
+        (replace(WELL, drivers_damped=True), "drivers fell back"),
+        (replace(WELL, status=SolveStatus.DAMPED), "no usable torques"),
+    ],
+)
+def test_fault_damps_latches_and_names_the_cause(standing: Supervisor, health: Health, culprit: str) -> None:
+    assert standing.update(health, 1.0) is Mode.DAMP
+    assert culprit in standing.faults[0]
+    assert standing.update(WELL, 1.0) is Mode.DAMP
+    refused = standing.request(Mode.STAND)
+    assert not refused.accepted
+    assert culprit in refused.reason
+    assert standing.reset_faults().accepted
+    assert standing.mode is Mode.DAMP
+    assert standing.request(Mode.STAND).accepted
+
+
+def test_healthy_robot_keeps_standing(standing: Supervisor) -> None:
+    assert standing.update(replace(WELL, tilt=0.69, state_stamp=0.95, command_stamp=0.95), 1.0) is Mode.STAND
+    assert standing.faults == ()
+
+
+def test_estop_damps_from_any_active_mode_and_leaves_off_alone(law: Supervisor) -> None:
+    law.estop()
+    assert law.mode is Mode.OFF
+    law.reset_faults()
+    law.request(Mode.STAND)
+    law.text("wave")
+    law.estop()
+    assert law.mode is Mode.DAMP
+    assert law.faults == ("emergency stop",)
+    assert law.take_motion() is None
