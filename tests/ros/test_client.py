@@ -1,0 +1,152 @@
+"""The command line's client and the demonstration's observer, against a graph of a few fake topics."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from bridge.ros.client import Client
+from bridge.ros.environment import join_graph
+from bridge.ros.observer import Observer
+from models.errors import CommandError, PoiseError
+from models.nodes import topics
+from models.nodes.messages import JointStateCodec, WrenchCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import ContactState, RobotState
+
+pytestmark = pytest.mark.ros
+
+
+class FakeSupervisor(Node):
+    """Waves when told, refuses the rest, and says so on ``/diagnostics``."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("supervisor", context=context)
+        self.refused = 0
+        self.create_subscription(String, topics.HUMANOID_COMMANDS, self.on_text, EVENT)
+        self.states = self.create_publisher(String, topics.MOTION_STATE, EVENT)
+        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+        self.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
+        self.create_service(Trigger, "mode/damp", self.on_damp)
+        self.create_timer(0.05, self.report)
+
+    def on_text(self, message: String) -> None:
+        if message.data == "wave":
+            self.states.publish(String(data=topics.MOTION_RUNNING))
+        else:
+            self.refused += 1
+
+    def on_damp(self, request: Any, response: Any) -> Any:
+        response.success, response.message = False, "the robot would drop"
+        return response
+
+    def report(self) -> None:
+        status = DiagnosticStatus(name="/supervisor")
+        status.values = [
+            KeyValue(key=f"refused {topics.HUMANOID_COMMANDS}", value=str(self.refused)),
+            KeyValue(key="last refusal", value="unknown command 'fly'"),
+        ]
+        self.diagnostics.publish(DiagnosticArray(status=[status]))
+
+
+@pytest.fixture
+def context(ros_domain_id: int) -> Iterator[Context]:
+    join_graph()
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def supervisor(context: Context) -> Iterator[FakeSupervisor]:
+    executor = SingleThreadedExecutor(context=context)
+    node = FakeSupervisor(context)
+    executor.add_node(node)
+    stop = threading.Event()
+
+    def serve() -> None:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.02)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield node
+    stop.set()
+    thread.join()
+    executor.remove_node(node)
+    node.destroy_node()
+
+
+def test_commands_are_answered(supervisor: FakeSupervisor) -> None:
+    with Client() as client:
+        assert client.command("wave").accepted
+        reply = client.command("fly")
+        assert not reply.accepted and reply.reason == "unknown command 'fly'"
+        assert client.mode == "stand"
+        reply = client.trigger("mode/damp")
+        assert not reply.accepted and reply.reason == "the robot would drop"
+    with Client() as client:  # it opens again
+        assert client.command("wave").accepted
+
+
+def test_nobody_there(context: Context) -> None:
+    with Client() as client:
+        with pytest.raises(CommandError, match="nobody listens on humanoid_commands"):
+            client.send("wave", timeout=0.3)
+        with pytest.raises(CommandError, match="service mode/stand is absent"):
+            client.trigger("mode/stand", timeout=0.3)
+
+
+def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> None:
+    node = Node("plant", context=context)
+    odom = node.create_publisher(Odometry, topics.GROUND_TRUTH, SENSOR)
+    joints = node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    feet = [node.create_publisher(WrenchStamped, topic, SENSOR) for topic in topics.FOOT_WRENCHES]
+    odom_codec, joint_codec = OdometryCodec(), JointStateCodec(g1)
+    foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
+    observer = Observer(g1, context)
+    with pytest.raises(PoiseError, match="ground_truth/odom, joint_states, foot/left/wrench, foot/right/wrench silent"):
+        observer.recording([])
+    rest = ContactState(True, np.zeros(6))
+    q, v = g1.standing_configuration(), np.zeros(g1.nv)
+    try:
+        for k in range(1, 500):
+            stamp = k * 1_000_000
+            q[2], values = 0.7 + 1e-6 * k, np.full(g1.nj, 1e-3 * k)
+            for foot, publisher in enumerate(feet):
+                publisher.publish(foot_codecs[foot].encode(stamp, np.full(6, float(k) * (foot + 1))))
+            joints.publish(joint_codec.encode(stamp, values, 2.0 * values, 3.0 * values))
+            odom.publish(odom_codec.encode(stamp, RobotState(0.0, q, v, values, (rest, rest))))
+            threading.Event().wait(0.002)
+            if k % 10 == 0:
+                observer.poll()
+        recording = observer.recording([(0.1, "wave")])
+    finally:
+        observer.close()
+        node.destroy_node()
+    assert len(recording.t) > 20 and np.all(np.diff(recording.t) > 0.0)
+    inner = slice(2, -2)  # the ends are held, not interpolated
+    t = recording.t[inner]
+    assert recording.q[inner, 2] == pytest.approx(0.7 + 1e-3 * t, abs=1e-12)
+    assert recording.q[inner, 7] == pytest.approx(t) and recording.v[inner, 6] == pytest.approx(2.0 * t)
+    assert recording.tau[inner, -1] == pytest.approx(3.0 * t)
+    assert recording.wrenches[inner, 1, 5] == pytest.approx(2000.0 * t)
+    assert recording.events == ((0.1, "wave"),)

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+import benchmarks.cli
+from benchmarks.harness import LoadMeter, Options, Report
+from bridge.cli import app
+from models.errors import ConfigError
+
+RUNNER = CliRunner()
+
+
+def _bench(passed: bool) -> SimpleNamespace:
+    def run(options: Options) -> Report:
+        if options.robot == "nobody":
+            raise ConfigError("unknown robot 'nobody'")
+        figures = {"dv_min": 0.25}
+        return Report("push", options.robot, options.seeds, figures, [], passed=passed, load=LoadMeter().read())
+
+    def plot(report: Report, folder: Path) -> list[Path]:
+        (folder / "push.png").write_bytes(b"picture")
+        return [folder / "push.png"]
+
+    return SimpleNamespace(run=run, plot=plot)
+
+
+@pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
+def test_a_bench_ends_with_its_verdict(
+    passed: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(benchmarks.cli.importlib, "import_module", lambda name: _bench(passed))
+    options = ["--robot", "talos", "--seeds", "3", "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "p")]
+    result = RUNNER.invoke(app, ["bench", "push", *options])
+    assert result.exit_code == code, result.output
+    assert "dv_min" in result.output and ("not passed" in result.output) == (not passed)
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert (data["robot"], data["seeds"], data["passed"]) == ("talos", 3, passed)
+    assert (tmp_path / "p/push.png").is_file()
+
+
+def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmarks.cli.importlib, "import_module", lambda name: _bench(True))
+    result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])
+    assert result.exit_code == 2 and "unknown robot 'nobody'" in result.output
+
+
+@pytest.mark.parametrize(
+    "words", [["mode", "fly"], ["calibrate", "soul"], ["bench", "push", "--seeds", "0"], ["dance"]]
+)
+def test_words_that_are_not_known_are_refused(words: list[str]) -> None:
+    assert RUNNER.invoke(app, words).exit_code == 2
+
+
+def test_robots_lists_the_profiles() -> None:
+    result = RUNNER.invoke(app, ["robots"])
+    assert result.exit_code == 0
+    assert "g1" in result.output and "talos" in result.output and "[kg]" in result.output
