@@ -113,6 +113,16 @@ def test_command_of_wrong_size_is_refused(g1: RobotModel) -> None:
     assert servo.refused == 1
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_set_point_is_brought_back_to_the_limits(g1: RobotModel, sign: float) -> None:
+    servo, t = armed(g1)
+    far = np.full(g1.nj, sign * 1e6)
+    assert servo.command(JointCommand(far, far, far), t)
+    np.testing.assert_array_equal(servo.setpoint.q, g1.q_upper if sign > 0 else g1.q_lower)
+    np.testing.assert_array_equal(servo.setpoint.v, sign * g1.v_max)
+    np.testing.assert_array_equal(servo.setpoint.tau, sign * g1.tau_max)
+
+
 def test_timeout_fades_torque_into_damping_and_latches(g1: RobotModel) -> None:
     servo, t = armed(g1)
     q, v = g1.posture("stand"), 0.1 * np.ones(g1.nj)
