@@ -81,11 +81,17 @@ class Demo:
         self._motion_states.append(message.data)
 
     def _watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        """Observe until a condition holds; ``PoiseError(otherwise)`` when it does not in time [s]."""
+        """Observe until a condition holds.
+
+        Raises:
+            PoiseError: It does not hold in time [s], which ``otherwise`` says, or the robot has given up.
+        """
         end = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > end:
-                raise PoiseError(otherwise)
+                raise PoiseError(f"{otherwise}: mode '{self._graph.mode}', drivers '{self._graph.driver_state}'")
+            if self._graph.mode in (Mode.DAMP.value, Mode.OFF.value):
+                raise PoiseError(f"the robot gave up: mode '{self._graph.mode}'; the log says why")
             self._graph.spin(self._config.poll_period)
             self._observer.poll()
 
@@ -110,7 +116,7 @@ class Demo:
                 raise PoiseError(f"{name} {refused[0]}")
             return topics.MOTION_DONE in self._motion_states and self._graph.mode == Mode.STAND.value
 
-        self._watch(ended, limit, f"{name} did not end within {limit:.0f} s: mode '{self._graph.mode}'")
+        self._watch(ended, limit, f"{name} did not end within {limit:.0f} s")
         self._events.append((self._observer.stamp, f"{name} done"))
 
     def _disturb(self) -> None:
@@ -171,8 +177,9 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     out.mkdir(parents=True, exist_ok=True)
     latency_file = (out / "latency.npz").resolve()
     latency_file.unlink(missing_ok=True)
-    plant: dict[str, object] = {"latency_file": str(latency_file), "push.duration": config.push_duration}
-    parameters = {"mujoco_bridge": plant}
+    fifo: dict[str, object] = {"realtime.priority": config.realtime_priority}
+    parameters = {name: dict(fifo) for name in ("mujoco_bridge", "state_estimator", "balance_controller")}
+    parameters["mujoco_bridge"] |= {"latency_file": str(latency_file), "push.duration": config.push_duration}
     failure, recording, factor = "", None, float("nan")
     model = RobotModel.load(robot)
     say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")

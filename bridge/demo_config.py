@@ -16,6 +16,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 class DemoConfig:
     """What the demonstration does, and what counts as done; see ``bridge/config/demo.yaml``."""
 
+    realtime_priority: Annotated[int, Field(ge=0, le=99)]
     start_limit: Positive
     quiet_time: Positive
     motions: tuple[str, ...]
