@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, LifecycleClient
+from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
 from bridge.ros.processes import GraphProcess, Parameters, ProcessSpec, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
@@ -33,6 +33,9 @@ SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
 START_TIMEOUT = 300.0
 """Longest wait for a node to answer while it starts; the first start on a machine compiles [s]."""
+
+SETTLE_TIME = 0.2
+"""A service must discover its new client too before it can reply, and nobody can ask it whether it has [s]."""
 
 RESTARTS_MAX = 5
 """Restarts of one process after which the launcher gives up."""
@@ -97,7 +100,7 @@ class Graph:
         self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
         self.node.create_subscription(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         self._commands = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
-        self._lifecycle = LifecycleClient(self.node, self._tick)
+        self._clients: dict[str, Any] = {}
         try:
             self._start()
         except BaseException:
@@ -166,14 +169,13 @@ class Graph:
         Raises:
             PoiseError: No answer in time.
         """
-        client = self.node.create_client(Trigger, service)
-        try:
+        if service not in self._clients:
+            client = self._clients[service] = self.node.create_client(Trigger, service)
             self.wait_for(client.service_is_ready, timeout, f"offering {service}")
-            future = client.call_async(Trigger.Request())
-            self.wait_for(future.done, timeout, f"answering {service}")
-            return bool(future.result().success), str(future.result().message)
-        finally:
-            self.node.destroy_client(client)
+            self.spin(SETTLE_TIME)
+        future = self._clients[service].call_async(Trigger.Request())
+        self.wait_for(future.done, timeout, f"answering {service}")
+        return bool(future.result().success), str(future.result().message)
 
     def _start(self) -> None:
         environment = graph_environment(domain_id=self._domain_id, network=self._network)
@@ -184,9 +186,9 @@ class Graph:
         for process in self._processes:
             process.start()
         names = [name for spec in self._specs[1:] for name in spec.nodes] + list(BRIDGE.nodes)
-        self._lifecycle.change(names, CONFIGURE, START_TIMEOUT)
+        self._change(names, CONFIGURE)
         for name in names:
-            self._lifecycle.change([name], ACTIVATE, START_TIMEOUT)
+            self._change([name], ACTIVATE)
         self._say(f"active: {', '.join(names)}")
 
     def _restart(self, process: GraphProcess) -> None:
@@ -195,12 +197,21 @@ class Graph:
         self._say(f"{process.spec.module} ended with code {code}: restart {process.restarts} of {RESTARTS_MAX}")
         if process.restarts > RESTARTS_MAX:
             raise PoiseError(f"{process.spec.module} crashed {process.restarts} times")
-        for name in process.spec.nodes:
-            self._lifecycle.forget(name)
         process.start()
         for transition in (CONFIGURE, ACTIVATE):
-            self._lifecycle.change(process.spec.nodes, transition, START_TIMEOUT)
+            self._change(process.spec.nodes, transition)
         self._say(f"{', '.join(process.spec.nodes)} active again")
+
+    def _change(self, names: Sequence[str], transition: int) -> None:
+        concerned = [process for process in self._processes if set(process.spec.nodes) & set(names)]
+
+        def spin() -> None:
+            self._tick()
+            for process in concerned:
+                if process.exit_code is not None:
+                    raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")
+
+        change_state(self.node, spin, names, transition, START_TIMEOUT)
 
     def _tick(self, timeout: float = 0.05) -> None:
         self._executor.spin_once(timeout_sec=timeout)

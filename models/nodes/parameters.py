@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
+import re
 import sys
 import types
 import typing
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
 
+from pydantic import Field
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from models.config import parse_config
@@ -60,6 +64,7 @@ def describe(description: str, *, read_only: bool = True, low: float | None = No
 def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
     """Declare the fields of one dataclass; returns their values by field name."""
     hints = typing.get_type_hints(type(default), include_extras=True)
+    texts = _texts(type(default))
     values: dict[str, Any] = {}
     for field in dataclasses.fields(default):
         value = getattr(default, field.name)
@@ -67,10 +72,28 @@ def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
         if dataclasses.is_dataclass(value):
             values[field.name] = _declare(node, value, f"{name}.")
         elif isinstance(value, dict):
-            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hints[field.name]) for k, v in value.items()}
+            hint = _descriptor_source(hints[field.name], texts(field.name))
+            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hint) for k, v in value.items()}
         else:
-            values[field.name] = _declare_item(node, name, value, hints[field.name])
+            hint = _descriptor_source(hints[field.name], texts(field.name))
+            values[field.name] = _declare_item(node, name, value, hint)
     return values
+
+
+def _texts(schema: type) -> Callable[[str], str]:
+    """Description of a field from the schema's docstring: its entry under ``Attributes``, or the first sentence."""
+    doc = inspect.cleandoc(schema.__doc__ or "")
+    head, _, attributes = doc.partition("Attributes:")
+    entries = dict(re.findall(r"^    (\w+): (.+(?:\n        .+)*)", attributes, re.MULTILINE))
+    summary = head.strip().split("\n\n")[0].replace("\n", " ")
+    return lambda name: re.sub(r"\s+", " ", entries.get(name, f"{name}: {summary}"))
+
+
+def _descriptor_source(hint: Any, text: str) -> Any:
+    """The type hint, with a description where it has none."""
+    if any(getattr(info, "description", None) for info in _metadata(hint)):
+        return hint
+    return Annotated[hint, Field(description=text)]
 
 
 def _declare_item(node: Any, name: str, value: Any, hint: Any) -> Any:

@@ -1,0 +1,314 @@
+"""The real graph over DDS: it stands, refuses what is malformed naming the culprit, survives a crash, ends cleanly."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain
+from models.nodes import topics
+from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, doubles, trajectory_to_message
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import COMMAND, EVENT, SENSOR
+from models.robot_model import RobotModel
+from models.types import JointCommand
+from models.types import JointTrajectory as Trajectory
+
+pytestmark = pytest.mark.ros
+
+TOPICS = (
+    *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
+    *("contacts", "mode", "diagnostics", "robot_description", "humanoid_commands"),
+    "joint_trajectory_controller/joint_trajectory",
+)
+SERVICES = (
+    *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
+    *("calibrate/imu", "calibrate/joints", "calibrate/feet"),
+)
+
+
+class Eyes:
+    """What the tests see of the graph."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.truth: list[np.ndarray] = []
+        self.posture = b""
+        self.joints = b""
+        self.motion: list[str] = []
+        self.reports: dict[str, dict[str, str]] = {}
+        listen = graph.node.create_subscription
+        listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
+        listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+        listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
+        listen(String, topics.MOTION_PLAN_STATE, lambda message: self.motion.append(message.data), EVENT)
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+        self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        self.states = graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+
+    def _on_truth(self, data: bytes) -> None:
+        self.truth.append(OdometryCodec().decode(data)[1])
+
+    def _on_posture(self, data: bytes) -> None:
+        self.posture = data
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name] = {"message": status.message, **{item.key: item.value for item in status.values}}
+
+    def refusal(self, node: str, topic: str, act: Callable[[], object], culprit: str) -> None:
+        """Do something until a node reports a new refusal on a topic that names the culprit."""
+        key = f"refused {topic}"
+        before = int(self.reports.get(f"/{node}", {}).get(key, "0"))
+
+        def refused() -> bool:
+            act()
+            report = self.reports.get(f"/{node}", {})
+            return int(report.get(key, "0")) > before and culprit in report["last refusal"]
+
+        self.graph.wait_for(refused, 5.0, f"refused by {node} with '{culprit}'")
+
+
+@pytest.fixture(scope="module")
+def eyes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
+    """A graph that stands."""
+    log = tmp_path_factory.mktemp("graph") / "log"
+    os.environ["ROS_LOG_DIR"] = str(log.parent)
+    with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None) as graph:
+        seen = Eyes(graph)
+        graph.wait_standing(90.0)
+        graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")
+        yield seen
+        pids = list(graph.pids.values())
+    assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.fixture
+def undisturbed(eyes: Eyes) -> Iterator[None]:
+    """The robot neither moves nor changes its mode meanwhile."""
+    eyes.graph.spin(0.2)
+    eyes.truth.clear()
+    yield
+    eyes.graph.spin(0.3)
+    path = np.array(eyes.truth)[:, :3]
+    assert np.ptp(path, axis=0).max() < 0.005  # [m]
+    assert (eyes.graph.mode, eyes.graph.driver_state) == ("stand", "active")
+
+
+def test_the_graph_offers_what_the_architecture_names(eyes: Eyes) -> None:
+    node = eyes.graph.node
+    offered = {name for name, _ in node.get_topic_names_and_types()}
+    assert offered >= {f"/{topic}" for topic in TOPICS}
+    services = {name for name, _ in node.get_service_names_and_types()}
+    assert services >= {f"/{service}" for service in SERVICES}
+
+
+def test_services_answer_with_the_reason(eyes: Eyes, undisturbed: None) -> None:
+    accepted, reason = eyes.graph.call("mode/walk")
+    assert not accepted
+    assert "no gait planner is configured" in reason
+    accepted, reason = eyes.graph.call("mode/off")
+    assert not accepted
+    assert "request 'damp' first" in reason
+    accepted, reason = eyes.graph.call("calibrate/imu")
+    assert not accepted
+    assert "not available yet" in reason
+
+
+@pytest.mark.parametrize(
+    ("text", "culprit"), [("dance", "unknown command 'dance'"), ("x" * 300, "300 characters"), ("walk", "gait planner")]
+)
+def test_text_that_is_not_carried_out(eyes: Eyes, undisturbed: None, text: str, culprit: str) -> None:
+    eyes.refusal("supervisor", topics.HUMANOID_COMMANDS, lambda: eyes.graph.send(text), culprit)
+
+
+def _joint_state(g1: RobotModel, how: str) -> JointState:
+    """A second publisher's message, far from the truth, so that taking it would show."""
+    data = JointStateCodec(g1).encode(10**15, g1.posture("stand") + 0.3, np.zeros(g1.nj), np.zeros(g1.nj))
+    message = decode(data, JointState)
+    names = list(message.name)
+    if how == "unknown":
+        message.name = ["tail_joint", *names[1:]]
+    elif how == "missing":
+        message.name = names[1:]
+        for field in ("position", "velocity", "effort"):
+            setattr(message, field, getattr(message, field)[1:])
+    elif how == "duplicate":
+        message.name = [names[1], *names[1:]]
+    elif how == "nan":
+        message.position[0] = float("nan")
+    elif how == "backward":
+        message.header.stamp.sec = 0
+    return message
+
+
+@pytest.mark.parametrize(
+    ("how", "culprit"),
+    [
+        ("unknown", "tail_joint"),
+        ("missing", "left_hip_pitch_joint"),
+        ("duplicate", "given twice"),
+        ("nan", "position of left_hip_pitch_joint is nan"),
+        ("backward", "header.stamp"),
+        ("leap", "leaps ahead"),
+    ],
+)
+def test_malformed_joint_states(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
+    message = _joint_state(g1, how)
+    eyes.refusal("state_estimator", topics.JOINT_STATES, lambda: eyes.states.publish(message), culprit)
+
+
+def _command(g1: RobotModel, how: str) -> JointTrajectory:
+    zero = np.zeros(g1.nj)
+    data = JointCommandCodec(g1).encode(1, JointCommand(g1.posture("zero"), zero, zero))
+    message = decode(data, JointTrajectory)
+    if how == "unknown":
+        message.joint_names = ["tail_joint", *list(message.joint_names)[1:]]
+    elif how == "nan":
+        message.points[0].effort[0] = float("nan")
+    elif how == "future":
+        message.header.stamp.sec = 10**6
+    elif how == "duplicate":
+        message.joint_names = [message.joint_names[1], *list(message.joint_names)[1:]]
+    return message
+
+
+@pytest.mark.parametrize(
+    ("how", "culprit"),
+    [
+        ("unknown", "tail_joint"),
+        ("duplicate", "given twice"),
+        ("nan", "effort of left_hip_pitch_joint is nan"),
+        ("stale", "header.stamp"),
+        ("future", "header.stamp"),
+    ],
+)
+def test_malformed_joint_commands(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
+    message = _command(g1, how)
+    eyes.refusal("mujoco_bridge", topics.JOINT_COMMAND, lambda: eyes.commands.publish(message), culprit)
+
+
+def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
+    """From the present posture to itself, spoilt in one way at the knee."""
+    knee = g1.joint_index("left_knee_joint")
+    positions, times = np.array([start, start]), np.array([0.0, 1.0])
+    if how == "limit":
+        positions[1, knee] = g1.q_upper[knee] + 0.5
+    elif how == "jump":
+        positions[:, knee] += 0.3
+    elif how == "nan":
+        positions[1, knee] = np.nan
+    elif how == "times":
+        times[1] = 0.0
+    message = trajectory_to_message(Trajectory(g1.joint_names, times, positions, np.zeros_like(positions)))
+    if how == "unknown":
+        message.joint_names = ["tail_joint", *g1.joint_names[1:]]
+    elif how == "ragged":
+        message.points[1].positions = doubles(start[:-1])
+    elif how == "empty":
+        message.points = []
+    return message
+
+
+@pytest.mark.parametrize(
+    ("how", "culprit"),
+    [
+        ("limit", "left_knee_joint"),
+        ("jump", "start jump"),
+        ("nan", "left_knee_joint"),
+        ("times", "times"),
+        ("unknown", "tail_joint"),
+        ("ragged", "positions: point 1"),
+        ("empty", "no points"),
+    ],
+)
+def test_malformed_motions(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
+    start = JointStateCodec(g1).decode(eyes.posture)[1]
+    message = _trajectory(g1, start, how)
+    eyes.motion.clear()
+    eyes.motions.publish(message)
+    eyes.graph.wait_for(lambda: bool(eyes.motion), 5.0, "answered")
+    assert eyes.motion[0].startswith("refused: ")
+    assert culprit in eyes.motion[0]
+
+
+def test_a_motion_is_planned_followed_and_ends_in_stand(eyes: Eyes) -> None:
+    eyes.motion.clear()
+    eyes.graph.send("wave")
+    eyes.graph.wait_for(lambda: topics.MOTION_RUNNING in eyes.motion, 20.0, "waving")
+    assert eyes.graph.mode == "motion"
+    eyes.graph.wait_for(
+        lambda: topics.MOTION_DONE in eyes.motion and eyes.graph.mode == "stand", 30.0, "standing again"
+    )
+
+
+def test_the_controller_has_no_way_to_the_truth(eyes: Eyes) -> None:
+    readers = eyes.graph.node.get_subscriptions_info_by_topic(f"/{topics.GROUND_TRUTH}")
+    assert {info.node_name for info in readers} == {"poise"}  # this test's own eyes
+    pid = eyes.graph.pids["controllers.nodes.control"]
+    assert "libmujoco" not in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
+    code = (
+        "import sys, controllers.nodes.control, controllers.nodes.state_estimator, controllers.nodes.supervisor;"
+        "print([m for m in sys.modules if m.split('.')[0] in ('mujoco', 'bridge') or m == 'models.mujoco_model'])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert found.stdout.strip() == "[]"
+
+
+def test_every_parameter_is_described(eyes: Eyes) -> None:
+    from rcl_interfaces.srv import DescribeParameters, ListParameters
+
+    def call(kind: Any, name: str, request: Any) -> Any:
+        client = eyes.graph.node.create_client(kind, name)
+        eyes.graph.wait_for(client.service_is_ready, 5.0, f"offering {name}")
+        future = client.call_async(request)
+        eyes.graph.wait_for(future.done, 5.0, f"answering {name}")
+        return future.result()
+
+    for node in ("balance_controller", "state_estimator", "mujoco_bridge", "supervisor", "motion_planner"):
+        names = [
+            name
+            for name in call(ListParameters, f"{node}/list_parameters", ListParameters.Request()).result.names
+            if not name.startswith(("qos_overrides", "use_sim_time", "start_type_description"))
+        ]
+        assert len(names) > 3
+        answer = call(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
+        assert [d.name for d in answer.descriptors if not d.description] == []
+
+
+def test_a_killed_planner_is_restarted_alone(eyes: Eyes, undisturbed: None) -> None:
+    before = dict(eyes.graph.pids)
+    os.kill(before["planners.nodes.motion_planner"], 9)
+    eyes.graph.wait_for(lambda: eyes.graph.pids != before, 60.0, "restarted")
+    changed = [name for name, pid in eyes.graph.pids.items() if pid != before[name]]
+    assert changed == ["planners.nodes.motion_planner"]
+
+
+def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
+    begin = time.monotonic()
+    accepted, _ = eyes.graph.call("estop")
+    assert accepted
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
+    assert time.monotonic() - begin < 1.0
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "emergency stop" in reason
+    assert eyes.graph.call("reset_faults")[0]
+    assert eyes.graph.call("reset")[0]  # back to the start: held, checked, and standing again
+    eyes.graph.wait_standing(20.0)
