@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from rich.console import Console
 from std_msgs.msg import String
@@ -23,6 +24,7 @@ from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT
+from models.nodes.tick_timer import MEDIAN, TAIL
 from models.robot_model import RobotModel
 from models.types import Mode
 
@@ -44,9 +46,10 @@ class Demo:
         self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             graph.node.create_subscription(String, topic, self._on_motion, EVENT)
+        graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        self._ticks: list[tuple[float, float]] = []
         self._events: list[tuple[float, str]] = []
-        self._began: tuple[float, float] | None = None
-        self.real_time_factor = float("nan")
+        self._real_time_factor = float("nan")
 
     def play(self) -> None:
         """Play the whole scenario.
@@ -65,7 +68,7 @@ class Demo:
             self._pause(config.pause)
         self._disturb()
         self._pause(config.recover_time)
-        self.real_time_factor = (self._observer.stamp - began[1]) / (time.monotonic() - began[0])
+        self._real_time_factor = (self._observer.stamp - began[1]) / (time.monotonic() - began[0])
         if self._graph.mode != Mode.STAND.value:
             raise PoiseError(f"the robot does not stand at the end: mode '{self._graph.mode}'")
 
@@ -79,6 +82,24 @@ class Demo:
 
     def _on_motion(self, message: String) -> None:
         self._motion_states.append(message.data)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep how long the controller's ticks took lately."""
+        for status in message.status:
+            values = {item.key: item.value for item in status.values}
+            if MEDIAN in values and TAIL in values:
+                self._ticks.append((float(values[MEDIAN]), float(values[TAIL])))
+
+    def speed_figures(self) -> dict[str, float]:
+        """``tick_us_p50`` and ``tick_us_p99`` of the controller, and ``real_time_factor``.
+
+        The controller reports percentiles of its last seconds: these are the median of the medians and the worst tail.
+        """
+        figures = {"real_time_factor": self._real_time_factor}
+        if self._ticks:
+            medians, tails = np.array(self._ticks).T
+            figures |= {"tick_us_p50": float(np.median(medians)), "tick_us_p99": float(tails.max())}
+        return figures
 
     def _watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
         """Observe until a condition holds.
@@ -180,7 +201,8 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     fifo: dict[str, object] = {"realtime.priority": config.realtime_priority}
     parameters = {name: dict(fifo) for name in ("mujoco_bridge", "state_estimator", "balance_controller")}
     parameters["mujoco_bridge"] |= {"latency_file": str(latency_file), "push.duration": config.push_duration}
-    failure, recording, factor = "", None, float("nan")
+    failure, recording = "", None
+    fast: dict[str, float] = {}
     model = RobotModel.load(robot)
     say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")
     graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
@@ -192,7 +214,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
             except PoiseError as error:
                 failure = str(error)
             finally:
-                factor = played.real_time_factor
+                fast = played.speed_figures()
                 try:
                     recording = played.recording()
                 except PoiseError as error:
@@ -207,7 +229,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
         )
     checks = [Check("scenario", not failure, failure or "played to its end")]
     stable: dict[str, float] = {}
-    fast = {**latency_figures(latency_file), "real_time_factor": factor}
+    fast |= latency_figures(latency_file)
     if recording is not None:
         more, stability = judge(model, recording, config)
         checks += more

@@ -23,6 +23,7 @@ from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, tr
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, LATCHED, SENSOR, command
 from models.nodes.spin import run
+from models.nodes.tick_timer import TickTimer
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
 MODES = {mode.value: mode for mode in Mode}
@@ -56,6 +57,7 @@ class BalanceControllerNode(PoiseNode):
         self._result: ControlResult | None = None
         self._last_command = b""
         self._motion = False
+        self._timer = TickTimer()
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
@@ -98,7 +100,8 @@ class BalanceControllerNode(PoiseNode):
             self._law.reset(state)
             self._reset = False
         self._last_stamp = stamp
-        result = self._law.step(state, dt)
+        with self._timer:
+            result = self._law.step(state, dt)
         self._last_command = self._codec.encode(stamp, result.command)
         self._command.publish(self._last_command)
         self._after(result, stamp)
@@ -135,6 +138,7 @@ class BalanceControllerNode(PoiseNode):
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = f"{self._law.capture_margin:.4f}"
         self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"
+        self.values |= self._timer.values()
 
     def _on_mode(self, message: String) -> None:
         if message.data not in MODES:
