@@ -26,7 +26,8 @@ class SampleAssembler:
         max_age_ns: Oldest usable sample of another source [ns].
         max_gap_ns: Largest step of a source's stamp that is believed at once [ns]. A larger one is refused, unless the
             source goes on from there: then samples had been missing.
-        strict: Never mix stamps: wait for the complete tick (lockstep).
+        strict: Never mix stamps: wait for the complete tick; the plant may repeat a sample it got no answer to, which
+            is passed over (lockstep).
 
     Attributes:
         incomplete: Ticks made of samples with different stamps.
@@ -82,6 +83,8 @@ class SampleAssembler:
     def _accept(self, source: int, stamp: int) -> None:
         last = self._stamps[source]
         if last is not None:
+            if stamp == last and self._strict:
+                return
             if stamp <= last:
                 kind = "repeats" if stamp == last else "is before"
                 raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns {kind} {last} ns")

@@ -53,7 +53,7 @@ class MujocoBridge(PoiseNode):
         self._latency_file = str(
             get("latency_file", "", describe("Where to write the latencies; empty for none")).value
         )
-        self.tick, self._command_stamp = 0, -1
+        self.tick, self._command_stamp = 1, 0  # a zero stamp means "now" in a command
         self._paused = False
         self._first: SensorData | None = None
         self._said = ""

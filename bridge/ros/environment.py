@@ -26,16 +26,16 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
         network: Whether other machines may join.
 
     Returns:
-        Names and values; a profile file that is already set is kept.
+        Names and values; a profile file of the user's own is kept.
     """
     variables = dict.fromkeys(THREAD_VARIABLES, "1")
     variables[SUPERVISED] = "1"
     if domain_id is not None:
         variables["ROS_DOMAIN_ID"] = str(domain_id)
-    if not network:
-        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        if PROFILE_VARIABLE not in os.environ:
-            variables[PROFILE_VARIABLE] = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
+    profile = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
+    if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
+        variables[PROFILE_VARIABLE] = profile
+        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # any other value overrides the profile
     if "HOME" not in os.environ and "ROS_LOG_DIR" not in os.environ:
         variables["ROS_LOG_DIR"] = f"/tmp/ros_log_{os.getuid()}"
     return variables

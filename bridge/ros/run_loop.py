@@ -52,7 +52,7 @@ class Paced(Protocol):
         ...
 
     def idle(self) -> None:
-        """Called now and then while simulated time does not pass."""
+        """Called now and then while simulated time does not pass, so that the others see the plant alive."""
         ...
 
 
@@ -96,3 +96,4 @@ def _await_answer(executor: Any, node: Paced, stop: Stop) -> None:
         if time.monotonic_ns() >= again and not node.answered:
             again = time.monotonic_ns() + ASK_AGAIN_NS
             node.publish_tick(0.0)
+            node.idle()

@@ -139,7 +139,7 @@ class StateEstimatorNode(PoiseNode):
         self._state = state
         if self._hand_over is not None:
             self._hand_over(state, stamp)
-            if 0 <= stamp - self._last_odom < self._odom_period:
+            if not self._lockstep and 0 <= stamp - self._last_odom < self._odom_period:
                 return
         self._last_odom = stamp
         self._contacts.publish(contacts_to_message(state.contacts))

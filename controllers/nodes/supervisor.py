@@ -111,7 +111,10 @@ class SupervisorNode(PoiseNode):
                 self._probe_until = time.monotonic() + self._listen_time
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
-            law.set_preflight(preflight(self.model, self._config, self._probe.evidence(self._description), self._rates))
+            findings = preflight(self.model, self._config, self._probe.evidence(self._description), self._rates)
+            if findings != law.preflight:
+                self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
+            law.set_preflight(findings)
             self._probe_until += self._listen_time
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
                 self._say("auto_stand", law.request(Mode.STAND))

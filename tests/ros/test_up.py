@@ -1,0 +1,131 @@
+"""``poise up`` as a user starts it: Ctrl-C ends it with exit code 0, nothing is left; lockstep repeats bit for bit."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from nav_msgs.msg import Odometry
+
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain, graph_environment
+from bridge.ros.processes import ProcessSpec, ros_arguments
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import SENSOR
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def up(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A launcher in a process of its own, as soon as it says that the robot is up."""
+    output = tmp_path / "output"
+    code = (
+        "import sys; from pathlib import Path; from bridge.launch import up;"
+        f"sys.exit(up('g1', domain_id={free_domain()}, log=Path({str(tmp_path / 'log')!r})))"
+    )
+    with output.open("wb") as stream:
+        process = subprocess.Popen([sys.executable, "-c", code], stderr=stream)
+    end = time.monotonic() + 90.0
+    while b"is up" not in output.read_bytes():
+        assert process.poll() is None, output.read_text()
+        assert time.monotonic() < end, output.read_text()
+        time.sleep(0.1)
+    yield process
+    process.kill()
+
+
+def _wait_gone(processes: list[psutil.Process], timeout: float) -> list[psutil.Process]:
+    return psutil.wait_procs(processes, timeout=timeout)[1]
+
+
+def test_it_stays_on_loopback_and_ctrl_c_ends_everything(up: subprocess.Popen[bytes]) -> None:
+    children = psutil.Process(up.pid).children(recursive=True)
+    assert len(children) == 4
+    sockets = [socket for child in children for socket in child.net_connections("inet")]
+    assert {socket.laddr.ip for socket in sockets if socket.laddr} == {"127.0.0.1"}
+    before = set(Path("/dev/shm").iterdir())
+    mapped = {Path(m.path) for child in children for m in child.memory_maps() if m.path.startswith("/dev/shm/fastrtps")}
+    assert mapped == set()  # nothing of this graph lies in shared memory, so nothing can be left there
+    up.send_signal(signal.SIGINT)
+    assert up.wait(timeout=15.0) == 0
+    assert _wait_gone(children, 1.0) == []
+    assert not {path for path in set(Path("/dev/shm").iterdir()) - before if "fastrtps" in path.name}
+
+
+@pytest.mark.slow
+def test_a_killed_launcher_takes_its_processes_along(up: subprocess.Popen[bytes]) -> None:
+    children = psutil.Process(up.pid).children(recursive=True)
+    up.kill()
+    assert _wait_gone(children, 10.0) == []
+
+
+def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
+    with (
+        pytest.raises(PoiseError, match="refused to configure"),
+        Graph("nobody", domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None),
+    ):
+        pass
+    assert "nobody" in (tmp_path / "log").read_text(encoding="utf-8")
+
+
+def test_parameters_for_unknown_nodes_are_refused() -> None:
+    with pytest.raises(PoiseError, match="unknown nodes: nobody"):
+        Graph("g1", parameters={"nobody": {}})
+
+
+def test_ros_arguments_quote_every_type() -> None:
+    spec = ProcessSpec("module", ("a", "b"))
+    values = {"a": {"text": "1", "flag": True, "list": [1.0, 2.0]}, "c": {"x": 1}}
+    assert ros_arguments(spec.nodes, values) == [
+        "--ros-args", "-p", 'a:text:="1"', "-p", "a:flag:=true", "-p", "a:list:=[1.0, 2.0]",
+    ]  # fmt: skip
+
+
+def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.delenv("ROS_LOG_DIR", raising=False)
+    local = graph_environment(domain_id=7)
+    assert local["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"  # as the profile needs it
+    assert "127.0.0.1" in Path(local["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text(encoding="utf-8")
+    assert local["ROS_DOMAIN_ID"] == "7"
+    assert "ROS_LOG_DIR" in local
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in graph_environment(network=True)
+
+
+def _lockstep_run(log: Path, until: float) -> dict[int, np.ndarray]:
+    """True base pose and twist by stamp, of a run of the graph in lockstep up to a time [s]."""
+    rows: dict[int, np.ndarray] = {}
+    codec = OdometryCodec()
+
+    def on_truth(data: bytes) -> None:
+        stamp, pose, twist = codec.decode(data)
+        rows[stamp] = np.concatenate([pose, twist])
+
+    parameters = {"mujoco_bridge": {"seed": 5}}
+    with Graph(
+        "g1", lockstep=True, domain_id=free_domain(), parameters=parameters, log=log, say=lambda text: None
+    ) as graph:
+        graph.node.create_subscription(Odometry, topics.GROUND_TRUTH, on_truth, SENSOR, raw=True)
+        graph.wait_for(lambda: bool(rows) and max(rows) >= until * 1e9, 60.0, "stepping")
+        assert graph.driver_state == "active"
+    return rows
+
+
+@pytest.mark.slow
+def test_lockstep_over_ros_is_bit_identical(tmp_path: Path) -> None:
+    first, second = (_lockstep_run(tmp_path / f"log{i}", until=2.0) for i in range(2))
+    common = sorted(first.keys() & second.keys())
+    assert len(common) > 100
+    for stamp in common:
+        np.testing.assert_array_equal(first[stamp], second[stamp])
