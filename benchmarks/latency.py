@@ -18,8 +18,8 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import pingpong
 from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.nodes import pingpong
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.latency_probe import LatencyProbe

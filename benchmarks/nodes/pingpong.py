@@ -89,7 +89,7 @@ def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
         PoiseError: The echo does not answer.
     """
     join_graph(domain_id=domain_id)
-    command = [sys.executable, "-m", "benchmarks.pingpong", robot]
+    command = [sys.executable, "-m", "benchmarks.nodes.pingpong", robot]
     child = subprocess.Popen(command, env=_environment(domain_id), stdin=subprocess.DEVNULL)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("ping", namespace=NAMESPACE)

@@ -1,0 +1,1 @@
+"""ROS 2 nodes that exist for measuring only."""
