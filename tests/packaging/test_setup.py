@@ -18,7 +18,6 @@ case "$*" in
   *"import rclpy"*) {rclpy} ;;
   *ensurepip*) {ensurepip} ;;
   *version_info*) {new} ;;
-  *"import numpy"*) echo 1.26.4 ;;
   *base_prefix*) echo "/fake {version}" ;;
   "-m venv"*) mkdir -p .venv/bin; echo "$*" > .venv/created; cp "$0" .venv/bin/python ;;
   "-m pip"*) echo "$*" > .venv/installed ;;
@@ -86,16 +85,13 @@ def test_wheels_where_no_ros_is_sourced(machine: Path) -> None:
     assert "--constraint constraints.txt" in installed and "--editable .[ros]" in installed
 
 
-def test_a_sourced_ros_is_used_with_its_own_numpy(machine: Path) -> None:
+def test_a_sourced_ros_is_used(machine: Path) -> None:
     _python(machine, rclpy=True)
     assert _setup(machine, "dev").returncode == 0
     venv = machine / "poise/.venv"
     assert "--system-site-packages" in (venv / "created").read_text()
-    assert "--editable .[dev,bench]" in (venv / "installed").read_text()
-    constraints = (venv / "constraints.txt").read_text().splitlines()
-    assert "numpy==1.26.4" in constraints
-    assert not [line for line in constraints if line.startswith("ros-")]
-    assert len([line for line in constraints if line.startswith("numpy==")]) == 1
+    installed = (venv / "installed").read_text()
+    assert "--editable .[dev,bench]" in installed and "--constraint constraints.txt" in installed
 
 
 def test_a_sourced_ros_with_an_old_python(machine: Path) -> None:
