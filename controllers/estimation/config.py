@@ -87,6 +87,7 @@ class InitialConfig:
 
     velocity: Annotated[float, Field(gt=0.0, description="base velocity [m/s]")]
     force: Annotated[float, Field(gt=0.0, description="first specific force, vibration included [m/s^2]")]
+    floor: Annotated[float, Field(gt=0.0, description="slope of the floor under the first stance [rad]")]
     heading: Annotated[float, Field(gt=0.0, description="yaw; a convention, so small [rad]")]
     position: Annotated[float, Field(gt=0.0, description="base position; a convention, so small [m]")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from models.robot_model import RobotModel
 from models.types import ContactState, RobotState, SensorData, Vector
 
 NOMINAL_STEP = 0.001
-"""Sampling time assumed for the noise of the very first sample [s]."""
+"""Step of the call that compiles [s]."""
 
 
 class StateEstimator:
@@ -46,7 +47,7 @@ class StateEstimator:
         RobotModelError: The chains to the soles or the inertial unit are not of revolute joints.
 
     Assumptions:
-        The feet are flat, the ground does not move, and joint velocities are those of the positions.
+        The soles are flat, the ground does not move, and at ``reset`` the soles rest on a floor that is about level.
     """
 
     def __init__(self, model: RobotModel, config: EstimatorConfig | None = None) -> None:
@@ -64,6 +65,7 @@ class StateEstimator:
         self.health = EstimatorHealth()
         self._buffer = SensorBuffer(model.nj)
         self._ready = False
+        self._level_due = True
         self._t = 0.0
         self._rate = np.zeros(3)
         self._warm_up()
@@ -72,12 +74,10 @@ class StateEstimator:
         """Compile every kernel now, so that nothing compiles inside the loop."""
         nj = self._model.nj
         up = np.array([0.0, 0.0, self.config.gravity])
-        for t in (0.0, NOMINAL_STEP):
-            sample = SensorData(t, np.zeros(nj), np.zeros(nj), np.zeros(nj), np.zeros(3), up, np.zeros((2, 6)))
-            if t == 0.0:
-                self.reset(sample)
-            else:
-                self.step(sample, NOMINAL_STEP)
+        hanging = SensorData(0.0, np.zeros(nj), np.zeros(nj), np.zeros(nj), np.zeros(3), up, np.zeros((2, 6)))
+        self.reset(hanging)
+        self.step(replace(hanging, t=NOMINAL_STEP), NOMINAL_STEP)
+        self.filter.measure_level()
         self._ready = False
 
     @property
@@ -112,6 +112,7 @@ class StateEstimator:
         self.health = EstimatorHealth()
         self._t = sensors.t
         self._ready = True
+        self._level_due = True
         return self._state()
 
     def step(self, sensors: SensorData, dt: float) -> RobotState:
@@ -146,6 +147,9 @@ class StateEstimator:
             health.gated += int(np.count_nonzero(self.filter.innovation > self.config.gate))
         if not missing and self._at_rest():
             health.rejected += self.filter.measure_rest()
+        if self._level_due and self._contacts.confidence.min() >= 1.0:
+            health.rejected += self.filter.measure_level()
+            self._level_due = False
         return self._state()
 
     def _predict(self, dt: float, missing: int) -> None:

@@ -38,8 +38,12 @@ from models.types import Matrix, Vector
 
 _FOOT_PLUS = np.array([POSITION, POSITION + 1, POSITION + 2, ROTATION, ROTATION + 1, ROTATION + 2])
 _FOOT_MINUS = tuple(np.array([FOOT, FOOT + 1, FOOT + 2, SOLE, SOLE + 1, SOLE + 2]) + 3 * foot for foot in range(2))
+_LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
+_LEVEL_MINUS = np.full(4, -1)
+_LEVEL_GATE = 3.0
+"""Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]."""
 _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
-_REST_MINUS = np.array([-1, -1, -1])
+_REST_MINUS = np.full(3, -1)
 
 
 class InvariantFilter:
@@ -69,6 +73,9 @@ class InvariantFilter:
         self._residual = np.zeros(6)
         self._noise = np.zeros((6, 6))
         self._rest_noise = np.eye(3) * config.rest.velocity**2
+        # Both soles stand on the same floor, so its slope is common to them.
+        common = np.tile(np.eye(2, dtype=np.float64), (2, 2)) * config.initial.floor**2  # (4, 4)
+        self._level_noise: Matrix = common + np.eye(4) * config.kinematics.orientation**2
         imu = config.imu
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
         self._imu_variances = np.zeros(4)
@@ -175,6 +182,28 @@ class InvariantFilter:
             self.covariance, _REST_PLUS, _REST_MINUS, self.vectors[0].copy(), self._rest_noise, self._config.gate,
             self._error,
         )  # fmt: skip
+        if squared < 0.0:
+            return 1
+        retract(self.rotation, self.vectors, self.soles, self.biases, self._error)
+        return 0
+
+    def measure_level(self) -> int:
+        """Correct with the knowledge that both soles stand flat on a floor that is about level.
+
+        An accelerometer cannot tell its bias from a tilt of the base while the base does not turn; the floor can,
+        as well as floors are level. A floor that disagrees by more than three standard deviations is left alone.
+
+        Returns:
+            1 when unusable, else 0.
+        """
+        # Exp(xi_Z) e_z = Z e_z to first order: xi_Z = e_z x (Z e_z), without its z.
+        residual = np.array([-self.soles[0, 1, 2], self.soles[0, 0, 2], -self.soles[1, 1, 2], self.soles[1, 0, 2]])
+        spread = np.diag(self.covariance)[_LEVEL_PLUS] + np.diag(self._level_noise)
+        if np.any(residual**2 > _LEVEL_GATE**2 * spread):
+            return 0
+        squared = correct(
+            self.covariance, _LEVEL_PLUS, _LEVEL_MINUS, residual, self._level_noise, self._config.gate, self._error
+        )
         if squared < 0.0:
             return 1
         retract(self.rotation, self.vectors, self.soles, self.biases, self._error)
