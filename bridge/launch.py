@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from bridge.ros.environment import graph_environment, join_graph
 from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
-from bridge.ros.processes import GraphProcess, Parameters, ProcessSpec, stop_all
+from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
@@ -291,7 +291,7 @@ def up(
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-    bad = {module: exit_code for module, exit_code in graph.exit_codes.items() if exit_code != 0}
+    bad = {module: exit_code for module, exit_code in graph.exit_codes.items() if exit_code not in CLEAN_EXITS}
     for module, exit_code in bad.items():
         say(f"{module} ended with code {exit_code}")
     return 1 if bad else code

@@ -6,9 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -19,15 +17,15 @@ from bridge.ros.latency_probe import LatencyProbe
 from bridge.ros.plant_services import PlantServices
 from bridge.ros.run_loop import run_plant
 from bridge.ros.sensor_publisher import SensorPublisher
+from bridge.ros.slow_topics import SlowTopics
 from models.config import default_config
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import JointCommandCodec, set_stamp
-from models.nodes.odometry import OdometryCodec
+from models.nodes.messages import JointCommandCodec
 from models.nodes.parameters import describe
-from models.nodes.qos import COMMAND, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, LATCHED
 from models.nodes.spin import run
 from models.types import Mode, SensorData
 
@@ -56,7 +54,6 @@ class MujocoBridge(PoiseNode):
         self.tick, self._command_stamp = 1, 0  # a zero stamp means "now" in a command
         self._paused = False
         self._first: SensorData | None = None
-        self._said = ""
 
     def configure(self) -> None:
         """Build the plant and the topics."""
@@ -67,11 +64,8 @@ class MujocoBridge(PoiseNode):
         self._slow_ticks = max(round(1.0 / (self._slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if self._latency_file else None
         self._sensors = SensorPublisher(self, reliable=self.lockstep)
-        self._odom_codec, self._command_codec = OdometryCodec(), JointCommandCodec(self.model)
-        self._time = self.announce(Clock, topics.CLOCK, SENSOR)
-        self._truth = self.announce(Odometry, topics.GROUND_TRUTH, SENSOR)
-        self._state = self.announce(String, topics.DRIVER_STATE, LATCHED)
-        self._description = self.announce(String, topics.ROBOT_DESCRIPTION, LATCHED)
+        self._command_codec = JointCommandCodec(self.model)
+        self._slow = SlowTopics(self, self._driven)
         self.listen(JointTrajectory, topics.JOINT_COMMAND, self._on_command, COMMAND, raw=True)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
         PlantServices(self, self._driven, self.restart, self._pause)
@@ -83,9 +77,7 @@ class MujocoBridge(PoiseNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; publishers work only from here on."""
         result = super().on_activate(state)
-        self._said = ""
-        self._description.publish(String(data=self.model.urdf.read_text(encoding="utf-8")))
-        self._say_state()
+        self._slow.publish_latched(self.model.urdf.read_text(encoding="utf-8"))
         return result
 
     def deactivate(self) -> None:
@@ -99,7 +91,7 @@ class MujocoBridge(PoiseNode):
         self._driven.reset()
         settled = self._driven.hang()
         self._first = settled if self.lockstep else None
-        self._say_state()
+        self._slow.publish_state()
 
     @property
     def running(self) -> bool:
@@ -128,14 +120,14 @@ class MujocoBridge(PoiseNode):
         self._sensors.publish(stamp, sensors)
         if self.tick % self._slow_ticks == 0:
             self.idle()
-            self._truth.publish(self._odom_codec.encode(stamp, self._driven.plant.truth))
+            self._slow.publish_truth(stamp)
 
     def step(self) -> None:
         """Advance by one tick."""
         self._driven.step()
         self._first = None
         self.tick += 1
-        self._say_state()
+        self._slow.publish_state()
 
     def overrun(self, ticks: int) -> None:
         """Count skipped ticks."""
@@ -147,9 +139,7 @@ class MujocoBridge(PoiseNode):
     def idle(self) -> None:
         """Publish the time."""
         if self.active:
-            clock = Clock()
-            set_stamp(clock.clock, self.tick * self._period_ns)
-            self._time.publish(clock)
+            self._slow.publish_time(self.tick * self._period_ns)
 
     def before_diagnostics(self) -> None:
         """Report what the drivers do."""
@@ -158,15 +148,10 @@ class MujocoBridge(PoiseNode):
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
 
-    def _say_state(self) -> None:
-        if self._said != self._driven.state:
-            self._said = self._driven.state
-            self._state.publish(String(data=self._said))
-
     def _on_mode(self, message: String) -> None:
         if self.active and message.data in MODES:
             self._driven.set_mode(MODES[message.data])
-            self._say_state()
+            self._slow.publish_state()
 
     def _on_command(self, data: bytes) -> None:
         if not self.active:

@@ -15,8 +15,11 @@ from typing import IO
 Parameters = Mapping[str, Mapping[str, object]]
 """Parameter values by node name, then by parameter name."""
 
-STOP_SIGNALS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+STOP_SIGNALS = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
 """What a process is sent to end it, and how long it is given each time [s]."""
+
+CLEAN_EXITS = (0, -signal.SIGTERM)
+"""Exit codes of a process that ended when told to: 0 once its nodes are up, the signal's while it still imports."""
 
 
 @dataclass(frozen=True, slots=True)

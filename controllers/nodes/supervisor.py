@@ -6,30 +6,23 @@ import sys
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from controllers.health import Health, tilt
+from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import SENSOR_TOPICS, PreflightProbe
 from controllers.preflight import preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor, SupervisorConfig
 from models.config import default_config
-from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS, stamp_of
-from models.nodes.messages import stamp_ns
-from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import declare_config, describe
-from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import run
-from models.types import CommandReply, Mode, SolveStatus
+from models.types import CommandReply, Mode
 
-STATUSES = {status.value: status for status in SolveStatus}
+_ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
 class SupervisorNode(PoiseNode):
@@ -59,22 +52,15 @@ class SupervisorNode(PoiseNode):
     def configure(self) -> None:
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
-        self._probe, self._odom_codec = PreflightProbe(self), OdometryCodec()
-        self._now = self._odom_stamp = self._command_stamp = 0
-        self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
-        self._driver_state, self._description, self._published = "", None, ""
-        self._clock_seen = self._probe_until = time.monotonic()
+        self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
+        self._driver_state = self._published = ""
+        self._probe_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
         self.listen(String, topics.HUMANOID_COMMANDS, self._on_text, EVENT)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
-        self.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
-        self.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
-        self.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
-        self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
-        self.listen(String, topics.MOTION_STATE, self._on_motion_state, EVENT)
-        self.listen(String, topics.MOTION_PLAN_STATE, self._on_motion_state, EVENT)
-        self.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
+            self.listen(String, topic, self._on_motion_state, EVENT)
         for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK):
             self._offer(f"mode/{mode.value}", lambda mode=mode: self._law.request(mode))
         self._offer("estop", lambda: self._law.estop())
@@ -111,7 +97,7 @@ class SupervisorNode(PoiseNode):
                 self._probe_until = time.monotonic() + self._listen_time
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
-            findings = preflight(self.model, self._config, self._probe.evidence(self._description), self._rates)
+            findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -121,25 +107,15 @@ class SupervisorNode(PoiseNode):
         self._publish_mode()
 
     def _watch(self) -> None:
-        silence = time.monotonic() - self._clock_seen
-        if silence > self._clock_timeout:
+        if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
-            return
-        now = self._now / NANOSECONDS
-        health = Health(
-            self._odom_stamp / NANOSECONDS,
-            self._command_stamp / NANOSECONDS,
-            self._tilt,
-            self._status,
-            self._driver_state == topics.DAMPED,
-            self._motion_active,
-        )
-        self._law.update(health, now)
+        else:
+            self._law.update(self._reports.health(self._driver_state), self._reports.t)
 
     def _publish_mode(self) -> None:
         if self._published != self._law.mode.value:
             if self._law.mode in ACTIVE_MODES and self._published not in _ACTIVE_NAMES:
-                self._odom_stamp = self._command_stamp = self._now  # their age counts from here
+                self._reports.start()
             self._published = self._law.mode.value
             self.get_logger().info(f"mode {self._published}" + "".join(f"; {fault}" for fault in self._law.faults))
             self._mode_topic.publish(String(data=self._published))
@@ -173,7 +149,6 @@ class SupervisorNode(PoiseNode):
 
     def _on_motion_state(self, message: String) -> None:
         word, _, reason = message.data.partition(": ")
-        self._motion_active = word == topics.MOTION_RUNNING
         if word == topics.MOTION_REFUSED and self._law.mode is Mode.MOTION:
             self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
 
@@ -185,31 +160,6 @@ class SupervisorNode(PoiseNode):
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())
-
-    def _on_description(self, message: String) -> None:
-        self._description = message.data
-
-    def _on_clock(self, message: Clock) -> None:
-        self._now = stamp_ns(message.clock)
-        self._clock_seen = time.monotonic()
-
-    def _on_odom(self, data: bytes) -> None:
-        try:
-            self._odom_stamp, pose, _ = self._odom_codec.decode(data)
-            self._tilt = tilt(pose[3:])
-        except PoiseError as error:
-            self.refuse(topics.ODOM, error)
-
-    def _on_posture(self, data: bytes) -> None:
-        self._command_stamp = stamp_of(data)
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name.endswith("/balance_controller"):
-                self._status = STATUSES.get(status.message, SolveStatus.OPTIMAL)
-
-
-_ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
 def main(args: list[str] | None = None) -> None:

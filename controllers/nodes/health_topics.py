@@ -1,0 +1,93 @@
+"""What the other nodes report, as the ``Health`` that the supervisor judges."""
+
+from __future__ import annotations
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from controllers.health import Health, tilt
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS, stamp_of
+from models.nodes.messages import stamp_ns
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.types import SolveStatus
+
+STATUSES = {status.value: status for status in SolveStatus}
+
+
+class HealthTopics:
+    """Newest report of each kind; ages are counted on the stamps, only the silence of ``/clock`` on this machine's.
+
+    Args:
+        node: Node that subscribes.
+
+    Attributes:
+        description: URDF that the robot publishes; None before it has arrived.
+        clock_seen: When ``/clock`` was last heard, on the monotonic clock [s].
+    """
+
+    def __init__(self, node: PoiseNode) -> None:
+        self._node, self._odom_codec = node, OdometryCodec()
+        self.description: str | None = None
+        self.clock_seen = time.monotonic()
+        self._now = self._odom_stamp = self._command_stamp = 0
+        self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
+        node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
+        node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
+        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+        node.listen(String, topics.MOTION_STATE, self._on_motion_state, EVENT)
+        node.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    @property
+    def t(self) -> float:
+        """Time of the plant [s]."""
+        return self._now / NANOSECONDS
+
+    def start(self) -> None:
+        """Count the age of state and command from now: the robot begins to move."""
+        self._odom_stamp = self._command_stamp = self._now
+
+    def health(self, driver_state: str) -> Health:
+        """Everything that is known, with the state of the joint drivers."""
+        return Health(
+            state_stamp=self._odom_stamp / NANOSECONDS,
+            command_stamp=self._command_stamp / NANOSECONDS,
+            tilt=self._tilt,
+            status=self._status,
+            drivers_damped=driver_state == topics.DAMPED,
+            motion_active=self._motion_active,
+        )
+
+    def _on_description(self, message: String) -> None:
+        self.description = message.data
+
+    def _on_clock(self, message: Clock) -> None:
+        self._now = stamp_ns(message.clock)
+        self.clock_seen = time.monotonic()
+
+    def _on_odom(self, data: bytes) -> None:
+        try:
+            self._odom_stamp, pose, _ = self._odom_codec.decode(data)
+            self._tilt = tilt(pose[3:])
+        except PoiseError as error:
+            self._node.refuse(topics.ODOM, error)
+
+    def _on_posture(self, data: bytes) -> None:
+        self._command_stamp = stamp_of(data)
+
+    def _on_motion_state(self, message: String) -> None:
+        self._motion_active = message.data == topics.MOTION_RUNNING
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("/balance_controller"):
+                self._status = STATUSES.get(status.message, SolveStatus.OPTIMAL)
