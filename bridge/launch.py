@@ -264,6 +264,8 @@ def up(
         console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False)
 
     def on_signal(number: int, frame: Any) -> None:
+        for other in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(other, signal.SIG_IGN)  # once is enough: the end must not be interrupted
         raise _Interrupted
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
