@@ -39,7 +39,8 @@ def correct(
     """Kalman gain and Joseph update for measurements that are one error component, or the difference of two.
 
     ``residual = H xi + n`` with ``H xi = xi[plus] - xi[minus]`` and ``n ~ N(0, noise)``. A residual whose normalised
-    square e exceeds the gate has its noise multiplied by e / gate, so its pull grows no further (Huber's weight).
+    square e exceeds the gate has its noise multiplied by sqrt(e / gate): Huber's weight, so that an outlier pulls no
+    harder than one at the gate, and a filter that is wrong for another reason still comes back.
 
     Args:
         covariance: (27, 27), in place.
@@ -86,7 +87,7 @@ def correct(
             return -1.0
         if squared <= gate:
             break
-        weight = squared / gate
+        weight = math.sqrt(squared / gate)
     gain = cross.copy()  # K' (m, 27): solve S K' = H P
     for r in range(m):
         for k in range(r):

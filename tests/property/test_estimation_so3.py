@@ -1,0 +1,74 @@
+"""Properties of the rotation kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controllers.estimation.so3 import exponential, left_jacobian, logarithm, orthonormalise, to_quaternion
+
+coordinate = st.floats(-1.0, 1.0, allow_subnormal=False)
+direction = st.tuples(coordinate, coordinate, coordinate).filter(lambda v: np.linalg.norm(v) > 1e-3)
+# Down to angles where the series take over, up to a half turn.
+angle = st.one_of(st.floats(0.0, np.pi - 1e-6), st.floats(1e-12, 1e-3), st.just(0.0))
+
+
+def vector(axis: tuple[float, float, float], length: float) -> np.ndarray:
+    return np.array(axis) / np.linalg.norm(axis) * length
+
+
+def exp(phi: np.ndarray) -> np.ndarray:
+    out = np.empty((3, 3))
+    exponential(phi, out)
+    return out
+
+
+@settings(max_examples=300, deadline=None)
+@given(direction, angle)
+def test_exponential_is_a_rotation_and_the_logarithm_undoes_it(axis: tuple[float, float, float], size: float) -> None:
+    phi = vector(axis, size)
+    rotation = exp(phi)
+    np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(rotation, pin.exp3(phi), atol=1e-12)
+    back = np.empty(3)
+    logarithm(rotation, back)
+    np.testing.assert_allclose(back, phi, atol=1e-9)
+
+
+@settings(max_examples=200, deadline=None)
+@given(direction, angle, direction)
+def test_left_jacobian_is_the_derivative(
+    axis: tuple[float, float, float], size: float, other: tuple[float, float, float]
+) -> None:
+    phi, change = vector(axis, size), vector(other, 1e-6)
+    jacobian = np.empty((3, 3))
+    left_jacobian(phi, jacobian)
+    difference = pin.log3(exp(phi + change) @ exp(phi - change).T) / 2.0
+    np.testing.assert_allclose(jacobian @ change, difference, atol=1e-6 * 1e-4)
+
+
+@settings(max_examples=200, deadline=None)
+@given(direction, st.floats(0.0, 2.0 * np.pi))
+def test_quaternion_is_unit_with_positive_w_and_the_same_rotation(
+    axis: tuple[float, float, float], size: float
+) -> None:
+    rotation = exp(vector(axis, size))
+    quaternion = np.empty(4)
+    to_quaternion(rotation, quaternion)
+    assert abs(np.linalg.norm(quaternion) - 1.0) < 1e-14
+    assert quaternion[3] >= 0.0
+    np.testing.assert_allclose(pin.Quaternion(quaternion).toRotationMatrix(), rotation, atol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(direction, angle, direction)
+def test_orthonormalising_repairs_rounding_and_leaves_rotations(
+    axis: tuple[float, float, float], size: float, noise: tuple[float, float, float]
+) -> None:
+    rotation = exp(vector(axis, size))
+    damaged = rotation + 1e-7 * np.outer(noise, noise[::-1])
+    orthonormalise(damaged)
+    np.testing.assert_allclose(damaged.T @ damaged, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(damaged, rotation, atol=1e-6)
