@@ -10,7 +10,7 @@ no information can leak into them, however the estimate moves.
 
 References:
     R. Hartley, M. Ghaffari, R. Eustice, J. Grizzle, "Contact-aided invariant extended Kalman filtering for robot
-    state estimation", IJRR 39(4), 2020, equations (31)-(45).
+    state estimation", IJRR 39(4), 2020: its filter with bias augmentation.
     M. Bloesch et al., "State estimation for legged robots", RSS 2012; "... on unstable and slippery terrain",
     IROS 2013 (flat feet as in N. Rotella et al., IROS 2014).
 """

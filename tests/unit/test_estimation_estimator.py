@@ -38,6 +38,11 @@ class Motion:
     def __len__(self) -> int:
         return len(self.q)
 
+    def held(self, n: int) -> Motion:
+        """The first tick, n times over."""
+        columns = (self.q, self.v, self.gyro, self.accel, self.wrenches)
+        return Motion(*(np.repeat(column[:1], n, axis=0) for column in columns))
+
 
 def bump(t: np.ndarray, start: float, duration: float) -> np.ndarray:
     """0 before, (1 - cos) / 2 twice over in between, 0 after."""

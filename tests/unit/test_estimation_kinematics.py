@@ -97,5 +97,5 @@ def test_prismatic_joint_is_refused_by_name() -> None:
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     slide = model.addJoint(base, pin.JointModelPZ(), pin.SE3.Identity(), "telescope")
     frame = model.addFrame(pin.Frame("l_sole", slide, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    with pytest.raises(RobotModelError, match="telescope.*l_sole.*not revolute"):
+    with pytest.raises(RobotModelError, match=r"telescope.*l_sole.*not revolute"):
         Chain.to_frame(model, frame)

@@ -1,0 +1,45 @@
+"""The state estimator in the closed loop: its error against the true state while the robot moves and is pushed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from bridge.closed_loop import ClosedLoop
+
+
+def errors(loop: ClosedLoop, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Error of base velocity in B (n, 3) [m/s], roll and pitch (n, 2) [rad], height (n,) [m]."""
+    speed, tilt, height = [], [], []
+    for _ in range(round(duration / loop.plant.period)):
+        truth = loop.truth  # of the instant that this tick's sensors measure
+        loop.step()
+        state = loop.state
+        assert state.t == pytest.approx(truth.t, abs=1e-9)
+        speed.append(state.v[:3] - truth.v[:3])
+        turn = pin.Quaternion(state.q[3:7]).matrix() @ pin.Quaternion(truth.q[3:7]).matrix().T
+        tilt.append(pin.log3(turn)[:2])
+        height.append(state.q[2] - truth.q[2])
+    return np.array(speed), np.array(tilt), np.array(height)
+
+
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt((x**2).mean(axis=0)).max())
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_errors_while_squatting_and_pushed(robot: str) -> None:
+    loop = ClosedLoop(robot, seed=3, record=False)
+    impulse = 0.2 * loop.robot.mass  # [N.s]: 0.2 m/s
+    assert loop.command("squat").accepted
+    parts = [errors(loop, 0.8)]
+    loop.apply_push((0.8 * impulse / 0.1, 0.6 * impulse / 0.1, 0.0), duration=0.1)
+    parts.append(errors(loop, 1.0))
+    speed, tilt, height = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    assert not loop.fallen
+    assert rms(speed) < 0.005
+    assert np.abs(speed).max() < 0.02
+    assert np.degrees(rms(tilt)) < 0.5
+    assert np.abs(height).max() < 0.005
+    assert all(contact.active for contact in loop.state.contacts)
