@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.kernels_balance import balance_feedback, move_footholds, place_reference
+from controllers.kernels_tick import BALANCE, balance_tick
+from controllers.memory import Block
 from controllers.posture_reference import PostureReference
 from controllers.qp.terms import GRAVITY
 from controllers.whole_body import WholeBodyController
@@ -50,36 +51,43 @@ class BalanceController:
         self.model = model
         self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
         self.whole_body = WholeBodyController(model, whole_body)
-        self._posture = PostureReference(model)
-        self._corners = np.array([foot.corners for foot in model.feet])  # (2, 4, 3)
+        posture = PostureReference(model)
+        shapes = ((2, 4, 3), (7,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
+        self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))
+        block["corners"][:] = [foot.corners for foot in model.feet]
         com = self.whole_body.config.com
-        self._gains = np.array(
-            [
-                config.dcm_gain,
-                config.polygon_margin,
-                config.momentum_margin,
-                config.momentum_gain,
-                config.momentum_reach_max,
-                com.kp,
-                com.kd,
-            ]
+        block["gains"][:] = [
+            config.dcm_gain,
+            config.polygon_margin,
+            config.momentum_margin,
+            config.momentum_gain,
+            config.momentum_reach_max,
+            com.kp,
+            com.kd,
+        ]
+        self._rotations, self._positions = block["rotations"], block["positions"]
+        self._anchor_rotation, self._anchor = block["anchor_rotation"], block["anchor"]
+        self._dcm, self._cmp = block["dcm"], block["cmp"]
+        self._com_acceleration = block["acceleration"]
+        terms = self.whole_body.terms.block
+        self._arguments = (
+            GRAVITY,
+            terms.data,
+            terms.layout,
+            posture.tree.data,
+            posture.tree.layout,
+            posture.parents,
+            posture.bodies,
+            block.data,
+            block.layout,
         )
         self._least_load = config.foothold_load * model.mass * GRAVITY
-        self._cmp = np.zeros(2)
-        self._dcm = np.zeros(2)
-        self._com_acceleration = np.zeros(3)
-        self._anchor_rotation = np.eye(3)
-        self._anchor = np.zeros(3)
-        self._rotations = np.zeros((2, 3, 3))
-        self._rotations[:] = np.eye(3)
-        self._positions = np.zeros((2, 3))
         self._zero = np.zeros(model.nj)
+        self._no_acceleration = np.zeros(3)
         self._still = np.zeros((2, 6))
         self._motion: TrajectorySampler | None = None
         self._motion_time = 0.0
         self._hold = model.posture("stand")
-        self._com = np.zeros(3)
-        self._com_velocity = np.zeros(3)
         self._fresh = True
         self.capture_margin = 0.0
         self._warm_up()
@@ -131,10 +139,7 @@ class BalanceController:
         """
         terms = self.whole_body.terms
         terms.update(state)
-        self._move_footholds(state, dt)
-        posture, velocity, acceleration = self._sample(dt)
-        self.reference = self._refer(posture, velocity, acceleration, dt)
-        self._feed_back()
+        self.reference = self._refer(state, dt)
         command, status = self.whole_body.step(state, self.reference)
         return ControlResult(
             command=command,
@@ -148,20 +153,6 @@ class BalanceController:
             solve_time=self.whole_body.solution.time,
         )
 
-    def _move_footholds(self, state: RobotState, dt: float) -> None:
-        left, right = self.whole_body.terms.soles
-        move_footholds(
-            left.pose,
-            right.pose,
-            self._fresh or bool(state.contacts[0].wrench[2] > self._least_load),
-            self._fresh or bool(state.contacts[1].wrench[2] > self._least_load),
-            1.0 if self._fresh else min(dt / self.config.anchor_time_s, 1.0),
-            self._rotations,
-            self._positions,
-            self._anchor_rotation,
-            self._anchor,
-        )
-
     def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
         if self._motion is None:
             return self._hold, self._zero, self._zero
@@ -172,33 +163,30 @@ class BalanceController:
             self._motion = None
         return sample
 
-    def _refer(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> Reference:
-        if self._fresh or velocity is not self._zero:
-            before = self._posture.com
-            self._posture.update(posture)
-            self._com_velocity = self._zero[:3] if self._fresh else (self._posture.com - before) / dt
-            self._fresh = False
-        else:
-            self._com_velocity = self._zero[:3]
-        com, com_velocity, base, torso = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-        place_reference(
-            self._anchor_rotation,
-            self._anchor,
-            self._posture.com,
-            self._com_velocity,
-            self._posture.base,
-            self._posture.torso,
-            com,
-            com_velocity,
-            base,
-            torso,
+    def _refer(self, state: RobotState, dt: float) -> Reference:
+        """What to track on this tick; the DCM feedback goes to the CoM task."""
+        posture, velocity, acceleration = self._sample(dt)
+        fresh, (left, right) = self._fresh, state.contacts
+        placed = np.empty(24)
+        self.capture_margin = balance_tick(
+            posture,
+            fresh or velocity is not self._zero,
+            fresh,
+            dt,
+            fresh or bool(left.wrench[2] > self._least_load),
+            fresh or bool(right.wrench[2] > self._least_load),
+            1.0 if fresh else min(dt / self.config.anchor_time_s, 1.0),
+            *self._arguments,
+            placed,
         )
+        self.whole_body.com_task.override = self._com_acceleration
+        self._fresh = False
         return Reference(
-            com=com,
-            com_velocity=com_velocity,
-            com_acceleration=self._zero[:3],
-            base_orientation=base,
-            torso_orientation=torso,
+            com=placed[:3],
+            com_velocity=placed[3:6],
+            com_acceleration=self._no_acceleration,
+            base_orientation=placed[6:15].reshape(3, 3),
+            torso_orientation=placed[15:].reshape(3, 3),
             posture=posture,
             posture_velocity=velocity,
             posture_acceleration=acceleration,
@@ -207,27 +195,6 @@ class BalanceController:
             sole_velocities=self._still,
             sole_accelerations=self._still,
         )
-
-    def _feed_back(self) -> None:
-        """Desired CoM acceleration from the DCM error, written to the CoM task."""
-        terms, reference = self.whole_body.terms, self.reference
-        left, right = terms.soles
-        self.capture_margin = balance_feedback(
-            terms.com,
-            terms.com_velocity,
-            reference.com,
-            reference.com_velocity,
-            self._anchor[2],
-            GRAVITY,
-            left.pose,
-            right.pose,
-            self._corners,
-            self._gains,
-            self._dcm,
-            self._cmp,
-            self._com_acceleration,
-        )
-        self.whole_body.com_task.override = self._com_acceleration
 
     def _warm_up(self) -> None:
         """Compile and fill every cache at construction: the loop itself never waits for a compiler."""

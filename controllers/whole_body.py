@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controllers.qp.build import QPBuilder, QPLimits
-from controllers.qp.kernels_feedback import foothold_feedback, integrate_joints, joint_bounds
+from controllers.qp.build import QP, QPBuilder, QPLimits
+from controllers.qp.kernels_feedback import integrate_joints, update_limits
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import GRAVITY, Terms
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
@@ -49,6 +49,10 @@ class WholeBodyController:
         acceleration: Last solution (nv,).
         wrenches: Last solution (2, 6), in the sole frames.
         torque: Last solution (nj,).
+        limits: Limits of the QP.
+        builder: Builds the QP.
+        solver: Solves it.
+        problem: Last QP, overwritten by the next tick; None before the first.
         solution: Last answer of the solver.
 
     References:
@@ -82,7 +86,7 @@ class WholeBodyController:
         ]
         self.tasks = {task.name: task for task in stack}
         contact, solver = config.contact, config.solver
-        self._builder = QPBuilder(
+        self.builder = QPBuilder(
             model,
             stack,
             force_min=contact.force_min * weight_force,
@@ -91,19 +95,28 @@ class WholeBodyController:
             sole_margin=contact.sole_margin,
             regularisation=solver.regularisation,
         )
-        self._solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho)
+        self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho)
         scale = contact.wrench_weight / weight_force**2
         lever = scale / contact.moment_arm**2
-        self._wrench_weight = np.tile(np.array([scale, scale, scale, lever, lever, lever]), (2, 1))
-        self._wrench_target = np.zeros((2, 6))
-        self._contact_acceleration = np.zeros((2, 6))
-        self._limits = QPLimits(config.limits.torque * model.tau_max, np.zeros(nj), np.zeros(nj))
-        margin = np.minimum(config.limits.position_margin, 0.25 * (model.q_upper - model.q_lower))
-        self._q_low, self._q_high = model.q_lower + margin, model.q_upper - margin
-        self._v_max = config.limits.velocity * model.v_max
+        limit = config.limits
+        self.limits = limits = QPLimits(nj)
+        limits.torque[:] = limit.torque * model.tau_max
+        limits.wrench_weight[:] = scale, scale, scale, lever, lever, lever
+        margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
+        limits.block["q_low"][:], limits.block["q_high"][:] = model.q_lower + margin, model.q_upper - margin
+        limits.block["v_max"][:] = limit.velocity * model.v_max
+        limits.block["gains"][:] = (
+            contact.stiffness,
+            contact.damping,
+            limit.position_gain,
+            limit.velocity_gain,
+            limit.acceleration,
+        )
+        self._contacts: tuple[bool, bool] | None = None
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
         self.torque = np.zeros(nj)
+        self.problem: QP | None = None
         self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
         self._failures = 0
         self._last = JointCommand(model.posture("stand"), np.zeros(nj), np.zeros(nj))
@@ -123,34 +136,25 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
-        contact = self.config.contact
-        for foot, task in enumerate(self._feet):
-            task.set_active(not reference.contacts[foot])
-            sole = self.terms.soles[foot]
-            foothold_feedback(
-                sole.pose,
-                sole.twist,
-                reference.sole_rotations[foot],
-                reference.sole_positions[foot],
-                contact.stiffness,
-                contact.damping,
-                self._contact_acceleration[foot],
-            )
-        self._update_limits(state)
-        self._update_wrench_target(reference)
-        qp = self._builder.build(
-            self.terms,
-            reference,
-            self._limits,
-            self._contact_acceleration,
-            self._wrench_target,
-            self._wrench_weight,
+        if reference.contacts != self._contacts:
+            self._change_contacts(reference.contacts)
+        terms, limits = self.terms, self.limits
+        update_limits(
+            state.q,
+            state.v,
+            reference.sole_rotations,
+            reference.sole_positions,
+            terms.block.data,
+            terms.block.layout,
+            limits.block.data,
+            limits.block.layout,
         )
-        self.solution = solution = self._solver.solve(qp)
+        self.problem = qp = self.builder.build(terms, reference, limits)
+        self.solution = solution = self.solver.solve(qp)
         if solution.z is None:
             return self._fall_back(state)
         self._failures = 0
-        self._builder.recover(self.terms, solution.z, self.acceleration, self.wrenches, self.torque)
+        self.builder.recover(terms, solution.z, self.acceleration, self.wrenches, self.torque)
         q, v = np.empty(self.model.nj), np.empty(self.model.nj)
         integrate_joints(
             state.q[7:],
@@ -165,31 +169,16 @@ class WholeBodyController:
         self._last = JointCommand(q, v, self.torque.copy())
         return self._last, solution.status
 
-    def _update_limits(self, state: RobotState) -> None:
-        limits = self.config.limits
-        joint_bounds(
-            state.q[7:],
-            state.v[6:],
-            self._q_low,
-            self._q_high,
-            self._v_max,
-            limits.position_gain,
-            limits.velocity_gain,
-            limits.acceleration,
-            self._limits.acceleration_lower,
-            self._limits.acceleration_upper,
-        )
-
-    def _update_wrench_target(self, reference: Reference) -> None:
-        count = reference.contacts[0] + reference.contacts[1]
-        share = self.model.mass * GRAVITY / max(count, 1)
-        for foot in range(2):
-            # An even share of the weight through the middle of the sole.
+    def _change_contacts(self, contacts: tuple[bool, bool]) -> None:
+        """Feet that swing get their task; those that bear load an even share of the weight, mid-sole."""
+        self._contacts = contacts
+        share = self.model.mass * GRAVITY / max(contacts[0] + contacts[1], 1)
+        for foot, task in enumerate(self._feet):
+            task.set_active(not contacts[foot])
             x_min, x_max, y_min, y_max = self.model.feet[foot].rectangle
-            force = share if reference.contacts[foot] else 0.0
-            self._wrench_target[foot, 2] = force
-            self._wrench_target[foot, 3] = force * 0.5 * (y_min + y_max)
-            self._wrench_target[foot, 4] = -force * 0.5 * (x_min + x_max)
+            force = share if contacts[foot] else 0.0
+            moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
+            self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0
 
     def _fall_back(self, state: RobotState) -> tuple[JointCommand, SolveStatus]:
         self._failures += 1

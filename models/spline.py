@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from models.types import Matrix, Vector
 
@@ -85,3 +87,32 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
     c[:, 4] = -15.0 * rise + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
     c[:, 5] = 6.0 * rise - 3.0 * (v0 + v1) - 0.5 * (a0 - a1)
     return c
+
+
+@njit(cache=True)
+def evaluate_quintic(
+    coefficients: NDArray[np.float64],
+    segment: int,
+    u: float,
+    length: float,
+    position: Vector,
+    velocity: Vector,
+    acceleration: Vector,
+) -> None:
+    """Evaluate one segment of ``quintic_coefficients``.
+
+    Args:
+        coefficients: (n - 1, 6, k).
+        segment: Which one.
+        u: Normalised time in it, 0 to 1.
+        length: Its length [s].
+        position: Out (k,) [rad, rad/s, rad/s^2].
+        velocity: Out (k,) [rad, rad/s, rad/s^2].
+        acceleration: Out (k,) [rad, rad/s, rad/s^2].
+    """
+    c = coefficients[segment]
+    for j in range(c.shape[1]):
+        c1, c2, c3, c4, c5 = c[1, j], c[2, j], c[3, j], c[4, j], c[5, j]
+        position[j] = c[0, j] + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        velocity[j] = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / length
+        acceleration[j] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (length * length)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from models.spline import monotone_velocities, quintic_coefficients
+from models.spline import evaluate_quintic, monotone_velocities, quintic_coefficients
 from models.types import JointTrajectory, Matrix, Vector
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ class TrajectorySampler:
         self._end.flags.writeable = False
         self.coefficients = quintic_coefficients(times, q, v)  # (n - 1, 6, nj)
         """Coefficients of the powers of u on each segment (n - 1, 6, nj) [rad]."""
-        self._basis = np.zeros((3, 6))
 
     def sample(self, t: float) -> tuple[Vector, Vector, Vector]:
         """Evaluate the curve.
@@ -63,14 +62,9 @@ class TrajectorySampler:
         if t >= self.duration or len(self._times) < 2:
             return self._end[0], self._end[1], self._end[2]
         i, u, length = self._locate(t)
-        basis, u2, u3 = self._basis, u * u, u * u * u
-        basis[0] = (1.0, u, u2, u3, u2 * u2, u2 * u3)
-        basis[1] = (0.0, 1.0, 2.0 * u, 3.0 * u2, 4.0 * u3, 5.0 * u2 * u2)
-        basis[2] = (0.0, 0.0, 2.0, 6.0 * u, 12.0 * u2, 20.0 * u3)
-        curve: Matrix = basis @ self.coefficients[i]  # (3, nj)
-        curve[1] /= length
-        curve[2] /= length * length
-        return curve[0], curve[1], curve[2]
+        position, velocity, acceleration = (np.empty(self._end.shape[1]) for _ in range(3))
+        evaluate_quintic(self.coefficients, i, u, length, position, velocity, acceleration)
+        return position, velocity, acceleration
 
     def effort(self, t: float) -> Vector:
         """Feed-forward torque, linear between points (nj,) [N.m]; zero where the trajectory gives none."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.qp.kernels_assemble import assemble_cost, assemble_rows, recover
-from controllers.qp.kernels_reduce import reduce_accelerations, reduce_wrenches
-from controllers.qp.terms import Terms
+from controllers.memory import Block
+from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, STACK, fill_problem, recover
+from controllers.qp.kernels_feedback import LIMITS
+from controllers.qp.terms import GRAVITY, Terms
 from controllers.qp.wrench_cone import wrench_cone
 from controllers.tasks.base import Task
 from controllers.tasks.posture import PostureTask
@@ -39,19 +40,28 @@ class QP:
     soft: np.ndarray
 
 
-@dataclass(frozen=True, slots=True)
 class QPLimits:
-    """What the QP may use on this tick.
+    """What the QP may use on this tick, and what it is drawn to besides its tasks.
+
+    Args:
+        nj: Number of joints.
 
     Attributes:
+        block: All of the following, for kernels.
         torque: Largest joint torque (nj,) [N.m].
-        acceleration_lower: (nj,) [rad/s^2].
-        acceleration_upper: (nj,) [rad/s^2].
+        acceleration_lower, acceleration_upper: (nj,) [rad/s^2].
+        contact_acceleration: Acceleration of each sole in contact, in its frame (2, 6) [m/s^2, rad/s^2].
+        wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
+        wrench_weight: (2, 6).
     """
 
-    torque: Vector
-    acceleration_lower: Vector
-    acceleration_upper: Vector
+    def __init__(self, nj: int) -> None:
+        shapes = ((nj,), (nj,), (nj,), (2, 6), (2, 6), (2, 6), (nj,), (nj,), (nj,), (5,))
+        self.block = block = Block(dict(zip(LIMITS, shapes, strict=True)))
+        self.torque = block["torque"]
+        self.acceleration_lower, self.acceleration_upper = block["acceleration_lower"], block["acceleration_upper"]
+        self.contact_acceleration = block["contact_acceleration"]
+        self.wrench_target, self.wrench_weight = block["wrench_target"], block["wrench_weight"]
 
 
 class _Reduction:
@@ -63,21 +73,13 @@ class _Reduction:
         self.na = nv - 6 if mode != 3 else nv - 12
         self.nz = self.na + (6 if mode == 3 else 0)
         rows = feet * cone_rows + (nv - 6) + n_legs
-        self.basis = np.zeros((nv, self.na))
-        self.start = np.zeros(nv)
-        self.maps = np.zeros((2, 6, self.nz))
-        self.offsets = np.zeros((2, 6))
+        na, nz, bounds = self.na, self.nz, n_upper + rows
+        shapes = ((nv, na), (nv,), (2, 6, 6), (2, 6, nz), (2, 6), (nz, nz), (nz,), (rows, nz), (bounds,), (bounds,))
+        self.block = block = Block(dict(zip(REDUCTION, shapes, strict=True)))
         soft = np.zeros(n_upper + rows, dtype=bool)
         soft[:n_upper] = True
         soft[n_upper + feet * cone_rows + nv - 6 :] = True
-        self.qp = QP(
-            np.zeros((self.nz, self.nz)),
-            np.zeros(self.nz),
-            np.zeros((rows, self.nz)),
-            np.zeros(n_upper + rows),
-            np.zeros(n_upper + rows),
-            soft,
-        )
+        self.qp = QP(block["hessian"], block["gradient"], block["matrix"], block["lower"], block["upper"], soft)
 
 
 class QPBuilder:
@@ -118,156 +120,92 @@ class QPBuilder:
         self.posture = postures[0]
         self.tasks = [task for task in tasks if task is not self.posture]
         self._regularisation = regularisation
-        self.leg_1, self.leg_2 = (np.array(foot.joint_ids_v, dtype=np.int64) for foot in model.feet)
-        if len(set(self.leg_1) | set(self.leg_2)) != 12 or len(self.leg_1) != 6:
+        core = np.concatenate([np.arange(6), *(np.array(foot.joint_ids_v) for foot in model.feet)])
+        if len(set(core)) != CORE or len(model.feet[0].joint_ids_v) != 6:
             raise ConfigError(f"{model.name}: each leg needs six joints of its own between base and sole")
-        self.legs = np.concatenate([self.leg_1, self.leg_2])
-        self.upper = np.array([i for i in range(6, model.nv) if i not in set(self.legs)], dtype=np.int64)
-        weight_force = model.mass * 9.81
+        self._indices = np.concatenate([core, np.setdiff1d(np.arange(model.nv), core)]).astype(np.int64)
+        upper = model.nv - CORE
+        weight_force = model.mass * GRAVITY
         self._wrench_scale = weight_force
         cones = []
         for foot in model.feet:
             x_min, x_max, y_min, y_max = foot.rectangle
             shrunk = (x_min + sole_margin, x_max - sole_margin, y_min + sole_margin, y_max - sole_margin)
             cones.append(wrench_cone(shrunk, min(friction, foot.friction), force_min, force_max))
+        cone_rows = len(cones[0][1])
+        shapes = ((2, cone_rows, 6), (2, cone_rows), (2, cone_rows), (2,))
+        self.robot = Block(dict(zip(ROBOT, shapes, strict=True)))
         # Rows are divided by the robot's weight: solvers' absolute tolerances then mean the same for every robot.
-        self._cone = np.array([matrix for matrix, _, _ in cones]) / weight_force
-        self._cone_lower = np.array([lower for _, lower, _ in cones]) / weight_force
-        self._cone_upper = np.array([upper for _, _, upper in cones]) / weight_force
-        self._row_scale = np.array([1.0, 0.01])
+        self.robot["cone"][:] = np.array([matrix for matrix, _, _ in cones]) / weight_force
+        self.robot["cone_lower"][:] = np.array([lower for _, lower, _ in cones]) / weight_force
+        self.robot["cone_upper"][:] = np.array([upper for _, _, upper in cones]) / weight_force
+        self.robot["row_scale"][:] = 1.0, 0.01
         self._pivot_floor = 1e-6
-        self._reductions = [
-            _Reduction(mode, model.nv, len(self.upper), len(self.legs), self._cone.shape[1]) for mode in range(4)
-        ]
+        self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6, cone_rows) for mode in range(4)]
+        self._active = self._reductions[0]
         dimensions = [task.weight.shape[0] for task in self.tasks]
         total = sum(dimensions)
-        self._jacobian = np.zeros((total, model.nv))
-        self._target = np.zeros(total)
-        self._weight = np.zeros(total)
-        ends = np.cumsum(dimensions)
-        self._slices = [slice(int(end - size), int(end)) for end, size in zip(ends, dimensions, strict=True)]
-        self._wanted = np.zeros((2, 6))
-        self._inverse = np.zeros((2, 6, 6))
+        self._stack = stack = Block(dict(zip(STACK, ((total, model.nv), (total,), (total,)), strict=True)))
+        self._rows: list[tuple[Task, Matrix, Vector, Vector]] = []
+        for task, end, size in zip(self.tasks, np.cumsum(dimensions), dimensions, strict=True):
+            span = slice(int(end) - size, int(end))
+            self._rows.append((task, stack["jacobian"][span], stack["target"][span], stack["weight"][span]))
 
-    def build(
-        self,
-        terms: Terms,
-        reference: Reference,
-        limits: QPLimits,
-        contact_acceleration: Matrix,
-        wrench_target: Matrix,
-        wrench_weight: Matrix,
-    ) -> QP:
+    def build(self, terms: Terms, reference: Reference, limits: QPLimits) -> QP:
         """Fill the QP of this tick.
 
         Args:
             terms: Model terms of the measured state.
             reference: What to track; its ``contacts`` pick the contact mode.
-            limits: Torque and acceleration limits.
-            contact_acceleration: Acceleration of each sole in contact, in its frame (2, 6) [m/s^2, rad/s^2].
-            wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
-            wrench_weight: (2, 6).
+            limits: Limits, contact accelerations and wanted wrenches.
 
         Returns:
             The QP, in arrays that the next call with the same contacts overwrites.
         """
-        for task, span in zip(self.tasks, self._slices, strict=True):
-            if not task.active:
-                self._weight[span] = 0.0
-                continue
-            self._weight[span] = task.weight
-            self._jacobian[span] = task.jacobian(terms)
-            np.subtract(task.acceleration(terms, reference), task.drift(terms), out=self._target[span])
-        for foot in range(2):
-            np.subtract(contact_acceleration[foot], terms.soles[foot].drift, out=self._wanted[foot])
+        for task, jacobian, target, weight in self._rows:
+            if task.active:
+                weight[:] = task.weight
+                jacobian[:] = task.jacobian(terms)
+                np.subtract(task.acceleration(terms, reference), task.drift(terms), target)
+            else:
+                weight[:] = 0.0
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)
-        reduction = self._reductions[mode]
-        self._active = reduction
-        left, right = terms.soles[0].jacobian, terms.soles[1].jacobian
-        reduce_accelerations(
+        self._active = reduction = self._reductions[mode]
+        posture = self.posture
+        fill_problem(
             mode,
             terms.mass_matrix,
             terms.bias,
-            left,
-            right,
-            self._inverse[0],
-            self._inverse[1],
-            self._wanted[0],
-            self._wanted[1],
-            self.upper,
-            self.leg_1,
-            self.leg_2,
-            self._pivot_floor,
-            reduction.basis,
-            reduction.start,
-        )
-        reduce_wrenches(
-            mode,
-            terms.mass_matrix,
-            terms.bias,
-            self._inverse[0],
-            self._inverse[1],
-            reduction.basis,
-            reduction.start,
+            terms.block.data,
+            terms.block.layout,
+            self._indices,
+            self.robot.data,
+            self.robot.layout,
+            self._stack.data,
+            self._stack.layout,
+            posture.acceleration(terms, reference),
+            posture.weight,
+            limits.block.data,
+            limits.block.layout,
             self._wrench_scale,
-            reduction.maps,
-            reduction.offsets,
-        )
-        qp = reduction.qp
-        assemble_cost(
-            self._jacobian,
-            self._target,
-            self._weight,
-            self.posture.acceleration(terms, reference),
-            self.posture.weight,
-            reduction.basis,
-            reduction.start,
-            reduction.maps,
-            reduction.offsets,
-            wrench_target,
-            wrench_weight,
+            self._pivot_floor,
             self._regularisation,
-            qp.hessian,
-            qp.gradient,
+            reduction.block.data,
+            reduction.block.layout,
         )
-        assemble_rows(
-            mode,
-            terms.mass_matrix,
-            terms.bias,
-            left,
-            right,
-            self.upper,
-            self.legs,
-            reduction.basis,
-            reduction.start,
-            reduction.maps,
-            reduction.offsets,
-            self._cone,
-            self._cone_lower,
-            self._cone_upper,
-            limits.torque,
-            limits.acceleration_lower,
-            limits.acceleration_upper,
-            self._row_scale,
-            qp.matrix,
-            qp.lower,
-            qp.upper,
-        )
-        return qp
+        return reduction.qp
 
     def recover(self, terms: Terms, z: Vector, acceleration: Vector, wrenches: Matrix, torque: Vector) -> None:
         """Accelerations (nv,), wrenches (2, 6) and torques (nj,) of a solution of the QP built last."""
-        reduction = self._active
+        block, reduction = terms.block, self._active.block
         recover(
             z,
             terms.mass_matrix,
             terms.bias,
-            terms.soles[0].jacobian,
-            terms.soles[1].jacobian,
-            reduction.basis,
-            reduction.start,
-            reduction.maps,
-            reduction.offsets,
+            block.data,
+            block.layout,
+            reduction.data,
+            reduction.layout,
             acceleration,
             wrenches,
             torque,

@@ -1,4 +1,4 @@
-"""Compiled kernels that fill the reduced QP's cost and rows, and that recover the full solution."""
+"""Compiled kernels that fill the reduced QP's cost and rows."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from controllers.qp.kernels_wrenches import reduce_row
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def assemble_cost(
+    mode: int,
     jacobian: Array,
     target: Array,
     weight: Array,
     posture_target: Array,
     posture_weight: Array,
+    upper: Index,
+    core: Index,
     basis: Array,
     start: Array,
     maps: Array,
@@ -33,75 +38,75 @@ def assemble_cost(
     ``w_i = P_i z + p_i``.
 
     Args:
+        mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
         jacobian: Stacked task Jacobians (m, nv).
         target: Wanted task accelerations less drifts (m,).
         weight: (m,).
         posture_target: Wanted joint accelerations (nj,).
         posture_weight: (nj,).
+        upper: Velocity indices outside base and legs (nu,).
+        core: Those of the base, then of the legs.
         basis: N (nv, na) and a0 (nv,).
-        start: N (nv, na) and a0 (nv,).
+        start: a0 (nv,).
         maps: P (2, 6, nz) and p (2, 6).
-        offsets: P (2, 6, nz) and p (2, 6).
+        offsets: p (2, 6).
         wrench_target: (2, 6).
         wrench_weight: (2, 6).
         regularisation: Added to the diagonal of H.
         hessian: Out (nz, nz).
         gradient: Out (nz,).
     """
-    m, nv = jacobian.shape
-    na = basis.shape[1]
-    nz = hessian.shape[0]
-    nj = nv - 6
-    rows = np.zeros((m + 12, nz))
-    errors = np.zeros(m + 12)
+    m = jacobian.shape[0]
+    nu, na, nz = upper.shape[0], basis.shape[1], hessian.shape[0]
+    rows = np.zeros((m + 12 + 3, nz))  # 3: the sums below take four rows at a time
+    errors = np.zeros(m + 12 + 3)
+    used = 0
     for i in range(m):
-        root = np.sqrt(weight[i])
-        if root == 0.0:
+        if weight[i] == 0.0:
             continue
-        error = -target[i]
-        for k in range(nv):
-            value = jacobian[i, k]
-            if value == 0.0:
-                continue
-            error += value * start[k]
-            value *= root
-            for c in range(na):
-                rows[i, c] += value * basis[k, c]
-        errors[i] = root * error
+        root = np.sqrt(weight[i])
+        errors[used] = (
+            reduce_row(jacobian[i], root, mode == 0, upper, core, basis, start, rows[used]) - root * target[i]
+        )
+        used += 1
     for foot in range(2):
+        if mode != 3 and mode != foot + 1:
+            continue
         for i in range(6):
             root = np.sqrt(wrench_weight[foot, i])
-            line = m + 6 * foot + i
-            errors[line] = root * (offsets[foot, i] - wrench_target[foot, i])
+            errors[used] = root * (offsets[foot, i] - wrench_target[foot, i])
             for c in range(nz):
-                rows[line, c] = root * maps[foot, i, c]
+                rows[used, c] = root * maps[foot, i, c]
+            used += 1
     hessian[:, :] = 0.0
     gradient[:] = 0.0
-    for i in range(m + 12):
+    for i in range(0, used, 4):
         for r in range(nz):
-            value = rows[i, r]
-            if value == 0.0:
-                continue
-            gradient[r] += value * errors[i]
+            v0, v1, v2, v3 = rows[i, r], rows[i + 1, r], rows[i + 2, r], rows[i + 3, r]
+            gradient[r] += v0 * errors[i] + v1 * errors[i + 1] + v2 * errors[i + 2] + v3 * errors[i + 3]
             for c in range(r, nz):
-                hessian[r, c] += value * rows[i, c]
-    for k in range(nj):
-        w = posture_weight[k]
-        error = start[6 + k] - posture_target[k]
-        for r in range(na):
-            value = w * basis[6 + k, r]
+                hessian[r, c] += (v0 * rows[i, c] + v1 * rows[i + 1, c]) + (v2 * rows[i + 2, c] + v3 * rows[i + 3, c])
+    for c in range(nu):
+        joint = upper[c] - 6
+        hessian[c, c] += posture_weight[joint]
+        gradient[c] -= posture_weight[joint] * posture_target[joint]
+    for i in range(6, core.shape[0]):
+        k = core[i]
+        error = start[k] - posture_target[k - 6]
+        for r in range(nu, na):
+            value = posture_weight[k - 6] * basis[k, r]
             if value == 0.0:
                 continue
             gradient[r] += value * error
             for c in range(r, na):
-                hessian[r, c] += value * basis[6 + k, c]
+                hessian[r, c] += value * basis[k, c]
     for r in range(nz):
         hessian[r, r] += regularisation
         for c in range(r):
             hessian[r, c] = hessian[c, r]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"contract"})
 def assemble_rows(
     mode: int,
     mass_matrix: Array,
@@ -109,7 +114,9 @@ def assemble_rows(
     jacobian_1: Array,
     jacobian_2: Array,
     upper: Index,
-    legs: Index,
+    core: Index,
+    leg_1: Index,
+    leg_2: Index,
     basis: Array,
     start: Array,
     maps: Array,
@@ -124,7 +131,7 @@ def assemble_rows(
     matrix: Array,
     lower: Array,
     upper_bound: Array,
-) -> int:
+) -> None:
     """Rows ``lower <= A z <= upper``: first simple bounds on the upper-body accelerations, then general rows.
 
     General rows in order: wrench cones of the feet in contact, joint torques (all joints), leg accelerations.
@@ -132,15 +139,17 @@ def assemble_rows(
     Args:
         mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
         mass_matrix: Dynamics.
-        bias: Dynamics.
+        bias: h (nv,).
         jacobian_1: Sole Jacobians (6, nv).
         jacobian_2: Sole Jacobians (6, nv).
-        upper: Velocity indices outside the legs (nu,).
-        legs: Velocity indices of both legs (nl,).
+        upper: Velocity indices outside base and legs (nu,).
+        core: Those of the base, then of the legs.
+        leg_1: Those of each leg (6,).
+        leg_2: Those of each leg (6,).
         basis: N and a0.
-        start: N and a0.
+        start: a0 (nv,).
         maps: P and p.
-        offsets: P and p.
+        offsets: p (2, 6).
         cone: Wrench cone of each foot (2, rows, 6), scaled.
         cone_lower: Its bounds (2, rows).
         cone_upper: Its bounds (2, rows).
@@ -148,18 +157,12 @@ def assemble_rows(
         acceleration_lower: (nj,).
         acceleration_upper: (nj,).
         row_scale: Scale of torque rows and of acceleration rows (2,).
-        matrix: Out, general rows (>= used, nz).
+        matrix: Out, general rows (m, nz).
         lower: Out, bounds of the simple rows, then of the general rows.
         upper_bound: Out, bounds of the simple rows, then of the general rows.
-
-    Returns:
-        Number of general rows used.
     """
-    nz = matrix.shape[1]
-    na = basis.shape[1]
-    nu = upper.shape[0]
-    nv = mass_matrix.shape[0]
-    nj = nv - 6
+    nu, na, nz = upper.shape[0], basis.shape[1], matrix.shape[1]
+    nj = mass_matrix.shape[0] - 6
     for i in range(nu):
         lower[i] = acceleration_lower[upper[i] - 6]
         upper_bound[i] = acceleration_upper[upper[i] - 6]
@@ -181,140 +184,51 @@ def assemble_rows(
             lower[nu + used] = cone_lower[foot, i] - constant
             upper_bound[nu + used] = cone_upper[foot, i] - constant
             used += 1
-    torque_scale, acceleration_scale = row_scale[0], row_scale[1]
+    # N' M and a0' M, joint columns only: M is symmetric, so these sums run along its contiguous rows.
+    product = np.zeros((na, nj))
+    torque = np.empty(nj)
     for j in range(nj):
-        scale = torque_scale / torque_max[j]
-        constant = bias[6 + j] * scale
-        for c in range(nz):
-            matrix[used, c] = 0.0
-        for k in range(nv):
-            value = mass_matrix[6 + j, k] * scale
+        torque[j] = bias[6 + j]
+    for c in range(nu):
+        for j in range(nj):
+            product[c, j] = mass_matrix[upper[c], 6 + j]
+    for k in core:
+        for j in range(nj):
+            torque[j] += start[k] * mass_matrix[k, 6 + j]
+        for c in range(0 if mode == 0 and k < 6 else nu, na):
+            value = basis[k, c]
             if value == 0.0:
                 continue
-            constant += value * start[k]
-            for c in range(na):
-                matrix[used, c] += value * basis[k, c]
-        for foot in range(2):
-            if mode != 3 and mode != foot + 1:
-                continue
-            for k in range(6):
-                value = (jacobian_1[k, 6 + j] if foot == 0 else jacobian_2[k, 6 + j]) * scale
-                if value == 0.0:
-                    continue
-                constant -= value * offsets[foot, k]
-                for c in range(nz):
-                    matrix[used, c] -= value * maps[foot, k, c]
-        lower[nu + used] = -torque_scale - constant
-        upper_bound[nu + used] = torque_scale - constant
-        used += 1
-    for i in range(legs.shape[0]):
-        row = legs[i]
-        for c in range(nz):
-            matrix[used, c] = basis[row, c] * acceleration_scale if c < na else 0.0
-        lower[nu + used] = (acceleration_lower[row - 6] - start[row]) * acceleration_scale
-        upper_bound[nu + used] = (acceleration_upper[row - 6] - start[row]) * acceleration_scale
-        used += 1
-    return used
-
-
-@njit(cache=True)
-def recover(
-    z: Array,
-    mass_matrix: Array,
-    bias: Array,
-    jacobian_1: Array,
-    jacobian_2: Array,
-    basis: Array,
-    start: Array,
-    maps: Array,
-    offsets: Array,
-    acceleration: Array,
-    wrenches: Array,
-    torque: Array,
-) -> None:
-    """Accelerations (nv,), wrenches (2, 6) and joint torques ``M_j a + h_j - sum J_ij' w_i`` (nj,) of a solution z."""
-    nv, na = basis.shape
-    nz = z.shape[0]
-    for i in range(nv):
-        total = start[i]
+            for j in range(nj):
+                product[c, j] += value * mass_matrix[k, 6 + j]
+    for j in range(nj):
+        scale = row_scale[0] / torque_max[j]
         for c in range(na):
-            total += basis[i, c] * z[c]
-        acceleration[i] = total
+            matrix[used + j, c] = scale * product[c, j]
+        for c in range(na, nz):
+            matrix[used + j, c] = 0.0
     for foot in range(2):
-        for i in range(6):
-            total = offsets[foot, i]
-            for c in range(nz):
-                total += maps[foot, i, c] * z[c]
-            wrenches[foot, i] = total
-    for j in range(nv - 6):
-        total = bias[6 + j]
-        for k in range(nv):
-            total += mass_matrix[6 + j, k] * acceleration[k]
-        for i in range(6):
-            total -= jacobian_1[i, 6 + j] * wrenches[0, i] + jacobian_2[i, 6 + j] * wrenches[1, i]
-        torque[j] = total
-
-
-@njit(cache=True)
-def kkt_residual(
-    hessian: Array,
-    gradient: Array,
-    matrix: Array,
-    lower: Array,
-    upper: Array,
-    z: Array,
-    multipliers: Array,
-) -> float:
-    """Largest of stationarity, primal violation, wrong multiplier sign and complementarity, scaled.
-
-    With simple bounds first and multipliers positive at an upper bound, negative at a lower one::
-
-        stationarity = |H z + f + A' y| / (1 + |H z| + |f| + |A' y|)   (largest entries)
-
-    Args:
-        hessian: Cost (nz, nz), (nz,).
-        gradient: Cost (nz, nz), (nz,).
-        matrix: General rows (m, nz).
-        lower: Bounds (nb + m,); nb = number of simple bounds.
-        upper: Bounds (nb + m,); nb = number of simple bounds.
-        z: Solution (nz,).
-        multipliers: (nb + m,).
-
-    Returns:
-        The residual; NaN if the solution is not finite.
-    """
-    nz = z.shape[0]
-    m = matrix.shape[0]
-    nb = lower.shape[0] - m
-    worst = 0.0
-    scale = 1.0
-    largest = 1.0
-    for i in range(nb + m):
-        largest = max(largest, abs(multipliers[i]))
-    for r in range(nz):
-        quadratic = 0.0
+        if mode != 3 and mode != foot + 1:
+            continue
+        jacobian = jacobian_1 if foot == 0 else jacobian_2
+        for column in leg_1 if foot == 0 else leg_2:
+            j = column - 6
+            scale = row_scale[0] / torque_max[j]
+            for k in range(6):
+                torque[j] -= jacobian[k, column] * offsets[foot, k]
+                value = scale * jacobian[k, column]
+                for c in range(nz):
+                    matrix[used + j, c] -= value * maps[foot, k, c]
+    for j in range(nj):
+        constant = torque[j] * row_scale[0] / torque_max[j]
+        lower[nu + used] = -row_scale[0] - constant
+        upper_bound[nu + used] = row_scale[0] - constant
+        used += 1
+    scale = row_scale[1]
+    for i in range(6, core.shape[0]):
+        k = core[i]
         for c in range(nz):
-            quadratic += hessian[r, c] * z[c]
-        dual = multipliers[r] if r < nb else 0.0
-        for i in range(m):
-            if multipliers[nb + i] != 0.0:
-                dual += matrix[i, r] * multipliers[nb + i]
-        worst = max(worst, abs(quadratic + gradient[r] + dual))
-        scale = max(scale, abs(quadratic), abs(gradient[r]), abs(dual))
-        if not np.isfinite(z[r]):
-            return np.nan
-    worst /= scale
-    for i in range(nb + m):
-        if i < nb:
-            value = z[i]
-        else:
-            value = 0.0
-            for c in range(nz):
-                value += matrix[i - nb, c] * z[c]
-        size = 1.0 + abs(value)
-        worst = max(worst, (lower[i] - value) / size, (value - upper[i]) / size)
-        if multipliers[i] > 0.0:
-            worst = max(worst, min(multipliers[i] / largest, abs(upper[i] - value) / size))
-        elif multipliers[i] < 0.0:
-            worst = max(worst, min(-multipliers[i] / largest, abs(value - lower[i]) / size))
-    return worst
+            matrix[used, c] = basis[k, c] * scale if c < na else 0.0
+        lower[nu + used] = (acceleration_lower[k - 6] - start[k]) * scale
+        upper_bound[nu + used] = (acceleration_upper[k - 6] - start[k]) * scale
+        used += 1

@@ -6,9 +6,29 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from controllers.memory import part_1, part_2, part_3
+from controllers.qp.kernels_read import POSE, TWIST
 from controllers.qp.kernels_terms import rotation_error
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LIMITS = (
+    "torque",
+    "acceleration_lower",
+    "acceleration_upper",
+    "contact_acceleration",
+    "wrench_target",
+    "wrench_weight",
+    "q_low",
+    "q_high",
+    "v_max",
+    "gains",
+)
+"""Parts of the block of ``QPLimits``."""
+
+TORQUE, ACCELERATION_LOWER, ACCELERATION_UPPER, CONTACT_ACCELERATION, WRENCH_TARGET, WRENCH_WEIGHT = range(6)
+_Q_LOW, _Q_HIGH, _V_MAX, _GAINS = range(6, 10)
 
 
 @njit(cache=True)
@@ -112,6 +132,47 @@ def joint_bounds(
 
 
 @njit(cache=True)
+def update_limits(
+    q: Array,
+    v: Array,
+    rotations: Array,
+    positions: Array,
+    terms: Array,
+    terms_layout: Index,
+    limits: Array,
+    layout: Index,
+) -> None:
+    """Joint bounds and contact accelerations of this tick, from ``joint_bounds`` and ``foothold_feedback``.
+
+    Args:
+        q: Configuration (nq,).
+        v: Velocity (nv,).
+        rotations: Rotation of each foothold in W (2, 3, 3).
+        positions: Position of each foothold in W (2, 3) [m].
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        limits: In and out, block with the parts ``LIMITS``.
+        layout: Its layout.
+    """
+    pose, twist = part_3(terms, terms_layout, POSE), part_2(terms, terms_layout, TWIST)
+    gains, wanted = part_1(limits, layout, _GAINS), part_2(limits, layout, CONTACT_ACCELERATION)
+    for foot in range(2):
+        foothold_feedback(pose[foot], twist[foot], rotations[foot], positions[foot], gains[0], gains[1], wanted[foot])
+    joint_bounds(
+        q[7:],
+        v[6:],
+        part_1(limits, layout, _Q_LOW),
+        part_1(limits, layout, _Q_HIGH),
+        part_1(limits, layout, _V_MAX),
+        gains[2],
+        gains[3],
+        gains[4],
+        part_1(limits, layout, ACCELERATION_LOWER),
+        part_1(limits, layout, ACCELERATION_UPPER),
+    )
+
+
+@njit(cache=True)
 def integrate_joints(
     q: Array, v: Array, acceleration: Array, ahead: float, q_low: Array, q_high: Array, q_out: Array, v_out: Array
 ) -> None:
@@ -120,17 +181,3 @@ def integrate_joints(
         step = ahead * acceleration[i]
         q_out[i] = min(max(q[i] + ahead * (v[i] + 0.5 * step), q_low[i]), q_high[i])
         v_out[i] = v[i] + step
-
-
-@njit(cache=True, fastmath={"reassoc"})
-def all_finite(matrix: Array, vector: Array, rows: Array) -> bool:
-    """Whether a QP's Hessian, gradient and rows hold neither NaN nor infinity (a sum shows either)."""
-    total = 0.0
-    for i in range(matrix.shape[0]):
-        total += vector[i]
-        for j in range(matrix.shape[1]):
-            total += matrix[i, j]
-    for i in range(rows.shape[0]):
-        for j in range(rows.shape[1]):
-            total += rows[i, j]
-    return bool(np.isfinite(total))

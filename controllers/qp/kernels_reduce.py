@@ -144,6 +144,27 @@ def base_from_foot(
 
 
 @njit(cache=True)
+def solve_base(mass_matrix: Array, right: Array) -> None:
+    """``right = M_bb^-1 right`` (6, k) in place, with the base block of M factored as L L' (Cholesky)."""
+    factor = np.zeros((6, 6))
+    for j in range(6):
+        for i in range(j, 6):
+            total = mass_matrix[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = np.sqrt(total) if i == j else total / factor[j, j]
+    for c in range(right.shape[1]):
+        for i in range(6):
+            for k in range(i):
+                right[i, c] -= factor[i, k] * right[k, c]
+            right[i, c] /= factor[i, i]
+        for i in range(5, -1, -1):
+            for k in range(i + 1, 6):
+                right[i, c] -= factor[k, i] * right[k, c]
+            right[i, c] /= factor[i, i]
+
+
+@njit(cache=True)
 def reduce_accelerations(
     mode: int,
     mass_matrix: Array,
@@ -241,7 +262,6 @@ def reduce_accelerations(
                 basis[i, nu + n1 + c] = base[i, c]
     else:
         nv = mass_matrix.shape[0]
-        block = np.ascontiguousarray(mass_matrix[:6, :6])
         right_side = np.zeros((6, nv - 6 + 1))
         for i in range(6):
             for j in range(nu):
@@ -251,67 +271,8 @@ def reduce_accelerations(
             for j in range(n2):
                 right_side[i, nu + n1 + j] = -mass_matrix[i, leg_2[j]]
             right_side[i, nv - 6] = -bias[i]
-        solved = np.linalg.solve(block, right_side)
+        solve_base(mass_matrix, right_side)
         for i in range(6):
-            start[i] = solved[i, nv - 6]
+            start[i] = right_side[i, nv - 6]
             for c in range(nv - 6):
-                basis[i, c] = solved[i, c]
-
-
-@njit(cache=True)
-def reduce_wrenches(
-    mode: int,
-    mass_matrix: Array,
-    bias: Array,
-    inverse_1: Array,
-    inverse_2: Array,
-    basis: Array,
-    start: Array,
-    wrench_scale: float,
-    maps: Array,
-    offsets: Array,
-) -> None:
-    """Fill ``w_i = maps[i] z + offsets[i]`` from the floating-base rows; see the module docstring.
-
-    Args:
-        mode: Contact mode.
-        mass_matrix: Dynamics.
-        bias: Dynamics.
-        inverse_1: X_i^-1 (6, 6).
-        inverse_2: X_i^-1 (6, 6).
-        basis: N and a0.
-        start: N and a0.
-        wrench_scale: Scale of phi, so that all of z has similar size [N].
-        maps: Out (2, 6, nz).
-        offsets: Out (2, 6).
-    """
-    nv, na = basis.shape[0], basis.shape[1]
-    maps[:, :, :] = 0.0
-    offsets[:, :] = 0.0
-    if mode == 0:
-        return
-    rows = np.zeros((6, na))
-    constant = np.zeros(6)
-    for i in range(6):
-        for k in range(nv):
-            value = mass_matrix[i, k]
-            constant[i] += value * start[k]
-            for c in range(na):
-                rows[i, c] += value * basis[k, c]
-        constant[i] += bias[i]
-    share = 0.5 if mode == 3 else 1.0
-    for foot in range(2):
-        if mode != 3 and mode != foot + 1:
-            continue
-        inverse = inverse_1 if foot == 0 else inverse_2
-        sign = 1.0 if foot == 0 else -1.0
-        for i in range(6):
-            for k in range(6):
-                value = inverse[k, i]
-                if value == 0.0:
-                    continue
-                offsets[foot, i] += share * value * constant[k]
-                for c in range(na):
-                    maps[foot, i, c] += share * value * rows[k, c]
-                if mode == 3:
-                    maps[foot, i, na + k] += sign * wrench_scale * value
+                basis[i, c] = right_side[i, c]

@@ -10,8 +10,7 @@ import numpy as np
 import quadprog
 
 from controllers.qp.build import QP
-from controllers.qp.kernels_assemble import kkt_residual
-from controllers.qp.kernels_feedback import all_finite
+from controllers.qp.kernels_check import all_finite, kkt_residual
 from models.types import SolveStatus, Vector
 
 _HARD = 0

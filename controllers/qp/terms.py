@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
-from controllers.qp.kernels_terms import centroidal_terms, frame_terms, quaternion_matrix
+from controllers.memory import Block
+from controllers.qp.kernels_read import TERMS, read_terms
 from models.robot_model import RobotModel
-from models.types import RobotState, Vector
+from models.types import Matrix, RobotState, Vector
 
 GRAVITY = 9.81
 """Standard magnitude used by Pinocchio's default model and by the plant [m/s^2]."""
@@ -17,39 +19,29 @@ class FrameTerms:
     """Pose, Jacobian, twist and drift of one operational frame, all expressed in the frame.
 
     Attributes:
+        frame_id: Pinocchio's id of the frame.
         pose: Homogeneous transform in W (4, 4).
         jacobian: Linear then angular (6, nv).
         twist: Velocity (6,) [m/s, rad/s].
         drift: Classical acceleration at zero generalised acceleration (6,) [m/s^2, rad/s^2].
+        rotation: Rotation of the frame in W, part of ``pose`` (3, 3).
+        position: Origin of the frame in W, part of ``pose`` (3,) [m].
     """
 
-    def __init__(self, model: RobotModel, frame_id: int) -> None:
+    def __init__(self, frame_id: int, block: Block, index: int) -> None:
         self.frame_id = frame_id
-        joint = model.pin.frames[frame_id].parentJoint
-        columns: list[int] = []
-        while joint > 0:
-            first, count = model.pin.idx_vs[joint], model.pin.nvs[joint]
-            columns.extend(range(first, first + count))
-            joint = model.pin.parents[joint]
-        self.columns = np.array(sorted(columns), dtype=np.int64)
-        self.pose = np.eye(4)
-        self.jacobian = np.zeros((6, model.nv))
-        self.twist = np.zeros(6)
-        self.drift = np.zeros(6)
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """Rotation of the frame in W (3, 3)."""
-        return self.pose[:3, :3]
-
-    @property
-    def position(self) -> Vector:
-        """Origin of the frame in W (3,) [m]."""
-        return self.pose[:3, 3]
+        self.pose: Matrix = block["pose"][index]
+        self.jacobian: Matrix = block["jacobian"][index]
+        self.twist: Vector = block["twist"][index]
+        self.drift: Vector = block["drift"][index]
+        self.rotation: Matrix = self.pose[:3, :3]
+        self.position: Vector = self.pose[:3, 3]
 
 
 class Terms:
     """Dynamics, centroidal quantities and frames of the current state.
+
+    The arrays are always the same ones, overwritten by ``update``; those of the dynamics belong to Pinocchio.
 
     Attributes:
         mass_matrix: M with rotor inertia (nv, nv).
@@ -61,58 +53,47 @@ class Terms:
         momentum_matrix: In W (3, nv).
         soles: Left and right sole frames.
         torso: Torso frame.
+        block: All but the dynamics, for kernels.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self._pin = model.pin
-        self._data = model.data()
+        self._data = data = model.data()
         nv = model.nv
-        self.q = np.zeros(model.nq)
-        self.v = np.zeros(nv)
-        self.mass_matrix = np.zeros((nv, nv))
-        self.bias = np.zeros(nv)
-        self.base_rotation = np.eye(3)
-        self.com = np.zeros(3)
-        self.com_velocity = np.zeros(3)
-        self.com_jacobian = np.zeros((3, nv))
-        self.com_drift = np.zeros(3)
-        self.momentum = np.zeros(3)
-        self.momentum_matrix = np.zeros((3, nv))
-        self.momentum_drift = np.zeros(3)
-        self.soles = tuple(FrameTerms(model, foot.frame_id) for foot in model.feet)
-        self.torso = FrameTerms(model, model.frame_id("torso"))
-        self._frames = (*self.soles, self.torso)
+        frames = ((3, 4, 4), (3, 6, nv), (3, 6), (3, 6))
+        shapes = ((model.nq,), (nv,), (3, 3), (3,), (3,), (3, nv), (3,), (3,), (3, nv), (3,), *frames)
+        self.block = block = Block(dict(zip(TERMS, shapes, strict=True)))
+        self.q, self.v, self.base_rotation = (block[name] for name in ("q", "v", "base_rotation"))
+        self.com, self.com_velocity = block["com"], block["com_velocity"]
+        self.com_jacobian, self.com_drift = block["com_jacobian"], block["com_drift"]
+        self.momentum, self.momentum_drift = block["momentum"], block["momentum_drift"]
+        self.momentum_matrix = block["momentum_matrix"]
+        block["pose"][:] = np.eye(4)
+        self._frames = (model.feet[0].frame_id, model.feet[1].frame_id, model.frame_id("torso"))
+        self.soles = FrameTerms(self._frames[0], block, 0), FrameTerms(self._frames[1], block, 1)
+        self.torso = FrameTerms(self._frames[2], block, 2)
+        # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
+        self.mass_matrix: Matrix = data.M.T
+        self.bias: Vector = data.nle
+        placements = [data.oMf[frame] for frame in self._frames]
+        self._arguments = (
+            data.J,
+            data.dJ,
+            *(view for placement in placements for view in (placement.rotation, placement.translation)),
+            *(_columns(model, frame) for frame in self._frames),
+            model.mass,
+            GRAVITY,
+            block.data,
+            block.layout,
+        )
 
     def update(self, state: RobotState) -> None:
         """Evaluate everything at one state; the arrays of this object are overwritten."""
         self.q[:] = state.q
         self.v[:] = state.v
         self.call_pinocchio()
-        data = self._data
-        self.mass_matrix = data.M
-        self.bias = data.nle
-        jacobian, rate = data.J, data.dJ
-        quaternion_matrix(self.q[3:7], self.base_rotation)
-        centroidal_terms(
-            self.mass_matrix,
-            self.bias,
-            self.base_rotation,
-            self.q[:3],
-            self.v,
-            self.model.mass,
-            GRAVITY,
-            self.com,
-            self.com_velocity,
-            self.com_jacobian,
-            self.com_drift,
-            self.momentum,
-            self.momentum_matrix,
-            self.momentum_drift,
-        )
-        for frame in self._frames:
-            frame.pose = data.oMf[frame.frame_id].homogeneous
-            frame_terms(jacobian, rate, frame.columns, frame.pose, self.v, frame.jacobian, frame.twist, frame.drift)
+        read_terms(self.mass_matrix, self.bias, *self._arguments)
 
     def call_pinocchio(self) -> None:
         """Run only the Pinocchio algorithms of ``update`` (the benchmark times them alone)."""
@@ -121,4 +102,15 @@ class Terms:
         pin.crba(model, data, self.q)
         pin.nonLinearEffects(model, data, self.q, self.v)
         for frame in self._frames:
-            pin.updateFramePlacement(model, data, frame.frame_id)
+            pin.updateFramePlacement(model, data, frame)
+
+
+def _columns(model: RobotModel, frame_id: int) -> NDArray[np.int64]:
+    """Velocity indices of the joints that move a frame, ascending."""
+    joint = model.pin.frames[frame_id].parentJoint
+    columns: list[int] = []
+    while joint > 0:
+        first, count = model.pin.idx_vs[joint], model.pin.nvs[joint]
+        columns.extend(range(first, first + count))
+        joint = model.pin.parents[joint]
+    return np.array(sorted(columns), dtype=np.int64)

@@ -11,7 +11,7 @@ import quadprog
 
 from controllers.balance import BalanceController
 from controllers.qp.build import QP
-from controllers.qp.kernels_assemble import kkt_residual
+from controllers.qp.kernels_check import kkt_residual
 from controllers.qp.solve import QPSolver
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import WholeBodyConfig
@@ -85,7 +85,7 @@ def full_solution(
 ) -> np.ndarray:
     """Solve the same problem in (a, w) with explicit equalities and return the joint torques."""
     terms = controller.terms
-    builder, nv = controller._builder, model.nv
+    builder, nv = controller.builder, model.nv
     active = [foot for foot in range(2) if reference.contacts[foot]]
     n = nv + 6 * len(active)
     hessian, gradient = 1e-13 * np.eye(n), np.zeros(n)
@@ -103,22 +103,22 @@ def full_solution(
     for k, foot in enumerate(active):
         span = slice(nv + 6 * k, nv + 6 * k + 6)
         sole = terms.soles[foot]
-        weight = controller._wrench_weight[foot]
+        weight = controller.limits.wrench_weight[foot]
         hessian[span, span] += np.diag(weight)
-        gradient[span] -= weight * controller._wrench_target[foot]
+        gradient[span] -= weight * controller.limits.wrench_target[foot]
         base[:, span] = -sole.jacobian[:, :6].T
         torque_rows[:, span] = -sole.jacobian[:, 6:].T
         row = np.zeros((6, n))
         row[:, :nv] = sole.jacobian
         equalities.append(row)
-        right.append(controller._contact_acceleration[foot] - sole.drift)
+        right.append(controller.limits.contact_acceleration[foot] - sole.drift)
         cone = np.zeros((17, n))
-        cone[:, span] = builder._cone[foot]
+        cone[:, span] = builder.robot["cone"][foot]
         inequalities += [cone, -cone]
-        bounds += [builder._cone_lower[foot], -builder._cone_upper[foot]]
+        bounds += [builder.robot["cone_lower"][foot], -builder.robot["cone_upper"][foot]]
     equalities.append(base)
     right.append(-terms.bias[:6])
-    limits = controller._limits
+    limits = controller.limits
     select = np.hstack([np.zeros((model.nj, 6)), np.eye(model.nj), np.zeros((model.nj, n - nv))])
     inequalities += [torque_rows, -torque_rows, select, -select]
     bounds += [-limits.torque - terms.bias[6:], -limits.torque + terms.bias[6:]]
@@ -143,7 +143,7 @@ def test_limits_are_active_in_the_hard_case(model: RobotModel) -> None:
     """The comparison above must meet active limits, or it proves little."""
     state = moving_state(model, 5, 0.6)
     controller, _ = prepare(model, state, (True, True))
-    qp = controller._builder._active.qp
+    qp = controller.builder._active.qp
     values = qp.matrix @ controller.solution.z
     simple = len(qp.lower) - len(values)
     slack = np.minimum(values - qp.lower[simple:], qp.upper[simple:] - values)

@@ -1,0 +1,131 @@
+"""The balance law's part of one tick as one compiled call."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controllers.kernels_balance import balance_feedback, move_footholds, place_reference
+from controllers.kernels_posture import posture_reference
+from controllers.memory import part_1, part_2, part_3
+from controllers.qp.kernels_read import COM, COM_VELOCITY, POSE
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+BALANCE = (
+    "corners",
+    "gains",
+    "rotations",
+    "positions",
+    "anchor_rotation",
+    "anchor",
+    "dcm",
+    "cmp",
+    "acceleration",
+    "com",
+    "base",
+    "torso",
+)
+"""Parts of the block of ``BalanceController``; the last three are those of its ``PostureReference``."""
+
+_CORNERS, _GAINS, _ROTATIONS, _POSITIONS, _ANCHOR_ROTATION, _ANCHOR = range(6)
+_DCM, _CMP, _ACCELERATION, _POSTURE_COM, _POSTURE_BASE, _POSTURE_TORSO = range(6, 12)
+
+
+@njit(cache=True)
+def balance_tick(
+    joints: Array,
+    moving: bool,
+    fresh: bool,
+    dt: float,
+    loaded_left: bool,
+    loaded_right: bool,
+    share: float,
+    gravity: float,
+    terms: Array,
+    terms_layout: Index,
+    tree: Array,
+    tree_layout: Index,
+    parents: Index,
+    bodies: Index,
+    balance: Array,
+    layout: Index,
+    reference: Array,
+) -> float:
+    """Footholds, references and DCM feedback of ``BalanceController``.
+
+    Args:
+        joints: Posture reference (nj,) [rad].
+        moving: Whether it has changed since the last tick.
+        fresh: Whether this is the first tick.
+        dt: Time since the last tick [s].
+        loaded_left: Whether each foot bears load.
+        loaded_right: Whether each foot bears load.
+        share: Share of the way that footholds go to the measured soles on this tick.
+        gravity: [m/s^2].
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        tree: See ``posture_reference``.
+        tree_layout: Its layout.
+        parents: See ``posture_reference``.
+        bodies: See ``posture_reference``.
+        balance: Block of ``BalanceController``.
+        layout: Its layout.
+        reference: Out, CoM (3,), its velocity (3,), base (3, 3) and torso (3, 3) rotations in W, as (24,).
+
+    Returns:
+        Capture margin [m].
+    """
+    pose = part_3(terms, terms_layout, POSE)
+    rotations, positions = part_3(balance, layout, _ROTATIONS), part_2(balance, layout, _POSITIONS)
+    anchor_rotation, anchor = part_2(balance, layout, _ANCHOR_ROTATION), part_1(balance, layout, _ANCHOR)
+    posture_com = part_1(balance, layout, _POSTURE_COM)
+    posture_base, posture_torso = part_2(balance, layout, _POSTURE_BASE), part_2(balance, layout, _POSTURE_TORSO)
+    velocity = np.zeros(3)
+    if moving:
+        before = posture_com.copy()
+        posture_reference(joints, tree, tree_layout, parents, bodies, posture_com, posture_base, posture_torso)
+        if not fresh:
+            for i in range(3):
+                velocity[i] = (posture_com[i] - before[i]) / dt
+    move_footholds(
+        pose[0],
+        pose[1],
+        loaded_left,
+        loaded_right,
+        share,
+        rotations,
+        positions,
+        anchor_rotation,
+        anchor,
+    )
+    com, com_velocity = reference[:3], reference[3:6]
+    place_reference(
+        anchor_rotation,
+        anchor,
+        posture_com,
+        velocity,
+        posture_base,
+        posture_torso,
+        com,
+        com_velocity,
+        reference[6:15].reshape((3, 3)),
+        reference[15:24].reshape((3, 3)),
+    )
+    return balance_feedback(
+        part_1(terms, terms_layout, COM),
+        part_1(terms, terms_layout, COM_VELOCITY),
+        com,
+        com_velocity,
+        anchor[2],
+        gravity,
+        pose[0],
+        pose[1],
+        part_3(balance, layout, _CORNERS),
+        part_1(balance, layout, _GAINS),
+        part_1(balance, layout, _DCM),
+        part_1(balance, layout, _CMP),
+        part_1(balance, layout, _ACCELERATION),
+    )

@@ -1,0 +1,215 @@
+"""The whole assembly of the reduced QP as one compiled call, and the recovery of the full solution."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controllers.memory import part_1, part_2, part_3
+from controllers.qp.kernels_assemble import assemble_cost, assemble_rows
+from controllers.qp.kernels_feedback import (
+    ACCELERATION_LOWER,
+    ACCELERATION_UPPER,
+    CONTACT_ACCELERATION,
+    TORQUE,
+    WRENCH_TARGET,
+    WRENCH_WEIGHT,
+)
+from controllers.qp.kernels_read import DRIFT, JACOBIAN
+from controllers.qp.kernels_reduce import reduce_accelerations
+from controllers.qp.kernels_wrenches import reduce_wrenches
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+ROBOT = ("cone", "cone_lower", "cone_upper", "row_scale")
+"""Parts of the block of ``QPBuilder`` that never changes."""
+
+STACK = ("jacobian", "target", "weight")
+"""Parts of the block of stacked tasks: (m, nv), (m,), (m,)."""
+
+REDUCTION = ("basis", "start", "inverse", "maps", "offsets", "hessian", "gradient", "matrix", "lower", "upper")
+"""Parts of the block of one contact mode."""
+
+CORE = 18
+"""Velocities of the base and of two legs of six joints."""
+
+_CONE, _CONE_LOWER, _CONE_UPPER, _ROW_SCALE = range(4)
+_TASK_JACOBIAN, _TASK_TARGET, _TASK_WEIGHT = range(3)
+_BASIS, _START, _INVERSE, _MAPS, _OFFSETS, _HESSIAN, _GRADIENT, _MATRIX, _LOWER, _UPPER = range(10)
+
+
+@njit(cache=True)
+def fill_problem(
+    mode: int,
+    mass_matrix: Array,
+    bias: Array,
+    terms: Array,
+    terms_layout: Index,
+    indices: Index,
+    robot: Array,
+    robot_layout: Index,
+    stack: Array,
+    stack_layout: Index,
+    posture_target: Array,
+    posture_weight: Array,
+    limits: Array,
+    limits_layout: Index,
+    wrench_scale: float,
+    pivot_floor: float,
+    regularisation: float,
+    reduction: Array,
+    layout: Index,
+) -> None:
+    """Fill a contact mode's block from terms, stacked tasks and limits.
+
+    Args:
+        mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
+        mass_matrix: Dynamics (nv, nv), (nv,).
+        bias: h (nv,).
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        indices: Velocities of the base, of the first and of the second leg, then of the rest of the body (nv,).
+        robot: Block with the parts ``ROBOT``.
+        robot_layout: Its layout.
+        stack: Block with the parts ``STACK``.
+        stack_layout: Its layout.
+        posture_target: (nj,).
+        posture_weight: (nj,).
+        limits: Block of ``QPLimits``.
+        limits_layout: Its layout.
+        wrench_scale: See ``reduce_wrenches`` and ``null_space``.
+        pivot_floor: See ``reduce_wrenches`` and ``null_space``.
+        regularisation: Added to the diagonal of H.
+        reduction: Out, block of the contact mode with the parts ``REDUCTION``.
+        layout: Its layout.
+    """
+    jacobian, drift = part_3(terms, terms_layout, JACOBIAN), part_2(terms, terms_layout, DRIFT)
+    core, leg_1, leg_2, upper = indices[:CORE], indices[6:12], indices[12:CORE], indices[CORE:]
+    basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
+    maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
+    inverse = part_3(reduction, layout, _INVERSE)
+    contact_acceleration = part_2(limits, limits_layout, CONTACT_ACCELERATION)
+    wanted = np.empty((2, 6))
+    for foot in range(2):
+        for i in range(6):
+            wanted[foot, i] = contact_acceleration[foot, i] - drift[foot, i]
+    reduce_accelerations(
+        mode,
+        mass_matrix,
+        bias,
+        jacobian[0],
+        jacobian[1],
+        inverse[0],
+        inverse[1],
+        wanted[0],
+        wanted[1],
+        upper,
+        leg_1,
+        leg_2,
+        pivot_floor,
+        basis,
+        start,
+    )
+    reduce_wrenches(
+        mode, mass_matrix, bias, inverse[0], inverse[1], upper, core, basis, start, wrench_scale, maps, offsets
+    )
+    assemble_cost(
+        mode,
+        part_2(stack, stack_layout, _TASK_JACOBIAN),
+        part_1(stack, stack_layout, _TASK_TARGET),
+        part_1(stack, stack_layout, _TASK_WEIGHT),
+        posture_target,
+        posture_weight,
+        upper,
+        core,
+        basis,
+        start,
+        maps,
+        offsets,
+        part_2(limits, limits_layout, WRENCH_TARGET),
+        part_2(limits, limits_layout, WRENCH_WEIGHT),
+        regularisation,
+        part_2(reduction, layout, _HESSIAN),
+        part_1(reduction, layout, _GRADIENT),
+    )
+    assemble_rows(
+        mode,
+        mass_matrix,
+        bias,
+        jacobian[0],
+        jacobian[1],
+        upper,
+        core,
+        leg_1,
+        leg_2,
+        basis,
+        start,
+        maps,
+        offsets,
+        part_3(robot, robot_layout, _CONE),
+        part_2(robot, robot_layout, _CONE_LOWER),
+        part_2(robot, robot_layout, _CONE_UPPER),
+        part_1(limits, limits_layout, TORQUE),
+        part_1(limits, limits_layout, ACCELERATION_LOWER),
+        part_1(limits, limits_layout, ACCELERATION_UPPER),
+        part_1(robot, robot_layout, _ROW_SCALE),
+        part_2(reduction, layout, _MATRIX),
+        part_1(reduction, layout, _LOWER),
+        part_1(reduction, layout, _UPPER),
+    )
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def recover(
+    z: Array,
+    mass_matrix: Array,
+    bias: Array,
+    terms: Array,
+    terms_layout: Index,
+    reduction: Array,
+    layout: Index,
+    acceleration: Array,
+    wrenches: Array,
+    torque: Array,
+) -> None:
+    """Accelerations (nv,), wrenches (2, 6) and joint torques ``M_j a + h_j - sum J_ij' w_i`` (nj,) of a solution z.
+
+    Args:
+        z: Solution (nz,).
+        mass_matrix: Dynamics.
+        bias: h (nv,).
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        reduction: Block of the contact mode.
+        layout: Its layout.
+        acceleration: Out.
+        wrenches: Out.
+        torque: Out.
+    """
+    jacobian = part_3(terms, terms_layout, JACOBIAN)
+    basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
+    maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
+    nv, na = basis.shape
+    nz = z.shape[0]
+    for i in range(nv):
+        total = start[i]
+        for c in range(na):
+            total += basis[i, c] * z[c]
+        acceleration[i] = total
+    for foot in range(2):
+        for i in range(6):
+            total = offsets[foot, i]
+            for c in range(nz):
+                total += maps[foot, i, c] * z[c]
+            wrenches[foot, i] = total
+    for j in range(nv - 6):
+        torque[j] = bias[6 + j]
+    for k in range(nv):
+        for j in range(nv - 6):
+            torque[j] += acceleration[k] * mass_matrix[k, 6 + j]
+    for foot in range(2):
+        for i in range(6):
+            for j in range(nv - 6):
+                torque[j] -= wrenches[foot, i] * jacobian[foot, i, 6 + j]
