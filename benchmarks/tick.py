@@ -1,0 +1,279 @@
+"""Time of the whole-body tick in the closed loop, beside placo's dynamics solver and bare Pinocchio calls.
+
+The robot waves and is pushed from all sides, so that the set of active rows changes. On every tick the state that the
+estimator hands to ``BalanceController.step`` also goes to the peers (``benchmarks/tick_peers.py``), in changing order,
+so that caches and the speed of the machine are the same for all. Times are wall-clock times of the calls; samples
+during which the scheduler took the core away (involuntary context switches of the thread) are left out and counted.
+Medians make the ratios. The garbage collector is off while it is timed: what the tick allocates must go by itself.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import sys
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
+from benchmarks.push import ankle_bound, stance
+from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from bridge.support_polygon import distance_along
+from models.config import STRICT, default_config
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import Mode, SolveStatus, Vector
+
+Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=1)]
+
+MICRO = 1e-3
+"""Nanoseconds to microseconds."""
+
+QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
+"""Percentiles that a case keeps of every subject, for the plot [%]."""
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class TickConfig:
+    """The tick test; the unit of every value stands in ``benchmarks/config/tick.yaml``."""
+
+    warm_up: Positive
+    duration: Positive
+    motion: str
+    push_ratio: Positive
+    push_period: Positive
+    push_duration: Positive
+    push_body: str
+    directions: Count
+    stage_period: Annotated[int, Field(ge=2)]
+    active_tolerance: Positive
+    memory_time: Positive
+    placo_ratio_max: Positive
+    pinocchio_ratio_max: Positive
+    tail_ratio_max: Positive
+    residual_max: Positive
+    growth_max: Positive
+
+
+@cache
+def _config() -> TickConfig:
+    return default_config(TickConfig, "benchmarks", "tick")
+
+
+@contextmanager
+def collector_off() -> Iterator[None]:
+    """Freeze what lives and switch the garbage collector off."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+def push_forces(loop: ClosedLoop, config: TickConfig) -> list[Vector]:
+    """Force of each push in W (3,) [N], the present centre of pressure taken as that at rest."""
+    rest = stance(loop.robot, loop.truth)
+    height = float(rest.com[2] - rest.soles[:, 2].mean())
+    forces = []
+    for k in range(config.directions):
+        angle = 2.0 * math.pi * (3 * k % config.directions) / config.directions
+        direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+        distance = distance_along(rest.polygon, rest.cop, direction)
+        bound = ankle_bound(loop.robot.mass, height, distance, config.push_duration)
+        forces.append(config.push_ratio * bound * direction)
+    return forces
+
+
+def exercise(loop: ClosedLoop, duration: float, config: TickConfig) -> Iterator[None]:
+    """Wave and push for a time [s]; yields after every second.
+
+    Raises:
+        PoiseError: The robot fell, or would not move.
+    """
+    forces = push_forces(loop, config)
+    start, pushes, second = loop.t, 0, 1
+    while loop.t < start + duration - 1e-9:  # 1e-9: rounding of the simulated time
+        if loop.mode is Mode.STAND:
+            reply = loop.command(config.motion)
+            if not reply.accepted:
+                raise PoiseError(f"{config.motion}: {reply.reason}")
+        if loop.t - start >= config.push_period * (pushes + 0.5):
+            force = forces[pushes % len(forces)]
+            loop.apply_push((force[0], force[1], force[2]), config.push_duration, config.push_body)
+            pushes += 1
+        loop.step()
+        if loop.fallen:
+            raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
+        if loop.t >= start + second - 1e-9:
+            second += 1
+            yield
+
+
+def growth(loop: ClosedLoop, timed: TimedController, config: TickConfig) -> float:
+    """Memory that stays allocated per tick, large arrays included [B]; nothing is timed meanwhile."""
+    timed.recording = timed.peers = False
+    loop.run(config.push_period)  # what the last pushes left behind
+    tracemalloc.start()
+    try:
+        with collector_off():
+            loop.run(0.5 * config.memory_time)
+            before = tracemalloc.get_traced_memory()[0]
+            loop.run(config.memory_time)
+            after = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    return (after - before) * loop.plant.period / config.memory_time
+
+
+def measure(robot: str, seed: int) -> Case:
+    """Time the ticks of one run.
+
+    Args:
+        robot: Name of the profile.
+        seed: Seed of the sensor noise.
+
+    Returns:
+        ``figures`` of this run, and of every subject its ``quantiles`` [us] at ``QUANTILES``.
+    """
+    config = _config()
+    model = RobotModel.load(robot)
+    ticks = round(config.duration / 0.001) + 1
+    timed = TimedController(
+        model, ticks=ticks, stage_period=config.stage_period, active_tolerance=config.active_tolerance
+    )
+    loop = ClosedLoop(robot=model, seed=seed, record=False, controller=timed)
+    loop.command(config.motion)
+    loop.run(config.warm_up)
+    blocks = []
+    with collector_off():
+        timed.recording = True
+        for _ in exercise(loop, config.duration, config):
+            blocks.append(sys.getallocatedblocks())
+    figures = summarise(timed)
+    figures["allocated_blocks_growth"] = float(np.median(np.diff(blocks))) * loop.plant.period
+    figures["traced_bytes_growth"] = growth(loop, timed, config)
+    kept = timed.wall[: timed.count] * MICRO
+    quantiles = {name: np.percentile(kept[:, i], QUANTILES).tolist() for i, name in enumerate(SUBJECTS)}
+    return {"figures": figures, "quantiles": quantiles, "blocks": blocks}
+
+
+def summarise(timed: TimedController) -> dict[str, float]:
+    """Figures of what was recorded; the names say the unit, ratios and counts have none."""
+    n = timed.count
+    wall, cpu = timed.wall[:n] * MICRO, timed.cpu[:n] * MICRO
+    staged = timed.stages[:n].any(axis=1)
+    kept = ~timed.preempted[:n]
+    kept[staged, 0] = False
+    whole = ~staged
+    figures = percentiles(wall[kept[:, 0], 0], "tick_us")
+    figures["p99_over_median"] = figures["tick_us_p99"] / figures["tick_us_p50"]
+    median = {name: float(np.median(wall[kept[:, i], i])) for i, name in enumerate(SUBJECTS)}
+    for name in SUBJECTS[1:]:
+        figures[f"ratio_to_{name}"] = median["tick"] / median[name]
+    for i, name in enumerate(SUBJECTS[1:], start=1):
+        figures |= {f"{name}_us_p50": median[name], f"{name}_us_p99": float(np.percentile(wall[kept[:, i], i], 99.0))}
+    for i, stage in enumerate(STAGES):
+        figures[f"{stage}_us_p50"] = float(np.median(timed.stages[:n][staged & ~timed.preempted[:n, 0], i])) * MICRO
+    figures |= percentiles(wall[whole, 0], "tick_ungated_us")
+    figures |= percentiles(cpu[whole, 0], "tick_cpu_us")
+    figures["ratio_to_placo_cpu"] = float(np.median(cpu[whole, 0]) / np.median(cpu[:, 1]))
+    figures["preempted_fraction"] = float(timed.preempted[:n][whole, 0].mean())
+    figures["ticks"] = float(n)
+    figures["kkt_residual_max"] = float(timed.residual[:n].max())
+    figures["active_set_changes"] = float(np.count_nonzero(timed.changed[:n]))
+    figures["active_rows_mean"] = float(timed.active[:n].mean())
+    figures["active_rows_max"] = float(timed.active[:n].max())
+    for index, status in enumerate(STATUSES):
+        figures[f"ticks_{status.value}"] = float(np.count_nonzero(timed.status[:n] == index))
+    figures["placo_failed"] = float(timed.placo_failed)
+    return figures
+
+
+def bounds(figures: dict[str, float], config: TickConfig) -> dict[str, bool]:
+    """Each requirement, in words, and whether it holds."""
+    certified = sum(figures[f"ticks_{status.value}"] for status in (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER))
+    grown = max(figures["allocated_blocks_growth"], figures["traced_bytes_growth"])
+    return {
+        f"ratio_to_placo <= {config.placo_ratio_max}": figures["ratio_to_placo"] <= config.placo_ratio_max,
+        f"ratio_to_pinocchio_calls <= {config.pinocchio_ratio_max}": figures["ratio_to_pinocchio_calls"]
+        <= config.pinocchio_ratio_max,
+        f"p99 <= {config.tail_ratio_max} x median": figures["p99_over_median"] <= config.tail_ratio_max,
+        f"kkt_residual_max < {config.residual_max:g} on every tick": figures["kkt_residual_max"] < config.residual_max
+        and certified == figures["ticks"],
+        "no growing allocation": grown <= config.growth_max,
+    }
+
+
+def run(options: Options) -> Report:
+    """Time every seed; never two at once, whatever ``workers`` says.
+
+    Args:
+        options: Robot and seeds.
+
+    Returns:
+        Figures as ``summarise`` names them: over several seeds the median of the medians and ratios, and the worst of
+        residual, tail and growth.
+    """
+    config, load = _config(), LoadMeter()
+    cases = [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
+    results = run_cases(measure, cases, title=f"tick {options.robot}", workers=1)
+    figures = {}
+    for name in results[0]["figures"]:
+        values = [case["figures"][name] for case in results]
+        worst = name.endswith(("_max", "_p999", "growth"))
+        figures[name] = float(np.max(values) if worst else np.median(values))
+    held = bounds(figures, config)
+    passed = all(held.values()) and all(all(bounds(case["figures"], config).values()) for case in results)
+    notes = [f"{'ok    ' if ok else 'FAILED'} {text}" for text, ok in held.items()]
+    notes.append(f"wall-clock time; {figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out")
+    return Report("tick", options.robot, options.seeds, figures, results, passed, load.read(), notes)
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw the stages of the tick, and how long tick and peers take at every percentile.
+
+    Args:
+        report: What ``run`` found.
+        folder: Where the picture goes.
+
+    Returns:
+        The file written.
+    """
+    figure = new_figure(9.0, 4.0)
+    left, right = figure.subplots(1, 2, width_ratios=(1, 2))
+    bottom = 0.0
+    for stage in STAGES:
+        height = report.figures[f"{stage}_us_p50"]
+        left.bar(["tick"], [height], bottom=bottom, label=stage)
+        bottom += height
+    for name in SUBJECTS[1:]:
+        left.bar([name.replace("_", "\n")], [report.figures[f"{name}_us_p50"]], color="0.7")
+    left.set_ylabel("median [us]")
+    left.tick_params(labelsize=7)
+    left.legend(fontsize=7)
+    rank = 1.0 / np.maximum(1.0 - np.array(QUANTILES) / 100.0, 1e-4)  # 1e-4: the slowest of ten thousand
+    for name in SUBJECTS:
+        values = np.median([case["quantiles"][name] for case in report.cases], axis=0)
+        right.loglog(rank, values, label=name.replace("_", " "))
+    right.set_xlabel("one tick in so many is slower")
+    right.set_ylabel("time, pre-empted ticks included [us]")
+    right.grid(alpha=0.3)
+    right.legend(fontsize=8)
+    figure.suptitle(f"{report.robot}: whole-body tick in the closed loop", fontsize=10)
+    file = folder / f"tick-{report.robot}.png"
+    figure.savefig(file, dpi=110)
+    return [file]

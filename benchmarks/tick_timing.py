@@ -1,0 +1,215 @@
+"""Times the whole-body tick inside the closed loop, tick by tick beside its peers."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from itertools import permutations
+from time import perf_counter_ns, thread_time_ns
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.tick_peers import PlacoTick, TextbookCalls
+from controllers.balance import BalanceController
+from controllers.qp.terms import Terms
+from controllers.whole_body import WholeBodyController
+from models.robot_model import RobotModel
+from models.types import ControlResult, JointTrajectory, Reference, RobotState, SolveStatus
+
+SUBJECTS = ("tick", "placo", "pinocchio_calls", "textbook_calls")
+"""What is timed on every tick."""
+
+ORDERS = tuple(permutations(range(len(SUBJECTS))))
+"""Orders that the ticks go through in turn: what ran before decides what is in the caches."""
+
+STAGES = ("terms", "references", "build", "solve", "recover", "rest")
+"""Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point."""
+
+STATUSES = tuple(SolveStatus)
+
+
+class StageProbe:
+    """Notes when each stage of a tick begins and ends, on the ticks on which it is attached.
+
+    Args:
+        whole_body: Its stages are the methods that this wraps.
+    """
+
+    def __init__(self, whole_body: WholeBodyController) -> None:
+        self._stamps = np.zeros(2 * 4, dtype=np.int64)
+        stages: list[tuple[Any, str]] = [
+            (whole_body.terms, "update"),
+            (whole_body.builder, "build"),
+            (whole_body.solver, "solve"),
+            (whole_body.builder, "recover"),
+        ]
+        self._wrapped = [
+            (owner, name, self._timed(getattr(owner, name), 2 * index)) for index, (owner, name) in enumerate(stages)
+        ]
+
+    def _timed(self, call: Callable[..., Any], slot: int) -> Callable[..., Any]:
+        stamps = self._stamps
+
+        def timed(*arguments: Any) -> Any:
+            stamps[slot] = perf_counter_ns()
+            result = call(*arguments)
+            stamps[slot + 1] = perf_counter_ns()
+            return result
+
+        return timed
+
+    def attach(self) -> None:
+        """Time the stages from now on."""
+        self._stamps[:] = 0
+        for owner, name, timed in self._wrapped:
+            setattr(owner, name, timed)
+
+    def detach(self) -> None:
+        """Leave the controller as it was."""
+        for owner, name, _ in self._wrapped:
+            delattr(owner, name)
+
+    def durations(self, total: int) -> NDArray[np.int64]:
+        """Time of each of ``STAGES`` on the last tick, which took ``total`` [ns]."""
+        stamps = self._stamps
+        terms, build, solve, recover = (int(stamps[2 * i + 1] - stamps[2 * i]) for i in range(4))
+        references = int(stamps[2] - stamps[1])
+        return np.array(
+            [terms, references, build, solve, recover, total - terms - references - build - solve - recover]
+        )
+
+
+class TimedController:
+    """A ``BalanceController`` that times each of its ticks, and after or before it the peers at the same state.
+
+    Args:
+        model: The robot.
+        ticks: Most ticks that are recorded.
+        stage_period: Every so many ticks one is split by stage.
+        active_tolerance: A row this close to its bound, relative to its size, is active [-].
+
+    Attributes:
+        controller: What is timed.
+        peers: Whether the peers run too.
+        recording: Whether samples are kept.
+        count: Ticks recorded.
+        wall, cpu: Wall-clock and thread CPU time of each of ``SUBJECTS`` (ticks, 4) [ns].
+        preempted: Whether the scheduler took the core away during the sample (ticks, 4).
+        stages: Time of each of ``STAGES`` (ticks, 6) [ns]; zero on ticks that were not split.
+        residual: KKT residual (ticks,) [-].
+        status: Index into ``STATUSES`` (ticks,).
+        active: Active rows (ticks,).
+        changed: Whether the set of active rows differs from that of the tick before (ticks,).
+        placo_failed: Ticks on which placo found no solution.
+    """
+
+    def __init__(self, model: RobotModel, *, ticks: int, stage_period: int, active_tolerance: float) -> None:
+        self.controller = BalanceController(model)
+        self._placo = PlacoTick(model, self.controller.whole_body.config)
+        self._textbook = TextbookCalls(model)
+        self._terms = Terms(model)
+        self._probe = StageProbe(self.controller.whole_body)
+        self._period, self._tolerance = stage_period, active_tolerance
+        self._calls: tuple[Callable[[], None], ...] = (
+            self._own,
+            self._placo.step,
+            self._terms.call_pinocchio,
+            self._call_textbook,
+        )
+        self.peers, self.recording, self.count, self.placo_failed = True, False, 0, 0
+        self.wall = np.zeros((ticks, len(SUBJECTS)), dtype=np.int64)
+        self.cpu = np.zeros_like(self.wall)
+        self.preempted = np.zeros(self.wall.shape, dtype=bool)
+        self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
+        self.residual = np.zeros(ticks)
+        self.status = np.zeros(ticks, dtype=np.int64)
+        self.active = np.zeros(ticks, dtype=np.int64)
+        self.changed = np.zeros(ticks, dtype=bool)
+        self._row = 0
+        self._set = b""
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self.controller.motion_active
+
+    @property
+    def reference(self) -> Reference:
+        """What the last tick tracked."""
+        return self.controller.reference
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a state."""
+        self.controller.reset(state)
+        self._started = False
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion."""
+        self.controller.follow(trajectory)
+
+    def stop_motion(self) -> None:
+        """Hold the posture that the motion has reached."""
+        self.controller.stop_motion()
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick of the controller, beside its peers."""
+        self._state, self._dt = state, dt
+        if not self.peers or not self._started:
+            self._own()
+            self._started = True
+            return self._result
+        # placo gets the references of the tick before: it may run first.
+        self._placo.prepare(state, self.controller)
+        self._terms.q[:], self._terms.v[:] = state.q, state.v
+        row = self.count if self.recording else 0
+        self._row += 1
+        staged = self._row % self._period == 0
+        if staged:
+            self._probe.attach()
+        for subject in ORDERS[self._row % len(ORDERS)]:
+            self._measure(row, subject)
+        self.stages[row] = 0
+        if staged:
+            self._probe.detach()
+            self.stages[row] = self._probe.durations(int(self.wall[row, 0]))
+        if self.recording:
+            self._judge(row)
+            self.count += 1
+        return self._result
+
+    def _own(self) -> None:
+        self._result = self.controller.step(self._state, self._dt)
+
+    def _call_textbook(self) -> None:
+        self._textbook.step(self._terms.q, self._terms.v)
+
+    def _measure(self, row: int, subject: int) -> None:
+        call = self._calls[subject]
+        switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+        cpu = thread_time_ns()
+        start = perf_counter_ns()
+        call()
+        end = perf_counter_ns()
+        self.cpu[row, subject] = thread_time_ns() - cpu
+        self.preempted[row, subject] = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw != switches
+        self.wall[row, subject] = end - start
+
+    def _judge(self, row: int) -> None:
+        """Residual, status and active rows of the tick; not timed."""
+        whole_body = self.controller.whole_body
+        self.residual[row] = self._result.residual
+        self.status[row] = STATUSES.index(self._result.status)
+        self.placo_failed += not self._placo.success
+        z, qp = whole_body.solution.z, whole_body.problem
+        if z is None or qp is None:
+            return
+        simple = qp.lower.shape[0] - qp.matrix.shape[0]
+        values = np.concatenate([z[:simple], qp.matrix @ z])
+        slack = np.minimum(values - qp.lower, qp.upper - values)
+        active = slack < self._tolerance * (1.0 + np.abs(values))
+        bits = active.tobytes()
+        self.active[row] = np.count_nonzero(active)
+        self.changed[row] = bits != self._set
+        self._set = bits
