@@ -179,7 +179,6 @@ def predict(
     exponential(angle, turn)
     multiply(rotation, turn, middle)
     multiply(middle, turn, rotation)
-    orthonormalise(rotation)
     rotate(middle, force, acceleration)
     acceleration[2] -= gravity
     for i in range(3):
