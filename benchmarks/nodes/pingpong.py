@@ -11,7 +11,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from multiprocessing import get_context
+from queue import Empty
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
@@ -21,6 +23,7 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from bridge.launch import REALTIME
 from bridge.pacing import Pacer
 from bridge.ros.environment import graph_environment, join_graph
 from bridge.ros.latency_probe import LatencyProbe
@@ -29,10 +32,13 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of
 from models.nodes.messages import ImuCodec, JointCommandCodec, JointStateCodec, WrenchCodec
 from models.nodes.qos import COMMAND, SENSOR
-from models.nodes.realtime import settle
+from models.nodes.realtime import settle, use_fifo
 from models.nodes.spin import Stop, make_executor, spin
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
+
+if TYPE_CHECKING:
+    from multiprocessing.queues import Queue
 
 NAMESPACE = "pingpong"
 PERIOD = 0.001
@@ -47,8 +53,8 @@ def _sensor_topics() -> list[tuple[type, str]]:
     return [(Imu, topics.IMU), *feet, (JointState, topics.JOINT_STATES)]
 
 
-def echo(robot: str) -> None:
-    """Answer until SIGTERM."""
+def echo(robot: str, priority: int) -> None:
+    """Answer until SIGTERM, scheduled as the graph is."""
     model = RobotModel.load(robot)
     zero = np.zeros(model.nj)
     answer = bytearray(JointCommandCodec(model).encode(0, JointCommand(zero, zero, zero)))
@@ -68,6 +74,7 @@ def echo(robot: str) -> None:
     executor = make_executor()
     executor.add_node(node)
     settle()
+    use_fifo(priority, _ignore)
     spin(executor, [node], stop)
     executor.remove_node(node)
     node.destroy_node()
@@ -75,7 +82,7 @@ def echo(robot: str) -> None:
 
 
 def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
-    """Play ping-pong with an echo in another process.
+    """Play ping-pong between two processes of their own, scheduled as the graph's are.
 
     Args:
         robot: Robot whose messages are sent.
@@ -88,15 +95,41 @@ def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
     Raises:
         PoiseError: The echo does not answer.
     """
+    context = get_context("spawn")
+    answer: Queue[LatencyProbe | str] = context.Queue()
+    process = context.Process(target=_measure, args=(robot, duration, domain_id, answer))
+    process.start()
+    try:
+        result = answer.get(timeout=duration + 2.0 * START_TIMEOUT)
+    except Empty as error:
+        process.terminate()
+        raise PoiseError("the ping-pong did not end in time") from error
+    finally:
+        process.join()
+    if isinstance(result, str):
+        raise PoiseError(result)
+    return result
+
+
+def _measure(robot: str, duration: float, domain_id: int, answer: Queue[LatencyProbe | str]) -> None:
+    try:
+        answer.put(_ping_echo(robot, duration, domain_id))
+    except PoiseError as error:
+        answer.put(str(error))
+
+
+def _ping_echo(robot: str, duration: float, domain_id: int) -> LatencyProbe:
+    """The pinging process: starts the echo, plays, ends it."""
     join_graph(domain_id=domain_id)
-    command = [sys.executable, "-m", "benchmarks.nodes.pingpong", robot]
+    priority = int(str(REALTIME["realtime.priority"]))
+    command = [sys.executable, "-m", "benchmarks.nodes.pingpong", robot, str(priority)]
     child = subprocess.Popen(command, env=_environment(domain_id), stdin=subprocess.DEVNULL)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("ping", namespace=NAMESPACE)
     executor = make_executor()
     executor.add_node(node)
     try:
-        return _ping(node, executor, RobotModel.load(robot), round(duration / PERIOD))
+        return _ping(node, executor, RobotModel.load(robot), round(duration / PERIOD), priority)
     finally:
         child.terminate()
         child.wait()
@@ -109,7 +142,11 @@ def _environment(domain_id: int) -> dict[str, str]:
     return {**os.environ, **graph_environment(domain_id=domain_id)}
 
 
-def _ping(node: Any, executor: Any, model: RobotModel, ticks: int) -> LatencyProbe:
+def _ignore(text: str) -> None:
+    """Take a log line that the graph's own processes already write."""
+
+
+def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, priority: int) -> LatencyProbe:
     probe = LatencyProbe()
     publish = _publishers(node, model)
     period = round(PERIOD * NANOSECONDS)
@@ -125,6 +162,8 @@ def _ping(node: Any, executor: Any, model: RobotModel, ticks: int) -> LatencyPro
         executor.spin_once(timeout_sec=0.1)
         if time.monotonic() > end:
             raise PoiseError(f"the echo does not answer within {START_TIMEOUT:.0f} s")
+    settle()
+    use_fifo(priority, _ignore)
     pacer = Pacer(PERIOD, backlog=0, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
     late = 0.0
     for tick in range(ticks):
@@ -155,4 +194,4 @@ def _publishers(node: Any, model: RobotModel) -> Callable[[int], bool]:
 
 
 if __name__ == "__main__":
-    echo(sys.argv[1])
+    echo(sys.argv[1], int(sys.argv[2]))
