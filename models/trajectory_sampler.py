@@ -60,7 +60,8 @@ class TrajectorySampler:
             Position [rad], velocity [rad/s], acceleration [rad/s^2], each (nj,).
         """
         if t >= self.duration or len(self._times) < 2:
-            return self._end[0], self._end[1], self._end[2]
+            # Copies, because a compiled law would compile again, in the loop, for an array that is read-only.
+            return self._end[0].copy(), self._end[1].copy(), self._end[2].copy()
         i, u, length = self._locate(t)
         position, velocity, acceleration = (np.empty(self._end.shape[1]) for _ in range(3))
         evaluate_quintic(self.coefficients, i, u, length, position, velocity, acceleration)
