@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.estimation.config import ContactConfig, FootNoise
+from models.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix
 

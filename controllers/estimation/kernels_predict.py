@@ -9,10 +9,10 @@ State, passed as separate arrays: ``rotation`` R (3, 3); ``vectors`` v, p, d_L, 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.estimation.so3 import exponential, left_jacobian, multiply, orthonormalise, rotate
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 

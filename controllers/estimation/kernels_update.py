@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.estimation.kernels_predict import SIZE
 from controllers.estimation.so3 import logarithm, multiply, rotate
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -83,10 +83,9 @@ def correct(
                 total -= factor[r, k] * white[k]
             white[r] = total / factor[r, r]
             squared += white[r] * white[r]
-        if not squared < np.inf:
-            return -1.0
         if squared <= gate:
             break
+        # A residual that is not finite makes the weight so too, and the second factorisation refuses it.
         weight = math.sqrt(squared / gate)
     gain = cross.copy()  # K' (m, 27): solve S K' = H P
     for r in range(m):
