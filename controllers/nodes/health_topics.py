@@ -82,7 +82,10 @@ class HealthTopics:
             self._node.refuse(topics.ODOM, error)
 
     def _on_posture(self, data: bytes) -> None:
-        self._command_stamp = stamp_of(data)
+        try:
+            self._command_stamp = stamp_of(data)
+        except PoiseError as error:
+            self._node.refuse(topics.POSTURE, error)
 
     def _on_motion_state(self, message: String) -> None:
         self._motion_active = message.data == topics.MOTION_RUNNING

@@ -241,9 +241,11 @@ def trajectory_from_message(message: Any) -> JointTrajectory:
 
     Raises:
         JointNameError: A name is given twice.
-        TrajectoryError: The points differ in size; the field and the point are named.
+        TrajectoryError: No joint is named, or the points differ in size; the field and the point are named.
     """
     names = tuple(message.joint_names)
+    if not names:
+        raise TrajectoryError("joint_names: empty")
     if len(set(names)) != len(names):
         raise JointNameError(f"joint_names: '{next(n for n in names if names.count(n) > 1)}' is given twice")
     return JointTrajectory(

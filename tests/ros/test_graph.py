@@ -186,12 +186,15 @@ def _command(g1: RobotModel, how: str) -> JointTrajectory:
         message.header.stamp.sec = 10**6
     elif how == "duplicate":
         message.joint_names = [message.joint_names[1], *list(message.joint_names)[1:]]
+    elif how == "empty":
+        message = JointTrajectory()
     return message
 
 
 @pytest.mark.parametrize(
     ("how", "culprit"),
     [
+        ("empty", "joint_names: empty"),
         ("unknown", "tail_joint"),
         ("duplicate", "given twice"),
         ("nan", "effort of left_hip_pitch_joint is nan"),
@@ -223,6 +226,8 @@ def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
         message.points[1].positions = doubles(start[:-1])
     elif how == "empty":
         message.points = []
+    elif how == "nothing":
+        message = JointTrajectory()
     return message
 
 
@@ -236,6 +241,7 @@ def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
         ("unknown", "tail_joint"),
         ("ragged", "positions: point 1"),
         ("empty", "no points"),
+        ("nothing", "joint_names: empty"),
     ],
 )
 def test_malformed_motions(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from models.errors import JointNameError, MessageError, TrajectoryError
+from models.errors import JointNameError, MessageError, PoiseError, TrajectoryError
 from models.nodes.cdr import Markers, Template, padding
 from models.nodes.messages import (
     ImuCodec,
@@ -26,6 +28,7 @@ from models.nodes.messages import (
 )
 from models.nodes.odometry import OdometryCodec, contacts_from_message, contacts_to_message
 from models.robot_model import RobotModel
+from models.trajectory import validate_trajectory
 from models.types import ContactState, JointCommand, JointTrajectory, RobotState
 
 STAMP = 12_345_678_901
@@ -194,6 +197,39 @@ def test_trajectory_round_trip_and_ragged_points() -> None:
     message.joint_names = ["a", "a"]
     with pytest.raises(JointNameError, match="'a' is given twice"):
         trajectory_from_message(message)
+
+
+def test_trajectories_that_name_no_joint_are_refused(g1: RobotModel) -> None:
+    for message in (JointTrajectoryMsg(), JointTrajectoryMsg(points=[JointTrajectoryPoint()])):
+        data = bytes(serialize_message(message))
+        with pytest.raises(TrajectoryError, match="joint_names: empty"):
+            JointCommandCodec(g1).decode(data)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_arrives_is_read_or_refused(g1: RobotModel, data: st.DataObject) -> None:
+    """Sizes that do not fit, empty fields, numbers that are none, flipped and missing bytes: only ``PoiseError``."""
+    sizes, numbers = st.integers(0, 3), st.floats(width=64)
+    names = st.lists(st.sampled_from([*g1.joint_names[:3], "tail_joint", ""]), max_size=4)
+    message = JointTrajectoryMsg(joint_names=data.draw(names))
+    for _ in range(data.draw(sizes)):
+        point = JointTrajectoryPoint()
+        for field in ("positions", "velocities", "accelerations", "effort"):
+            size = data.draw(st.one_of(st.just(len(message.joint_names)), sizes))
+            setattr(point, field, data.draw(st.lists(numbers, min_size=size, max_size=size)))
+        point.time_from_start.sec = data.draw(st.integers(-(2**31), 2**31 - 1))
+        message.points.append(point)
+    whole = bytearray(serialize_message(message))
+    for _ in range(data.draw(st.integers(0, 3))):
+        whole[data.draw(st.integers(4, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    received = bytes(whole[: data.draw(st.integers(0, len(whole)))] if data.draw(st.booleans()) else whole)
+    try:
+        _, command = JointCommandCodec(g1).decode(received)
+        if isinstance(command, JointTrajectory):
+            validate_trajectory(command, g1, start_q=g1.posture("stand"))
+    except PoiseError as error:
+        assert str(error)
 
 
 def test_odometry_and_contacts_round_trip(g1: RobotModel) -> None:
