@@ -7,6 +7,7 @@ import numpy as np
 from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
+from controllers.qp.kernels_check import finite_state
 from controllers.qp.terms import GRAVITY
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
@@ -15,6 +16,8 @@ from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import ContactState, ControlResult, JointTrajectory, Reference, RobotState, SolveStatus, Vector
+
+_UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
 
 
 class BalanceController:
@@ -99,7 +102,7 @@ class BalanceController:
 
     def reset(self, state: RobotState) -> None:
         """Start over from a measured state, holding its joint positions as the posture."""
-        self.whole_body.reset()
+        self.whole_body.reset(state.q[7:])
         self._motion = None
         self._hold = np.clip(state.q[7:], self.model.q_lower, self.model.q_upper)
         # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
@@ -122,10 +125,14 @@ class BalanceController:
         self._motion_time = 0.0
 
     def stop_motion(self) -> None:
-        """Hold the posture that the motion has reached."""
-        if self._motion is not None:
-            self._hold = self.reference.posture.copy()
-            self._motion = None
+        """Slow down from where the motion is, within ``stop_time_s``, and hold the posture reached."""
+        if self._motion is None:
+            return
+        start, speed, time = self.reference.posture, self.reference.posture_velocity, self.config.stop_time_s
+        end = np.clip(start + 0.5 * time * speed, self.model.q_lower, self.model.q_upper)
+        stop = JointTrajectory(self.model.joint_names, np.array([time]), end[None], np.zeros((1, self.model.nj)))
+        self._motion = TrajectorySampler(stop, self.model, start, speed)
+        self._motion_time = 0.0
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick.
@@ -138,13 +145,16 @@ class BalanceController:
             Set-point and everything worth recording.
         """
         terms = self.whole_body.terms
-        terms.update(state)
-        self.reference = self._refer(state, dt)
-        command, status = self.whole_body.step(state, self.reference)
+        if finite_state(state.q, state.v):
+            terms.update(state)
+            self.reference = self._refer(state, dt)
+            command, status = self.whole_body.step(state, self.reference)
+        else:  # nothing that is kept from tick to tick may see it
+            command, status = self.whole_body.fall_back()
         return ControlResult(
             command=command,
             status=status,
-            residual=self.whole_body.solution.residual,
+            residual=self.whole_body.solution.residual if status not in _UNSOLVED else float("nan"),
             acceleration=self.whole_body.acceleration.copy(),
             wrenches=self.whole_body.wrenches.copy(),
             com=terms.com.copy(),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.qp.kernels_terms import follow_pose
 from controllers.support import cmp_command, convex_hull
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 

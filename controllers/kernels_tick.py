@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.kernels_balance import balance_feedback, move_footholds, place_reference
 from controllers.kernels_posture import posture_reference
 from controllers.memory import part_1, part_2, part_3
 from controllers.qp.kernels_read import COM, COM_VELOCITY, POSE
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -119,11 +119,14 @@ class WholeBodyController:
         self.problem: QP | None = None
         self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
         self._failures = 0
-        self._last = JointCommand(model.posture("stand"), np.zeros(nj), np.zeros(nj))
+        self._last: JointCommand | None = None
+        self._joints = model.posture("stand")
 
-    def reset(self) -> None:
-        """Forget the last command and the failure count."""
+    def reset(self, joints: Vector) -> None:
+        """Forget the last command and the failure count; ``joints`` is where they are now (nj,) [rad]."""
         self._failures = 0
+        self._last = None
+        self._joints = joints
         self.torque[:] = 0.0
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
@@ -152,8 +155,9 @@ class WholeBodyController:
         self.problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
         if solution.z is None:
-            return self._fall_back(state)
+            return self.fall_back()
         self._failures = 0
+        self._joints = state.q[7:]
         self.builder.recover(terms, solution.z, self.acceleration, self.wrenches, self.torque)
         q, v = np.empty(self.model.nj), np.empty(self.model.nj)
         integrate_joints(
@@ -180,10 +184,11 @@ class WholeBodyController:
             moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
             self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0
 
-    def _fall_back(self, state: RobotState) -> tuple[JointCommand, SolveStatus]:
+    def fall_back(self) -> tuple[JointCommand, SolveStatus]:
+        """Command of a tick without a usable state or solution: the last one once more, then damping where it was."""
         self._failures += 1
-        if self._failures <= self.config.solver.hold_ticks:
+        if self._last is not None and self._failures <= self.config.solver.hold_ticks:
             return self._last, SolveStatus.HELD
         zero: Vector = np.zeros(self.model.nj)
         self.torque[:] = 0.0
-        return JointCommand(state.q[7:].copy(), zero, zero), SolveStatus.DAMPED
+        return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED

@@ -11,7 +11,7 @@ from models.config import STRICT
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -143,13 +143,15 @@ class BalanceConfig:
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
         anchor_time_s: Time constant with which footholds and references follow the soles that bear load [s].
+        stop_time_s: Time in which a motion that is stopped comes to rest [s].
         foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
     """
 
     dcm_gain: Positive
     polygon_margin: NonNegative
-    momentum_margin: float
+    momentum_margin: Annotated[float, Field(ge=-0.2, le=0.2)]
     momentum_gain: NonNegative
     momentum_reach_max: NonNegative
     anchor_time_s: Positive
+    stop_time_s: Positive
     foothold_load: Fraction

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from models.compiled import njit
 from models.types import Matrix, Vector
 
 
@@ -89,7 +89,8 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
     return c
 
 
-@njit(cache=True)
+# Its signature is given, so that it is compiled on import and not when a motion starts on a standing robot.
+@njit("void(float64[:,:,:], int64, float64, float64, float64[:], float64[:], float64[:])", cache=True)
 def evaluate_quintic(
     coefficients: NDArray[np.float64],
     segment: int,
@@ -106,9 +107,9 @@ def evaluate_quintic(
         segment: Which one.
         u: Normalised time in it, 0 to 1.
         length: Its length [s].
-        position: Out (k,) [rad, rad/s, rad/s^2].
-        velocity: Out (k,) [rad, rad/s, rad/s^2].
-        acceleration: Out (k,) [rad, rad/s, rad/s^2].
+        position: Out (k,) [rad].
+        velocity: Out (k,) [rad/s].
+        acceleration: Out (k,) [rad/s^2].
     """
     c = coefficients[segment]
     for j in range(c.shape[1]):

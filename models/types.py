@@ -110,6 +110,8 @@ class RobotState:
 class Reference:
     """What the whole-body controller is to track at one instant.
 
+    Good for that tick: the arrays of soles and posture may be its maker's own, which the next tick overwrites.
+
     Attributes:
         com: CoM position in W (3,) [m].
         com_velocity: CoM velocity in W (3,) [m/s].

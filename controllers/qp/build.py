@@ -18,6 +18,12 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 
+ROW_SCALE = (1.0, 0.01)
+"""Size of a torque row at its limit [-], and of an acceleration row per rad/s^2 [s^2/rad]: rows of similar size."""
+
+PIVOT_FLOOR = 1e-6
+"""Pivot of the legs' loop closure below which a row counts as dependent, as with both knees straight [-]."""
+
 
 @dataclass(slots=True)
 class QP:
@@ -139,8 +145,7 @@ class QPBuilder:
         self.robot["cone"][:] = np.array([matrix for matrix, _, _ in cones]) / weight_force
         self.robot["cone_lower"][:] = np.array([lower for _, lower, _ in cones]) / weight_force
         self.robot["cone_upper"][:] = np.array([upper for _, _, upper in cones]) / weight_force
-        self.robot["row_scale"][:] = 1.0, 0.01
-        self._pivot_floor = 1e-6
+        self.robot["row_scale"][:] = ROW_SCALE
         self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6, cone_rows) for mode in range(4)]
         self._active = self._reductions[0]
         dimensions = [task.weight.shape[0] for task in self.tasks]
@@ -188,7 +193,7 @@ class QPBuilder:
             limits.block.data,
             limits.block.layout,
             self._wrench_scale,
-            self._pivot_floor,
+            PIVOT_FLOOR,
             self._regularisation,
             reduction.block.data,
             reduction.block.layout,

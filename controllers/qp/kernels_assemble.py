@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.qp.kernels_wrenches import reduce_row
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.memory import part_1, part_2, part_3
@@ -19,6 +18,7 @@ from controllers.qp.kernels_feedback import (
 from controllers.qp.kernels_read import DRIFT, JACOBIAN
 from controllers.qp.kernels_reduce import reduce_accelerations
 from controllers.qp.kernels_wrenches import reduce_wrenches
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,17 @@ def all_finite(matrix: Array, vector: Array, rows: Array) -> bool:
     for i in range(rows.shape[0]):
         for j in range(rows.shape[1]):
             total += rows[i, j]
+    return bool(np.isfinite(total))
+
+
+@njit(cache=True)
+def finite_state(q: Array, v: Array) -> bool:
+    """Whether a configuration (nq,) and a velocity (nv,) hold neither NaN nor infinity."""
+    total = 0.0
+    for i in range(q.shape[0]):
+        total += q[i]
+    for i in range(v.shape[0]):
+        total += v[i]
     return bool(np.isfinite(total))
 
 
@@ -40,11 +52,11 @@ def kkt_residual(
         stationarity = |H z + f + A' y| / (1 + |H z| + |f| + |A' y|)   (largest entries)
 
     Args:
-        hessian: Cost (nz, nz), (nz,).
-        gradient: Cost (nz, nz), (nz,).
+        hessian: H (nz, nz).
+        gradient: f (nz,).
         matrix: General rows (m, nz).
-        lower: Bounds (nb + m,); nb = number of simple bounds.
-        upper: Bounds (nb + m,); nb = number of simple bounds.
+        lower: Lower bounds of the nb simple rows, then of A's rows (nb + m,).
+        upper: Upper bounds, likewise (nb + m,).
         z: Solution (nz,).
         multipliers: (nb + m,).
 

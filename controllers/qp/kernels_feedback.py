@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.memory import part_1, part_2, part_3
 from controllers.qp.kernels_read import POSE, TWIST
 from controllers.qp.kernels_terms import rotation_error
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

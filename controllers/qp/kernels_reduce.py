@@ -19,8 +19,9 @@ Only the base and the legs enter the contact rows, and each foot-to-base adjoint
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -8,8 +8,9 @@ a tenth of one Python call per frame.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from models.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

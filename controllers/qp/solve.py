@@ -66,9 +66,9 @@ class QPSolver:
             z, residual = self._quadprog(qp)
             if z is not None:
                 return Solution(z, SolveStatus.FALLBACK_SOLVER, residual, perf_counter() - start)
-        z = self._relaxed(qp)
+        z, residual = self._relaxed(qp)
         if z is not None:
-            return Solution(z, SolveStatus.RELAXED, 0.0, perf_counter() - start)
+            return Solution(z, SolveStatus.RELAXED, residual, perf_counter() - start)
         return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
 
     def _senses(self, rows: int) -> np.ndarray:
@@ -102,9 +102,9 @@ class QPSolver:
         residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z, signed)
         return (z, residual) if residual < self._residual_max else (None, residual)
 
-    def _relaxed(self, qp: QP) -> Vector | None:
+    def _relaxed(self, qp: QP) -> tuple[Vector | None, float]:
         sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
-        z, _, flag, _ = daqp.solve(
+        z, _, flag, info = daqp.solve(
             qp.hessian,
             qp.gradient,
             qp.matrix,
@@ -115,5 +115,10 @@ class QPSolver:
             rho_soft=self._rho,
         )
         if flag not in _OPTIMAL or not np.isfinite(z).all():
-            return None
-        return np.asarray(z)
+            return None, float("nan")
+        # The answer is optimal for bounds moved to where the soft rows ended; the hard ones stay where they were.
+        values = np.concatenate([z[: len(qp.lower) - len(qp.matrix)], qp.matrix @ z])
+        lower = np.where(qp.soft, np.minimum(qp.lower, values), qp.lower)
+        upper = np.where(qp.soft, np.maximum(qp.upper, values), qp.upper)
+        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, lower, upper, z, info["lam"])
+        return (z, residual) if residual < self._residual_max else (None, residual)

@@ -17,7 +17,7 @@ from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState, SolveStatus
+from models.types import ContactState, JointTrajectory, Reference, RobotState, SolveStatus
 
 CONTACTS = [(False, False), (True, False), (False, True), (True, True)]
 
@@ -179,6 +179,18 @@ def test_infeasible_problem_is_relaxed_on_its_soft_rows_only() -> None:
     solution = solver().solve(impossible)
     assert solution.status is SolveStatus.RELAXED
     assert solution.z is not None and solution.z[0] <= 1.0 + 1e-6
+    assert solution.residual < 1e-6
+
+
+def test_relaxed_answer_that_breaks_a_hard_row_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    import controllers.qp.solve as module
+
+    def wrong(*args: object, **kwargs: object) -> tuple[np.ndarray, float, int, dict[str, np.ndarray]]:
+        soft = "rho_soft" in kwargs
+        return np.array([3.0, 0.0]), 0.0, 2 if soft else -1, {"lam": np.zeros(2)}
+
+    monkeypatch.setattr(module.daqp, "solve", wrong)
+    assert solver().solve(toy()).status is SolveStatus.HELD
 
 
 def test_infeasible_hard_rows_are_held() -> None:
@@ -216,16 +228,58 @@ def test_residual_names_each_violation() -> None:
     assert np.isnan(kkt_residual(*arguments, np.array([np.nan, 0.0]), multipliers))
 
 
-def test_unsolvable_state_holds_then_damps(model: RobotModel) -> None:
-    state = moving_state(model, 1)
+def standing_on_both_feet(model: RobotModel, seed: int) -> RobotState:
+    weight = np.array([0.0, 0.0, 0.5 * 9.81 * model.mass, 0.0, 0.0, 0.0])
+    return replace(moving_state(model, seed), contacts=(ContactState(True, weight), ContactState(True, weight)))
+
+
+@pytest.mark.parametrize("field", ["q", "v"])
+def test_state_that_is_not_finite_holds_then_damps_then_recovers(model: RobotModel, field: str) -> None:
+    state = standing_on_both_feet(model, 1)
     balance = BalanceController(model)
     balance.reset(state)
     good = balance.step(state, 1e-3)
-    broken = replace(state, v=np.full(model.nv, np.nan))
+    values = getattr(state, field).copy()
+    values[3] = np.nan
+    broken = replace(state, **{field: values})
     held = balance.step(broken, 1e-3)
-    assert held.status is SolveStatus.HELD
+    assert held.status is SolveStatus.HELD and np.isnan(held.residual)
     np.testing.assert_array_equal(held.command.tau, good.command.tau)
     damped = balance.step(broken, 1e-3)
     assert damped.status is SolveStatus.DAMPED
     np.testing.assert_array_equal(damped.command.tau, 0.0)
-    assert balance.step(state, 1e-3).status is SolveStatus.OPTIMAL
+    np.testing.assert_array_equal(damped.command.q, state.q[7:])
+    again = balance.step(state, 1e-3)
+    assert again.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(again.command.tau, good.command.tau, atol=1e-6)
+
+
+def test_nothing_of_an_earlier_run_is_held_after_a_reset(model: RobotModel) -> None:
+    state = standing_on_both_feet(model, 1)
+    balance = BalanceController(model)
+    balance.reset(state)
+    balance.step(state, 1e-3)
+    balance.reset(state)
+    broken = replace(state, v=np.full(model.nv, np.nan))
+    assert balance.step(broken, 1e-3).status is SolveStatus.DAMPED
+
+
+def test_a_stopped_motion_comes_to_rest_without_a_jump(model: RobotModel) -> None:
+    state = standing_on_both_feet(model, 1)
+    balance = BalanceController(model)
+    balance.reset(state)
+    balance.step(state, 1e-3)
+    start = balance.reference.posture
+    goal = np.clip(start + 0.2, model.q_lower, model.q_upper)
+    balance.follow(JointTrajectory(model.joint_names, np.array([0.0, 1.0]), np.array([start, goal])))
+    for _ in range(500):
+        balance.step(state, 1e-3)
+    speeds = [balance.reference.posture_velocity.copy()]
+    assert np.abs(speeds[0]).max() > 0.1
+    balance.stop_motion()
+    for _ in range(600):
+        balance.step(state, 1e-3)
+        speeds.append(balance.reference.posture_velocity.copy())
+    assert np.abs(np.diff(speeds, axis=0)).max() < 0.01
+    np.testing.assert_array_equal(speeds[-1], 0.0)
+    assert not balance.motion_active
