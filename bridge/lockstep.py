@@ -126,6 +126,7 @@ class Lockstep:
         self.supervisor.reset()
         self._queue.clear()
         sensors = self._hang_and_average()
+        self.servo.blend()
         state = self._estimator.reset(sensors)
         self.tick = 0
         self.state = plant.truth if self._use_truth else state

@@ -52,11 +52,11 @@ class JointServo:
       that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
     - limited to a change of tau_rate_max dt since the last step.
 
-    After ``arm`` the set-points are faded in from the measured posture with s = 3 u^2 - 2 u^3, so nothing jumps. A
-    set-point that is not finite or of the wrong size is refused, counted, and the previous one kept. When no set-point
-    was accepted for ``command_timeout`` (after the end of a trajectory), the driver damps: tau fades from its last
-    value to -damping_scale kd v. That state holds until ``arm``. A joint whose measurement is not finite gets zero
-    torque.
+    After ``arm`` the set-points are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
+    set-point in force, so nothing jumps. A set-point that is not finite or of the wrong size is refused, counted, and
+    the previous one kept. When no set-point was accepted for ``command_timeout`` (after the end of a trajectory), the
+    driver damps: tau fades from its last value to -damping_scale kd v. That state holds until ``arm``. A joint whose
+    measurement is not finite gets zero torque.
 
     Args:
         model: Robot; gives kp, kd and the limits, all (nj,).
@@ -94,7 +94,8 @@ class JointServo:
         self._step_max, self._step_min, self._step_dt = np.zeros(nj), np.zeros(nj), 0.0
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
-        self._posture: Vector | None = None
+        self._measured_once = self._fading = False
+        self._fade_start = np.zeros((3, nj))
         self._first_command: float | None = None
         self._last_command = 0.0
         self._deadline = inf
@@ -119,7 +120,20 @@ class JointServo:
     def arm(self) -> None:
         """Accept commands from now on; clears a latched fault. The first set-points are faded in."""
         self.state = ServoState.ACTIVE
-        self._posture = self._first_command = self._sampler = self._fault_time = None
+        self._measured_once = self._fading = False
+        self._first_command = self._sampler = self._fault_time = None
+        self._deadline = inf
+
+    def blend(self) -> None:
+        """Another source of set-points takes over: fade its first ones in from the set-point in force.
+
+        Like ``arm`` when the driver is not active or has not measured the joints yet.
+        """
+        if self.state is not ServoState.ACTIVE or not self._measured_once:
+            self.arm()
+            return
+        self._fade_start[:] = self._faded if self._fading else self._setpoint
+        self._first_command = self._sampler = None
         self._deadline = inf
 
     def damp(self) -> None:
@@ -174,10 +188,10 @@ class JointServo:
             JointNameError: A joint is unknown or named twice; the previous set-point stays in force.
             TrajectoryError: As ``validate_trajectory`` raises it; the previous set-point stays in force.
         """
-        if self.state is not ServoState.ACTIVE or self._posture is None:
+        if self.state is not ServoState.ACTIVE or not self._measured_once:
             return False
         commanded = self._first_command is not None
-        start_q = self._setpoint[0].copy() if commanded else self._posture
+        start_q = self._setpoint[0].copy() if commanded else self._fade_start[0].copy()
         start_v = self._setpoint[1].copy() if commanded else None
         elapsed = t - self._last_command if commanded else 0.0
         try:
@@ -223,24 +237,27 @@ class JointServo:
 
     def _track(self, t: float, q: Vector, v: Vector, target: Vector) -> None:
         """PD and feed-forward about the set-point in force."""
-        if self._posture is None:
+        if not self._measured_once:
             if not np.isfinite(q).all():
                 target.fill(0.0)
                 return
-            self._posture = q.copy()
+            self._measured_once = True
+            self._fade_start[0] = q
+            self._fade_start[1:] = 0.0
             if self._first_command is None:
-                self._setpoint[0] = q
-                self._setpoint[1:] = 0.0
+                self._setpoint[:] = self._fade_start
         if self._sampler is not None:
             at = t - self._sampler_start
             self._setpoint[0], self._setpoint[1], _ = self._sampler.sample(at)
             self._setpoint[2] = self._sampler.effort(at)
         setpoint = self._setpoint
         start = self._first_command
-        if start is None or t < start + self.config.arming_blend:
+        self._fading = start is None or t < start + self.config.arming_blend
+        if self._fading:
             u = 0.0 if start is None else max(t - start, 0.0) / self.config.arming_blend
-            np.multiply(self._setpoint, u * u * (3.0 - 2.0 * u), out=self._faded)
-            self._faded[0] += (1.0 - u * u * (3.0 - 2.0 * u)) * self._posture
+            share = u * u * (3.0 - 2.0 * u)
+            np.multiply(self._setpoint, share, out=self._faded)
+            self._faded += (1.0 - share) * self._fade_start
             setpoint = self._faded
         work = self._work
         np.subtract(setpoint[0], q, out=target)

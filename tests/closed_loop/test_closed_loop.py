@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bridge import lockstep
 from bridge.closed_loop import ClosedLoop
 from bridge.lockstep import Controller
+from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import average
 from controllers.balance import BalanceController
 from models.errors import CommandError, ConfigError, PoiseError
@@ -91,6 +92,22 @@ def test_starts_standing_without_drop_or_jerk(robot: RobotModel) -> None:
     assert np.abs(log.true_v[after][:, :3]).max() < 0.05
     assert np.abs(log.true_v[after][:, 6:]).mean() < 0.02
     assert loop.foot_slip.max() < 0.001
+
+
+def test_torque_does_not_step_while_it_starts(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most 5 % of the torque limit in a millisecond, the sensors' noise included, until it stands on its own."""
+    torques: list[NDArray[np.float64]] = []
+    write = MujocoPlant.write
+
+    def keep(plant: MujocoPlant, tau: NDArray[np.float64]) -> None:
+        torques.append(tau.copy())
+        write(plant, tau)
+
+    monkeypatch.setattr(MujocoPlant, "write", keep)
+    ClosedLoop(robot, record=False)
+    steps = np.abs(np.diff(np.array(torques), axis=0)) / robot.tau_max
+    assert len(steps) > 1000
+    assert steps.max() < 0.05
 
 
 def test_same_seed_is_bit_identical_and_reset_equals_new(g1: RobotModel) -> None:

@@ -74,6 +74,32 @@ def test_arming_does_not_jump(g1: RobotModel) -> None:
     np.testing.assert_allclose(np.abs(torques[-1]), np.minimum(final, g1.tau_max), rtol=1e-6)
 
 
+def test_another_source_takes_over_without_a_jump(g1: RobotModel) -> None:
+    """``blend`` keeps the feed-forward in force and goes to the next one smoothly, even when it comes again."""
+    servo, t = armed(g1)
+    q, zero = g1.posture("stand"), np.zeros(g1.nj)
+    first, second = 0.2 * g1.tau_max, -0.2 * g1.tau_max
+    for k in range(100):
+        servo.command(hold(g1, tau=first), t + k * DT)
+        servo.step(t + k * DT, q, zero, DT)
+    t += 100 * DT
+    servo.blend()
+    servo.blend()
+    history = [first]
+    for k in range(400):
+        if k >= 2:
+            servo.command(hold(g1, tau=second), t + k * DT)
+        history.append(servo.step(t + k * DT, q, zero, DT).copy())
+        if k == 150:
+            servo.blend()  # from the middle of the fade
+    np.testing.assert_allclose(history[1], first)
+    assert np.all(np.abs(np.diff(np.array(history), axis=0)) <= 0.01 * 0.4 * g1.tau_max)
+    for k in range(400, 600):
+        servo.command(hold(g1, tau=second), t + k * DT)
+        last = servo.step(t + k * DT, q, zero, DT)
+    np.testing.assert_allclose(last, second)
+
+
 def test_holds_the_measured_posture_before_the_first_command(g1: RobotModel) -> None:
     servo = JointServo(g1)
     servo.arm()
