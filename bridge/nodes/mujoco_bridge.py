@@ -149,9 +149,15 @@ class MujocoBridge(PoiseNode):
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
 
     def _on_mode(self, message: String) -> None:
-        if self.active and message.data in MODES:
+        if not self.active:
+            return
+        try:
+            if message.data not in MODES:
+                raise MessageError(f"unknown mode '{message.data[:32]}'; known: {', '.join(MODES)}")
             self._driven.set_mode(MODES[message.data])
-            self._slow.publish_state()
+        except PoiseError as error:
+            self.refuse(topics.MODE, error)
+        self._slow.publish_state()
 
     def _on_command(self, data: bytes) -> None:
         if not self.active:

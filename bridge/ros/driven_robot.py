@@ -7,6 +7,7 @@ from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, average, hanging_command
 from controllers.joint_servo import JointServo, ServoState
 from controllers.supervisor import ACTIVE_MODES
+from models.errors import CommandError
 from models.types import JointCommand, JointTrajectory, Mode, SensorData
 
 HELD = "held"
@@ -52,7 +53,15 @@ class DrivenRobot:
         return self._mode in ACTIVE_MODES and self.servo.state is ServoState.ACTIVE
 
     def set_mode(self, mode: Mode) -> None:
-        """Follow the supervisor: arm, damp or switch off the drivers. A held robot stays held and carried."""
+        """Follow the supervisor: arm, damp or switch off the drivers. A held robot stays held and carried.
+
+        Raises:
+            CommandError: Off, while the drivers are active: the robot would drop.
+        """
+        if mode is Mode.OFF and not self.plant.held and self.servo.state is ServoState.ACTIVE:
+            raise CommandError(
+                "mode 'off' refused: the robot would drop; 'damp' comes first"
+            )
         before, self._mode = self._mode, mode
         if mode in ACTIVE_MODES:
             if before not in ACTIVE_MODES and not self.plant.held:
@@ -60,7 +69,7 @@ class DrivenRobot:
             return
         self._commanded, self._gate = False, None
         if self.plant.held:
-            self.servo.arm()
+            self.servo.blend()
         elif mode is Mode.DAMP:
             self.servo.damp()
         else:
@@ -78,6 +87,8 @@ class DrivenRobot:
         """
         if not self.awaits_command:
             return False
+        if self.plant.held and not self._commanded:
+            self.servo.blend()
         if isinstance(command, JointTrajectory):
             taken = self.servo.command_trajectory(command, self.plant.t)
         else:

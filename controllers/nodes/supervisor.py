@@ -113,6 +113,9 @@ class SupervisorNode(PoiseNode):
             self._law.update(self._reports.health(self._driver_state), self._reports.t)
 
     def _publish_mode(self) -> None:
+        """Tell what has changed; nothing before the drivers have told what they do."""
+        if not self._driver_state:
+            return
         if self._published != self._law.mode.value:
             if self._law.mode in ACTIVE_MODES and self._published not in _ACTIVE_NAMES:
                 self._reports.start()
@@ -153,13 +156,19 @@ class SupervisorNode(PoiseNode):
             self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
 
     def _on_driver_state(self, message: String) -> None:
-        """A robot put back to its start begins anew; one that already stands when this node starts keeps standing."""
+        """A robot put back to its start begins anew. When this node starts beside one that moves, it takes over.
+
+        Active drivers: the robot keeps standing. Damped ones: it stays damped, with a latched fault.
+        """
         before, self._driver_state = self._driver_state, message.data
         if message.data == topics.HELD and before not in ("", topics.HELD):
             self._law.reset()
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())
+        elif message.data == topics.DAMPED and before == "":
+            self._law.reset(Mode.DAMP)
+            self._law.fault("the drivers were damped when the supervisor started")
 
 
 def main(args: list[str] | None = None) -> None:

@@ -23,7 +23,7 @@ from bridge.ros.environment import free_domain
 from models.nodes import topics
 from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, doubles, trajectory_to_message
 from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import COMMAND, EVENT, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.robot_model import RobotModel
 from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
@@ -304,6 +304,33 @@ def test_a_killed_planner_is_restarted_alone(eyes: Eyes, undisturbed: None) -> N
     eyes.graph.wait_for(lambda: eyes.graph.pids != before, 60.0, "restarted")
     changed = [name for name, pid in eyes.graph.pids.items() if pid != before[name]]
     assert changed == ["planners.nodes.motion_planner"]
+
+
+def _restart_supervisor(graph: Graph) -> None:
+    before = graph.pids["controllers.nodes.supervisor"]
+    os.kill(before, 9)
+    graph.wait_for(lambda: graph.pids["controllers.nodes.supervisor"] != before, 60.0, "restarted")
+
+
+def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: None) -> None:
+    modes: list[str] = []
+    ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
+    _restart_supervisor(eyes.graph)
+    eyes.graph.spin(0.5)
+    eyes.graph.node.destroy_subscription(ears)
+    assert set(modes) == {"stand"}
+
+
+def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) -> None:
+    assert eyes.graph.call("estop")[0]
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
+    _restart_supervisor(eyes.graph)
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "the drivers were damped when the supervisor started" in reason
+    assert eyes.graph.call("reset_faults")[0]
+    assert eyes.graph.call("reset")[0]
+    eyes.graph.wait_standing(20.0)
 
 
 def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
