@@ -279,6 +279,32 @@ def test_same_samples_same_bits(estimator: StateEstimator) -> None:
         assert a.v.tobytes() == b.v.tobytes()
 
 
+def test_states_handed_out_do_not_change_later(estimator: StateEstimator) -> None:
+    robot = robot_of(estimator)
+    sensors = [replace(s, tau=np.full(robot.nj, s.t)) for s in sensors_of(robot, motion(robot), 0)[:50]]
+    state = estimator.reset(sensors[0])
+    arrays = (state.q, state.v, state.tau, state.contacts[0].wrench, state.contacts[1].wrench)
+    before = [array.copy() for array in arrays]
+    for sample in sensors[1:]:
+        last = estimator.step(sample, DT)
+    for array, copy in zip(arrays, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    np.testing.assert_array_equal(last.tau, sensors[-1].tau)
+
+
+def test_level_floor_takes_part_of_the_tilt_that_an_accelerometer_bias_causes(estimator: StateEstimator) -> None:
+    robot = robot_of(estimator)
+    still = motion(robot).held(500)
+    bias = 0.05
+    still.accel[:, 0] += bias
+    states = run(estimator, sensors_of(robot, still, None))
+    tilt = [np.linalg.norm(pin.log3(pin.Quaternion(state.q[3:7]).matrix())[:2]) for state in (states[0], states[-1])]
+    assert tilt[0] == pytest.approx(bias / 9.81, rel=0.01)
+    imu = estimator.config.imu.accel_bias / estimator.config.gravity
+    kept = estimator.config.initial.floor**2 / (estimator.config.initial.floor**2 + imu**2)
+    assert tilt[1] / tilt[0] == pytest.approx(kept, abs=0.08)
+
+
 def test_memory_layout_and_later_writes_do_not_matter(estimator: StateEstimator) -> None:
     """Strided arrays, and arrays that the caller reuses after the call."""
     robot = robot_of(estimator)
