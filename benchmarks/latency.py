@@ -2,9 +2,10 @@
 
 Floor, graph, floor: each in real time at 1 kHz. The bridge notes on the monotonic clock when it is about to publish the
 sensors of a tick and when the command that carries their stamp arrives. Missed is a tick that no command ever answered,
-and a tick that the bridge had to skip because it was late.
+and a tick that the bridge had to skip because it was late. A command that answers after more than a tick is not missed:
+it takes effect one step later, and its share is ``over_a_tick_fraction``.
 
-Bounds: p50 < 1.5 (floor p50 + tick), p99 < 2.5 (floor p99 + tick), missed < 0.1 %.
+Bounds: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick, missed < 0.1 %.
 """
 
 from __future__ import annotations
@@ -70,8 +71,9 @@ def run(options: Options) -> Report:
     figures["missed_fraction"] = float(np.mean([case["missed_fraction"] for case in cases]))
     figures["floor_missed_fraction"] = float(np.mean([case["floor_missed_fraction"] for case in cases]))
     tick = figures["tick_us"] = pingpong.PERIOD * 1e6
-    figures["p50_bound_us"] = P50_BOUND * (figures["floor_p50_us"] + tick)
-    figures["p99_bound_us"] = P99_BOUND * (figures["floor_p99_us"] + tick)
+    figures["over_a_tick_fraction"] = float(np.mean(pooled["latency"] > tick))
+    figures["p50_bound_us"] = P50_BOUND * figures["floor_p50_us"] + tick
+    figures["p99_bound_us"] = P99_BOUND * figures["floor_p99_us"] + tick
     bounds = (
         ("p50_us", figures["p50_bound_us"]),
         ("p99_us", figures["p99_bound_us"]),
