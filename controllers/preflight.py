@@ -100,7 +100,11 @@ def _joints(model: RobotModel, config: SupervisorConfig, joints: Vector | None) 
 def _attitude(config: SupervisorConfig, quaternion: Vector | None) -> list[str]:
     if quaternion is None:
         return ["no state estimate has arrived"]
-    angle = tilt(quaternion)
+    return attitude(config, tilt(quaternion))
+
+
+def attitude(config: SupervisorConfig, angle: float) -> list[str]:
+    """What forbids arming at a tilt of the base [rad]; empty when nothing does."""
     if not angle <= config.preflight_tilt:
         return [
             f"base tilted by {angle:.2f} rad: more than {config.preflight_tilt:.2f} rad, or its IMU is mounted wrong"

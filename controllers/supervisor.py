@@ -5,6 +5,8 @@ The law, with severity hold < stand < damp < off:
     off -> damp -> stand <-> motion        (stand <-> walk once a gait planner is configured)
     any -> damp                            on a fault, latched until ``reset_faults``
 
+Arming needs preflight checks that passed since the robot was last active: where it lies now is not where it stood.
+
 It has no clock and no I/O: time comes in with ``update``. The node around it publishes ``mode``, hands the names from
 ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` it gets from here.
 """
@@ -226,6 +228,8 @@ class Supervisor:
         return CommandReply(True, f"motion '{stopped}' stopped; holding this posture")
 
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
+        if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
+            self._preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
         self.mode = mode
         self.motion = self._pending = None
         self._motion_seen = False

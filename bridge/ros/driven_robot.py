@@ -59,9 +59,7 @@ class DrivenRobot:
             CommandError: Off, while the drivers are active: the robot would drop.
         """
         if mode is Mode.OFF and not self.plant.held and self.servo.state is ServoState.ACTIVE:
-            raise CommandError(
-                "mode 'off' refused: the robot would drop; 'damp' comes first"
-            )
+            raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
         before, self._mode = self._mode, mode
         if mode in ACTIVE_MODES:
             if before not in ACTIVE_MODES and not self.plant.held:

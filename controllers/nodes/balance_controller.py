@@ -57,6 +57,7 @@ class BalanceControllerNode(PoiseNode):
         self._result: ControlResult | None = None
         self._last_command = b""
         self._motion = False
+        self._requested = ""
         self._timer = TickTimer()
 
     def configure(self) -> None:
@@ -150,19 +151,27 @@ class BalanceControllerNode(PoiseNode):
             self._motion = False
 
     def _on_request(self, message: String) -> None:
+        self._requested = message.data
         if message.data == topics.STOP_MOTION and self._motion:
             self._law.stop_motion()
             self._tell(topics.MOTION_DONE)
 
     def _on_trajectory(self, data: bytes) -> None:
+        """Follow the answer to the newest request while in mode motion, or what came without a request."""
+        request = ""
         try:
+            message = decode(data, JointTrajectory)
+            request = message.header.frame_id
+            wanted = self._mode is Mode.MOTION and request == self._requested if request else True
+            if not wanted:
+                raise PoiseError(f"'{request[:32]}' came too late: mode '{self._mode.value}' goes on")
             if not self.active or self._mode not in ACTIVE_MODES:
                 raise PoiseError(f"no motion in mode '{self._mode.value}'")
-            self._law.follow(trajectory_from_message(decode(data, JointTrajectory)))
+            self._law.follow(trajectory_from_message(message))
         except PoiseError as error:
             self.refuse(topics.MOTION_TRAJECTORY, error)
             if not self._motion:
-                self._tell(topics.MOTION_REFUSED, str(error))
+                self._tell(topics.MOTION_REFUSED, f"{request}: {error}" if request else str(error))
             return
         self._tell(topics.MOTION_RUNNING)
 

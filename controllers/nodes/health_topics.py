@@ -38,7 +38,7 @@ class HealthTopics:
         self._node, self._odom_codec = node, OdometryCodec()
         self.description: str | None = None
         self.clock_seen = time.monotonic()
-        self._now = self._odom_stamp = self._command_stamp = 0
+        self._now = self._odom_stamp = self._command_stamp = self._started = 0
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
@@ -52,18 +52,30 @@ class HealthTopics:
         """Time of the plant [s]."""
         return self._now / NANOSECONDS
 
-    def start(self) -> None:
-        """Count the age of state and command from now: the robot begins to move."""
-        self._odom_stamp = self._command_stamp = self._now
+    @property
+    def tilt(self) -> float:
+        """Newest tilt of the base [rad]."""
+        return self._tilt
 
-    def health(self, driver_state: str) -> Health:
-        """Everything that is known, with the state of the joint drivers."""
+    def start(self) -> None:
+        """Count the age of state, command and clock from now: the robot begins to move."""
+        self._odom_stamp = self._command_stamp = self._started = self._now
+        self.clock_seen = time.monotonic()
+
+    def health(self, driver_state: str, arming_time: float) -> Health:
+        """Everything that is known.
+
+        Args:
+            driver_state: What the joint drivers say that they do.
+            arming_time: How long after ``start`` they may still say what they did before [s].
+        """
+        armed = self._now - self._started > arming_time * NANOSECONDS
         return Health(
             state_stamp=self._odom_stamp / NANOSECONDS,
             command_stamp=self._command_stamp / NANOSECONDS,
             tilt=self._tilt,
             status=self._status,
-            drivers_damped=driver_state == topics.DAMPED,
+            drivers_damped=armed and driver_state == topics.DAMPED,
             motion_active=self._motion_active,
         )
 

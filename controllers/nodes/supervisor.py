@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import SENSOR_TOPICS, PreflightProbe
-from controllers.preflight import preflight
+from controllers.preflight import attitude, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor, SupervisorConfig
 from models.config import default_config
 from models.nodes import topics
@@ -53,7 +53,8 @@ class SupervisorNode(PoiseNode):
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
-        self._driver_state = self._published = ""
+        self._driver_state = self._published = self._requested = ""
+        self._requests = 0
         self._probe_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
@@ -62,7 +63,7 @@ class SupervisorNode(PoiseNode):
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             self.listen(String, topic, self._on_motion_state, EVENT)
         for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK):
-            self._offer(f"mode/{mode.value}", lambda mode=mode: self._law.request(mode))
+            self._offer(f"mode/{mode.value}", lambda mode=mode: self._request_mode(mode))
         self._offer("estop", lambda: self._law.estop())
         self._offer("reset_faults", lambda: self._law.reset_faults())
         self._timer = self.every(self._period, self._update)
@@ -92,7 +93,7 @@ class SupervisorNode(PoiseNode):
         if law.mode in ACTIVE_MODES:
             self._watch()
         elif not self._probe.open:
-            if law.preflight and time.monotonic() >= self._probe_until:
+            if time.monotonic() >= self._probe_until:
                 self._probe.start()
                 self._probe_until = time.monotonic() + self._listen_time
         elif time.monotonic() >= self._probe_until:
@@ -103,14 +104,15 @@ class SupervisorNode(PoiseNode):
             law.set_preflight(findings)
             self._probe_until += self._listen_time
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
-                self._say("auto_stand", law.request(Mode.STAND))
+                self._say("auto_stand", self._request_mode(Mode.STAND))
         self._publish_mode()
 
     def _watch(self) -> None:
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
-            self._law.update(self._reports.health(self._driver_state), self._reports.t)
+            health = self._reports.health(self._driver_state, self._config.controller_timeout)
+            self._law.update(health, self._reports.t)
 
     def _publish_mode(self) -> None:
         """Tell what has changed; nothing before the drivers have told what they do."""
@@ -124,7 +126,9 @@ class SupervisorNode(PoiseNode):
             self._mode_topic.publish(String(data=self._published))
         motion = self._law.take_motion()
         if motion is not None:
-            self._request.publish(String(data=motion))
+            self._requests += 1
+            self._requested = motion if motion == topics.STOP_MOTION else f"{motion} {self._requests}"
+            self._request.publish(String(data=self._requested))
 
     def _say(self, source: str, reply: CommandReply) -> None:
         """Log a reply and act on it at once."""
@@ -133,6 +137,13 @@ class SupervisorNode(PoiseNode):
         else:
             self.refuse(source, reply.reason)
         self._publish_mode()
+
+    def _request_mode(self, mode: Mode) -> CommandReply:
+        """Ask the law for a mode, after a last look at the attitude: a damped robot may have fallen just now."""
+        law = self._law
+        if law.mode not in ACTIVE_MODES and not law.preflight:
+            law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
+        return law.request(mode)
 
     def _offer(self, name: str, act: Any) -> None:
         def on_call(request: Any, response: Any) -> Any:
@@ -152,7 +163,8 @@ class SupervisorNode(PoiseNode):
 
     def _on_motion_state(self, message: String) -> None:
         word, _, reason = message.data.partition(": ")
-        if word == topics.MOTION_REFUSED and self._law.mode is Mode.MOTION:
+        request, _, reason = reason.partition(": ")
+        if word == topics.MOTION_REFUSED and request == self._requested and self._law.mode is Mode.MOTION:
             self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
 
     def _on_driver_state(self, message: String) -> None:
@@ -166,6 +178,7 @@ class SupervisorNode(PoiseNode):
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())
+            self._reports.start()
         elif message.data == topics.DAMPED and before == "":
             self._law.reset(Mode.DAMP)
             self._law.fault("the drivers were damped when the supervisor started")

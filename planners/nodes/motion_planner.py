@@ -55,19 +55,22 @@ class MotionPlannerNode(PoiseNode):
             self.refuse(topics.POSTURE, error)
 
     def _on_request(self, message: String) -> None:
+        """Plan; answers carry the request, so that who asks can tell an overtaken one."""
         if not self.active or message.data == topics.STOP_MOTION:
             return
         try:
             if self._posture is None:
                 raise MessageError("no posture of the controller has arrived to start from")
-            trajectory = self._law.plan(message.data, start_q=self._posture)
+            trajectory = self._law.plan(message.data.partition(" ")[0], start_q=self._posture)
         except PoiseError as error:
             self.refuse(topics.MOTION_REQUEST, error)
-            self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {error}"))
+            self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {message.data}: {error}"))
             return
         self.values["last plan"] = message.data
         self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
-        self._trajectory.publish(trajectory_to_message(trajectory))
+        answer = trajectory_to_message(trajectory)
+        answer.header.frame_id = message.data
+        self._trajectory.publish(answer)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -264,6 +265,17 @@ def test_a_motion_is_planned_followed_and_ends_in_stand(eyes: Eyes) -> None:
     )
 
 
+def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undisturbed: None, g1: RobotModel) -> None:
+    before = JointStateCodec(g1).decode(eyes.posture)[1]
+    eyes.motion.clear()
+    eyes.graph.send("wave")
+    eyes.graph.send("stop")
+    eyes.graph.wait_for(lambda: any("came too late" in word for word in eyes.motion), 20.0, "dropped")
+    eyes.graph.spin(0.5)
+    assert topics.MOTION_RUNNING not in eyes.motion
+    np.testing.assert_array_equal(JointStateCodec(g1).decode(eyes.posture)[1], before)
+
+
 def test_the_controller_has_no_way_to_the_truth(eyes: Eyes) -> None:
     readers = eyes.graph.node.get_subscriptions_info_by_topic(f"/{topics.GROUND_TRUTH}")
     assert {info.node_name for info in readers} == {"poise"}  # this test's own eyes
@@ -329,6 +341,27 @@ def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) ->
     assert not accepted
     assert "the drivers were damped when the supervisor started" in reason
     assert eyes.graph.call("reset_faults")[0]
+    assert eyes.graph.call("reset")[0]
+    eyes.graph.wait_standing(20.0)
+
+
+def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
+    push = eyes.graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+    eyes.graph.wait_for(lambda: push.get_subscription_count() > 0, 5.0, "listening for pushes")
+    eyes.graph.spin(0.2)
+    message = WrenchStamped()
+    message.header.frame_id = "torso_link"
+    message.wrench.force.x = 800.0
+    push.publish(message)
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 10.0, "damped")
+    eyes.graph.spin(2.0)
+    assert eyes.truth[-1][2] < 0.4  # [m] it lies
+    assert eyes.graph.call("reset_faults")[0]
+    eyes.graph.spin(1.5)  # whatever the checks find, they have found it
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "base tilted by" in reason
+    assert eyes.graph.driver_state == "damped"
     assert eyes.graph.call("reset")[0]
     eyes.graph.wait_standing(20.0)
 

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
-from models.nodes.qos import LATCHED
+from models.nodes.messages import JointStateCodec, set_stamp
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
 
 pytestmark = pytest.mark.ros
 
@@ -21,10 +30,36 @@ class World:
     def __init__(self, bench: Any) -> None:
         self.bench = bench
         self.modes: list[str] = []
+        self.roll, self.tick = 0.0, 0
         node = bench.world
         node.create_subscription(String, topics.MODE, lambda message: self.modes.append(message.data), LATCHED)
         self._drivers = node.create_publisher(String, topics.DRIVER_STATE, LATCHED)
         self._clients: dict[str, Any] = {}
+
+    def robot(self, g1: RobotModel) -> None:
+        """Publish what an upright robot publishes, a hundred times a second; ``roll`` lays it down."""
+        node, joints, odom = self.bench.world, JointStateCodec(g1), OdometryCodec()
+        description = node.create_publisher(String, topics.ROBOT_DESCRIPTION, LATCHED)
+        description.publish(String(data=g1.urdf.read_text(encoding="utf-8")))
+        topic = node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+        odometry = node.create_publisher(Odometry, topics.ODOM, SENSOR)
+        command = node.create_publisher(JointState, topics.POSTURE, SENSOR)
+        clock = node.create_publisher(Clock, topics.CLOCK, SENSOR)
+        feet = (ContactState(True, np.zeros(6)), ContactState(True, np.zeros(6)))
+        q, zero = g1.standing_configuration(), np.zeros(g1.nj)
+
+        def publish() -> None:
+            self.tick += 1
+            stamp = 10_000_000 * self.tick
+            q[3:7] = np.sin(0.5 * self.roll), 0.0, 0.0, np.cos(0.5 * self.roll)
+            time = Clock()
+            set_stamp(time.clock, stamp)
+            clock.publish(time)
+            odometry.publish(odom.encode(stamp, RobotState(0.0, q, np.zeros(g1.nv), zero, feet)))
+            for publisher in (topic, command):
+                publisher.publish(joints.encode(stamp, q[7:], zero, zero))
+
+        self._timer = node.create_timer(0.01, publish)
 
     def drivers(self, state: str) -> None:
         """Publish a driver state."""
@@ -48,11 +83,58 @@ def world(bench: Any) -> World:
 
 def test_no_mode_before_the_drivers_have_told_their_state(bench: Any, world: World) -> None:
     bench.add(SupervisorNode)
-    bench.spin(0.3)
+    bench.spin(0.8)
     assert world.modes == []
     world.drivers(topics.ACTIVE)
     bench.wait(lambda: world.modes)
-    assert world.modes == ["stand"]  # never off: the drivers would drop a robot that stands
+    assert world.modes[0] == "stand"  # never off: the drivers would drop a robot that stands
+
+
+def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:
+    world.robot(g1)
+    world.drivers(topics.DAMPED)
+    bench.add(SupervisorNode, lockstep=True, preflight_time=0.1)
+    bench.wait(lambda: world.modes)
+    assert world.call("reset_faults")[0]
+    bench.wait(lambda: world.call("mode/stand")[0])
+    bench.spin(0.05)  # the drivers still say 'damped': they are being armed
+    assert world.modes[-1] == "stand"
+    world.drivers(topics.ACTIVE)
+    bench.spin(0.2)
+    assert world.call("mode/damp")[0]
+    world.drivers(topics.DAMPED)
+    assert "have not been repeated" in world.call("mode/stand")[1]
+    bench.wait(lambda: world.call("mode/stand")[0])  # upright, it may
+    world.drivers(topics.ACTIVE)
+    bench.wait(lambda: world.modes[-1] == "stand")
+    world.roll = 1.5
+    bench.wait(lambda: world.modes[-1] == "damp")
+    world.drivers(topics.DAMPED)
+    assert world.call("reset_faults")[0]
+    end = world.tick + 60
+    while world.tick < end:
+        accepted, reason = world.call("mode/stand")
+        assert not accepted
+    assert "base tilted by 1.50 rad" in reason
+
+
+def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:
+    world.robot(g1)
+    world.drivers(topics.OFF)
+    bench.add(SupervisorNode, lockstep=True, preflight_time=0.1)
+    passed: list[str] = []
+    bench.world.create_subscription(
+        DiagnosticArray,
+        "/diagnostics",
+        lambda array: passed.extend(v.value for s in array.status for v in s.values if v.key == "preflight"),
+        EVENT,
+    )
+    bench.wait(lambda: passed and passed[-1] == "passed")
+    world.roll = 1.5
+    bench.spin(0.05)  # less than a check takes
+    accepted, reason = world.call("mode/stand")
+    assert not accepted
+    assert "base tilted by 1.50 rad" in reason
 
 
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:

@@ -119,6 +119,8 @@ def test_fault_damps_latches_and_names_the_cause(standing: Supervisor, health: H
     assert culprit in refused.reason
     assert standing.reset_faults().accepted
     assert standing.mode is Mode.DAMP
+    assert "have not been repeated" in standing.request(Mode.STAND).reason
+    standing.set_preflight(())
     assert standing.request(Mode.STAND).accepted
 
 
