@@ -54,6 +54,7 @@ class StateEstimatorNode(PoiseNode):
         self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
         self._started = False
         self._first: list[SensorData] = []
+        self._state: RobotState | None = None
         self._last_stamp = self._last_odom = 0
         self._driver_state = ""
 
@@ -79,7 +80,7 @@ class StateEstimatorNode(PoiseNode):
         """Start from the next complete sample."""
         self._started = False
         self._first.clear()
-        self._state: RobotState | None = None
+        self._state = None
         self._assembler.reset()
 
     def before_diagnostics(self) -> None:
@@ -96,10 +97,13 @@ class StateEstimatorNode(PoiseNode):
         self._take(topics.IMU, lambda: self._assembler.add_imu(*self._imu_codec.decode(data)))
 
     def _on_joints(self, data: bytes) -> None:
+        self._take(topics.JOINT_STATES, lambda: self._add_joints(data))
+
+    def _add_joints(self, data: bytes) -> SensorData | None:
         if self._lockstep and self._state is not None and stamp_of(data) == self._last_stamp:
             self._give(self._state, self._last_stamp)  # the plant asks again: an answer was lost
-            return
-        self._take(topics.JOINT_STATES, lambda: self._assembler.add_joints(*self._joint_codec.decode(data)))
+            return None
+        return self._assembler.add_joints(*self._joint_codec.decode(data))
 
     def _foot_callback(self, foot: int) -> Callable[[bytes], None]:
         codec, topic = self._foot_codecs[foot], topics.FOOT_WRENCHES[foot]
