@@ -30,6 +30,7 @@ class LoopConfig:
         slip_load: Share of the weight above which a foot counts as standing [1].
         record_period: Between two rows of the log [s].
         motion_limit: Longest wait for a motion to end [s].
+        max_command_age: Age of the sensors a command answers above which the bridge refuses it [s].
     """
 
     hang_time: Positive
@@ -44,6 +45,7 @@ class LoopConfig:
     slip_load: Fraction
     record_period: Positive
     motion_limit: Positive
+    max_command_age: Positive
 
     def __post_init__(self) -> None:
         if self.average_time > self.hang_time:

@@ -43,11 +43,14 @@ class MujocoBridge(PoiseNode):
         super().__init__("mujoco_bridge", **kwargs)
         self.lockstep = topics.declare_lockstep(self)
         get = self.declare_parameter
-        self._seed = int(get("seed", 0, describe("Seed of the sensor noise")).value)
+        self._seed = int(get("seed", 0, describe("Seed of the sensor noise", integer=(0, 2**63 - 1))).value)
         self._noise = bool(get("sensor_noise", True, describe("Noise, bias and quantisation of the profile")).value)
         self._payload = float(get("payload", 0.0, describe("Mass unknown to the laws [kg]", low=0.0, high=100.0)).value)
         slow = describe("Rate of /clock and /ground_truth/odom [Hz]", low=1.0, high=1000.0)
         self._slow_rate = float(get("slow_rate", 100.0, slow).value)
+        self._config = default_config(LoopConfig, "bridge", "closed_loop")
+        age = describe("Age of the sensors a command answers above which it is refused [s]", low=0.001, high=1.0)
+        self._max_age = round(NANOSECONDS * float(get("max_command_age", self._config.max_command_age, age).value))
         self._latency_file = str(
             get("latency_file", "", describe("Where to write the latencies; empty for none")).value
         )
@@ -58,7 +61,7 @@ class MujocoBridge(PoiseNode):
     def configure(self) -> None:
         """Build the plant and the topics."""
         plant = MujocoPlant(self.model, seed=self._seed, sensor_noise=self._noise, payload_kg=self._payload)
-        self._driven = DrivenRobot(plant, default_config(LoopConfig, "bridge", "closed_loop"))
+        self._driven = DrivenRobot(plant, self._config)
         self.period = plant.period
         self._period_ns = round(plant.period * NANOSECONDS)
         self._slow_ticks = max(round(1.0 / (self._slow_rate * plant.period)), 1)
@@ -159,17 +162,25 @@ class MujocoBridge(PoiseNode):
             self.refuse(topics.MODE, error)
         self._slow.publish_state()
 
+    def _check_stamp(self, stamp: int) -> None:
+        """Refuse a stamp [ns] that is not newer than the last command's, not yet due, or too old; 0 means now."""
+        now = self.tick * self._period_ns
+        if stamp and not self._command_stamp < stamp <= now:
+            raise MessageError(f"header.stamp: {stamp} ns is not after {self._command_stamp} ns or not yet due")
+        if stamp and now - stamp > self._max_age:
+            self.counters["commands too old"] += 1
+            raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {self._max_age} ns")
+
     def _on_command(self, data: bytes) -> None:
         if not self.active:
             return
         try:
             stamp, command = self._command_codec.decode(data)
-            if stamp and self._probe is not None:
-                self._probe.receive(stamp // self._period_ns)
-            if stamp and not self._command_stamp < stamp <= self.tick * self._period_ns:
-                raise MessageError(f"header.stamp: {stamp} ns is not after {self._command_stamp} ns or not yet due")
+            self._check_stamp(stamp)
             if self._driven.command(command):
                 self._command_stamp = stamp or self._command_stamp
+                if stamp and self._probe is not None:
+                    self._probe.receive(stamp // self._period_ns)
         except PoiseError as error:
             self.refuse(topics.JOINT_COMMAND, error)
 

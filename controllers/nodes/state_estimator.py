@@ -50,7 +50,7 @@ class StateEstimatorNode(PoiseNode):
         self._max_age = round(NANOSECONDS * float(self.declare_parameter("max_age", 0.005, age).value))
         gap = describe("Largest step of a stamp believed at once [s]", low=0.0, high=10.0)
         self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, gap).value))
-        count = describe("Samples averaged for the start, at rest (lockstep: 1)")
+        count = describe("Samples averaged for the start, at rest (lockstep: 1)", integer=(1, 10000))
         self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
         self._started = False
         self._first: list[SensorData] = []

@@ -40,7 +40,14 @@ def declare_config(node: Any, default: T, prefix: str = "") -> T:
     return parse_config(type(default), values, f"parameters of {node.get_name()}")
 
 
-def describe(description: str, *, read_only: bool = True, low: float | None = None, high: float | None = None) -> Any:
+def describe(
+    description: str,
+    *,
+    read_only: bool = True,
+    low: float | None = None,
+    high: float | None = None,
+    integer: tuple[int, int] | None = None,
+) -> Any:
     """Descriptor of one parameter.
 
     Args:
@@ -48,15 +55,20 @@ def describe(description: str, *, read_only: bool = True, low: float | None = No
         read_only: Whether it is fixed once the node is up.
         low: Least value of a float parameter; None for no limit.
         high: Greatest value of a float parameter; None for no limit.
+        integer: Least and greatest value of an integer parameter; None for no limits.
 
     Returns:
         rcl_interfaces/ParameterDescriptor.
     """
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    if integer is not None:
+        descriptor.integer_range = [IntegerRange(from_value=integer[0], to_value=integer[1])]
     if low is not None or high is not None:
         most = sys.float_info.max
         descriptor.floating_point_range = [
-            FloatingPointRange(from_value=float(low if low is not None else -most), to_value=float(high or most))
+            FloatingPointRange(
+                from_value=float(low if low is not None else -most), to_value=float(high if high is not None else most)
+            )
         ]
     return descriptor
 
