@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from models.types import SolveStatus, Vector
 
@@ -23,7 +22,8 @@ def tilt(quaternion: Vector) -> float:
         Angle [rad], 0 when upright; NaN when the quaternion is not finite.
     """
     x, y, z, w = quaternion
-    return float(np.arccos(np.clip((z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w), -1.0, 1.0)))
+    cosine = (z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w)
+    return math.acos(min(max(cosine, -1.0), 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +37,7 @@ class Health:
         status: How the newest command came about.
         drivers_damped: Whether the joint drivers fell back to damping on their own.
         motion_active: Whether the controller is following a motion.
+        overruns: Ticks in a row in which the controller took longer than its time budget.
     """
 
     state_stamp: float
@@ -45,6 +46,7 @@ class Health:
     status: SolveStatus = SolveStatus.OPTIMAL
     drivers_damped: bool = False
     motion_active: bool = False
+    overruns: int = 0
 
     def problems(self, config: SupervisorConfig, t: float) -> list[str]:
         """Faults that end standing, most telling first; empty when healthy.
@@ -67,4 +69,6 @@ class Health:
             found.append("joint drivers fell back to damping")
         if self.status is SolveStatus.DAMPED:
             found.append("whole-body controller found no usable torques")
+        if self.overruns >= config.overruns_max:
+            found.append(f"whole-body controller overran its time budget in {self.overruns} ticks in a row")
         return found

@@ -40,6 +40,7 @@ class SupervisorConfig:
     fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
     state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
     controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
+    overruns_max: Annotated[int, Field(gt=0, le=10000, description="Ticks in a row over their budget that damp [1]")]
     plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]
     text_length_max: Annotated[int, Field(ge=16, le=4096, description="Longest text command read [characters]")]
     rate_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of a rate [-]")]

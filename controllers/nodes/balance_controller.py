@@ -28,6 +28,9 @@ from models.types import ControlResult, Mode, RobotState, SolveStatus
 
 MODES = {mode.value: mode for mode in Mode}
 
+OVERRUNS_TOLD = 10
+"""Ticks in a row over their budget after which the diagnostics do not wait for their timer."""
+
 FIRST_STEP = 0.001
 """Step of the first tick after a reset, when there is no earlier stamp [s]."""
 
@@ -51,6 +54,9 @@ class BalanceControllerNode(PoiseNode):
         self._deadline = float(self.declare_parameter("command_deadline", 0.02, text).value)
         text = describe("Rate of the reference posture, which planners start from [Hz]", low=1.0, high=1000.0)
         self._posture_period = round(NANOSECONDS / float(self.declare_parameter("posture_rate", 50.0, text).value))
+        text = describe("Time a tick of the law may take; more is counted, and damps when it goes on [s]", low=1e-5)
+        self._budget = float(self.declare_parameter("tick_budget", 0.001, text).value)
+        self._overruns = 0
         self._mode = Mode.OFF
         self._reset = True
         self._last_stamp = self._last_posture = 0
@@ -76,6 +82,8 @@ class BalanceControllerNode(PoiseNode):
     def activate(self) -> None:
         """Start from the next state."""
         self._reset = True
+        self._overruns = 0
+        self._result = None
 
     def deactivate(self) -> None:
         """Forget the motion."""
@@ -106,6 +114,8 @@ class BalanceControllerNode(PoiseNode):
         self._last_command = self._codec.encode(stamp, result.command)
         self._command.publish(self._last_command)
         self._after(result, stamp)
+        if not self._lockstep:
+            self._judge_time()
 
     def _after(self, result: ControlResult, stamp: int) -> None:
         """What need not precede the command: posture, motion state, alarms."""
@@ -121,7 +131,17 @@ class BalanceControllerNode(PoiseNode):
             self._tell(topics.MOTION_DONE)
         if worse and result.status in (SolveStatus.HELD, SolveStatus.DAMPED):
             self.counters[result.status.value] += 1
-            self.publish_diagnostics()
+            self.alarm()
+
+    def _judge_time(self) -> None:
+        """Count ticks over their budget; the supervisor is told as soon as they go on."""
+        if self._timer.last <= self._budget:
+            self._overruns = 0
+            return
+        self.counters["ticks over budget"] += 1
+        self._overruns += 1
+        if self._overruns % OVERRUNS_TOLD == 0:
+            self.alarm()
 
     def _tell(self, word: str, reason: str = "") -> None:
         self._motion = word == topics.MOTION_RUNNING
@@ -136,6 +156,7 @@ class BalanceControllerNode(PoiseNode):
         bad = moving and result.status in (SolveStatus.HELD, SolveStatus.DAMPED)
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
+        self.values[topics.OVERRUNS] = str(self._overruns)
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = f"{self._law.capture_margin:.4f}"
         self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"
@@ -147,7 +168,7 @@ class BalanceControllerNode(PoiseNode):
             return
         before, self._mode = self._mode, MODES[message.data]
         if before not in ACTIVE_MODES:
-            self._reset = True
+            self.activate()
             self._motion = False
 
     def _on_request(self, message: String) -> None:

@@ -22,6 +22,9 @@ from models.types import SolveStatus
 
 STATUSES = {status.value: status for status in SolveStatus}
 
+IDLE = ("idle", "active", "inactive", "configured", "unconfigured", "finalized")
+"""First word of the controller's report while it solves nothing."""
+
 
 class HealthTopics:
     """Newest report of each kind; ages are counted on the stamps, only the silence of ``/clock`` on this machine's.
@@ -40,6 +43,7 @@ class HealthTopics:
         self.clock_seen = time.monotonic()
         self._now = self._odom_stamp = self._command_stamp = self._started = 0
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
+        self._overruns = 0
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
@@ -60,6 +64,7 @@ class HealthTopics:
     def start(self) -> None:
         """Count the age of state, command and clock from now: the robot begins to move."""
         self._odom_stamp = self._command_stamp = self._started = self._now
+        self._status, self._overruns = SolveStatus.OPTIMAL, 0
         self.clock_seen = time.monotonic()
 
     def health(self, driver_state: str, arming_time: float) -> Health:
@@ -77,6 +82,7 @@ class HealthTopics:
             status=self._status,
             drivers_damped=armed and driver_state == topics.DAMPED,
             motion_active=self._motion_active,
+            overruns=self._overruns,
         )
 
     def _on_description(self, message: String) -> None:
@@ -105,4 +111,17 @@ class HealthTopics:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.endswith("/balance_controller"):
-                self._status = STATUSES.get(status.message, SolveStatus.OPTIMAL)
+                self._judge(status.message, {item.key: item.value for item in status.values})
+
+    def _judge(self, status: str, values: dict[str, str]) -> None:
+        """Read the controller's report; a status that is not known is no good news."""
+        if status in STATUSES:
+            self._status = STATUSES[status]
+        elif not status.startswith(IDLE):
+            self._node.refuse("/diagnostics", f"balance_controller: unknown status '{status[:32]}'")
+            self._status = SolveStatus.DAMPED
+        overruns = values.get(topics.OVERRUNS, "0")
+        if overruns.isdecimal():
+            self._overruns = int(overruns)
+        else:
+            self._node.refuse("/diagnostics", f"balance_controller: {topics.OVERRUNS}: '{overruns[:32]}'")

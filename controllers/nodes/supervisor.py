@@ -66,13 +66,12 @@ class SupervisorNode(PoiseNode):
             self._offer(f"mode/{mode.value}", lambda mode=mode: self._request_mode(mode))
         self._offer("estop", lambda: self._law.estop())
         self._offer("reset_faults", lambda: self._law.reset_faults())
-        self._timer = self.every(self._period, self._update)
+        self.own(PreflightProbe.stop, self._probe)
+        self.own(self.destroy_timer, self.every(self._period, self._update))
 
-    def cleanup(self) -> None:
-        """Destroy what ``configure`` created."""
+    def deactivate(self) -> None:
+        """Listen to the sensors no more."""
         self._probe.stop()
-        self.destroy_timer(self._timer)
-        super().cleanup()
 
     def before_diagnostics(self) -> None:
         """Report mode, faults and what stands in the way of arming."""

@@ -22,6 +22,9 @@ from models.robot_model import RobotModel
 LOG_PERIOD = 1.0
 """Shortest time between two log lines about the same kind of refusal [s]."""
 
+ALARM_PERIOD = 0.05
+"""Shortest time between two alarms on ``/diagnostics`` [s]."""
+
 
 @cache
 def shared_model(robot: str) -> RobotModel:
@@ -58,7 +61,8 @@ class PoiseNode(LifecycleNode):
         self._last_log: dict[str, float] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-        self.every(float(period.value), self.publish_diagnostics)
+        self._last_alarm = -ALARM_PERIOD
+        self.every(float(period.value), self._on_diagnostics_due)
 
     @property
     def model(self) -> RobotModel:
@@ -75,7 +79,7 @@ class PoiseNode(LifecycleNode):
         """Stop to act."""
 
     def cleanup(self) -> None:
-        """Destroy what ``configure`` made with ``listen``, ``serve`` and ``announce``, so that it can run again."""
+        """Destroy what ``configure`` made with ``listen``, ``serve``, ``announce`` or ``own``, for another time."""
         while self._owned:
             destroy, entity = self._owned.pop()
             destroy(entity)
@@ -93,6 +97,10 @@ class PoiseNode(LifecycleNode):
         publisher = self.create_lifecycle_publisher(kind, topic, qos)
         self._owned.append((self.destroy_lifecycle_publisher, publisher))
         return publisher
+
+    def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
+        """Have ``cleanup`` destroy something."""
+        self._owned.append((destroy, entity))
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
         """Timer on the steady clock, which neither wall-clock jumps nor ``/clock`` disturb.
@@ -135,6 +143,17 @@ class PoiseNode(LifecycleNode):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+    def alarm(self) -> None:
+        """Publish the diagnostics at once, unless that was done within ``ALARM_PERIOD``: then the timer does."""
+        now = time.monotonic()
+        if now - self._last_alarm >= ALARM_PERIOD:
+            self._last_alarm = now
+            self.publish_diagnostics()
+
+    def _on_diagnostics_due(self) -> None:
+        """Diagnostics, then the garbage: never within a tick."""
+        self.publish_diagnostics()
         if self.active:
             realtime.collect()
 
@@ -142,8 +161,11 @@ class PoiseNode(LifecycleNode):
         """Bring ``level``, ``message`` and ``values`` up to date; called before each publication."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; see ``configure``."""
-        return self._transition("configured", self.configure, state, super().on_configure)
+        """Lifecycle transition; see ``configure``. What a failed one made is destroyed."""
+        result = self._transition("configured", self.configure, state, super().on_configure)
+        if result != TransitionCallbackReturn.SUCCESS:
+            self.cleanup()
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; see ``activate``."""
@@ -170,8 +192,9 @@ class PoiseNode(LifecycleNode):
         )
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a programming error in a transition: back to unconfigured."""
+        """After a programming error in a transition: back to unconfigured, with nothing left."""
         self.active = False
+        self.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
     def _transition(
@@ -195,7 +218,7 @@ class PoiseNode(LifecycleNode):
         return base(state)
 
     def _declare_realtime(self) -> None:
-        self.declare_parameter("realtime.priority", 0, describe("SCHED_FIFO priority, 0 for none"))
+        self.declare_parameter("realtime.priority", 0, describe("SCHED_FIFO priority, 0 for none", integer=(0, 99)))
         self.declare_parameter("realtime.lock_memory", False, describe("Whether to lock the memory of the process"))
         self.declare_parameter("realtime.cores", [-1], describe("Cores to run on; [-1] for any"))
 

@@ -28,6 +28,11 @@ class TickTimer:
         self._durations[self._count % WINDOW] = 1e-3 * (time.perf_counter_ns() - self._begin)
         self._count += 1
 
+    @property
+    def last(self) -> float:
+        """Duration of the last tick [s]; 0 before the first."""
+        return 1e-6 * float(self._durations[(self._count - 1) % WINDOW])
+
     def values(self) -> dict[str, str]:
         """Median and 99th percentile of the remembered ticks [us], for diagnostics; empty before the first tick."""
         if self._count == 0:

@@ -34,6 +34,9 @@ HELD, ACTIVE, DAMPED, OFF = "held", "active", "damped", "off"
 MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
 """First word of ``motion/state`` and ``motion/plan_state``; the reason follows ``refused: ``."""
 
+OVERRUNS = "ticks over budget in a row"
+"""Key of the controller's diagnostics that the supervisor reads."""
+
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
 

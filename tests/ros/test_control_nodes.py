@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
-from models.nodes import topics
+from models.nodes import realtime, topics
+from models.nodes.base import ALARM_PERIOD
 from models.nodes.messages import JointStateCodec, trajectory_to_message
 from models.nodes.qos import EVENT, LATCHED, SENSOR_RELIABLE
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import ContactState, ControlResult, RobotState, SolveStatus
 from models.types import JointTrajectory as Trajectory
 
 pytestmark = pytest.mark.ros
@@ -44,7 +49,7 @@ def test_a_sample_before_activation_is_passed_over(bench: Any, g1: RobotModel) -
 class Controlled:
     """A controller that stands, and what it says about motions."""
 
-    def __init__(self, bench: Any, g1: RobotModel) -> None:
+    def __init__(self, bench: Any, g1: RobotModel, **parameters: object) -> None:
         self.bench, self.model, self.stamp = bench, g1, 0
         self.said: list[str] = []
         world = bench.world
@@ -52,7 +57,7 @@ class Controlled:
         self.request = world.create_publisher(String, topics.MOTION_REQUEST, EVENT)
         self.plan = world.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
         world.create_subscription(String, topics.MOTION_STATE, lambda m: self.said.append(m.data), EVENT)
-        self.node = bench.add(lambda **kwargs: BalanceControllerNode(local=True, **kwargs))
+        self.node = bench.add(lambda **kwargs: BalanceControllerNode(local=True, **kwargs), **parameters)
         for publisher in (self.mode, self.request, self.plan):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
         self.set_mode("stand")
@@ -81,6 +86,55 @@ class Controlled:
         self.plan.publish(plan)
         self.bench.wait(lambda: self.said)
         return self.said[0]
+
+
+def test_ticks_over_their_budget_are_counted_and_told_at_once(bench: Any, g1: RobotModel) -> None:
+    told: list[tuple[float, dict[str, str]]] = []
+
+    def hear(array: DiagnosticArray) -> None:
+        told.extend((time.monotonic(), {item.key: item.value for item in status.values}) for status in array.status)
+
+    bench.world.create_subscription(DiagnosticArray, "/diagnostics", hear, EVENT)
+    robot = Controlled(bench, g1, tick_budget=1e-5, diagnostics_period=10.0)
+    bench.spin(0.3)
+    told.clear()
+    for _ in range(19):
+        robot.tick()
+    bench.wait(lambda: told)
+    assert told[0][1][topics.OVERRUNS] in ("10", "20")
+    assert int(told[0][1]["ticks over budget"]) >= 10
+    robot.node._budget = 10.0
+    robot.tick()
+    assert robot.node._overruns == 0
+    robot.set_mode("damp")
+    robot.set_mode("stand")
+    assert robot.node._result is None  # what was solved before says nothing about now
+
+
+def test_a_status_that_flaps_does_not_flood_the_diagnostics(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alarms are rate-limited, and no garbage is collected within a tick."""
+    robot = Controlled(bench, g1, diagnostics_period=10.0)
+    node, published, collected = robot.node, [], []
+    monkeypatch.setattr(node, "_diagnostics", SimpleNamespace(publish=published.append))
+    monkeypatch.setattr(realtime, "collect", lambda: collected.append(True))
+    step, count = node._law.step, 0
+
+    def flap(state: RobotState, dt: float) -> ControlResult:
+        nonlocal count
+        count += 1
+        return replace(step(state, dt), status=SolveStatus.HELD if count % 2 else SolveStatus.OPTIMAL)
+
+    monkeypatch.setattr(node._law, "step", flap)
+    begin = time.monotonic()
+    for _ in range(200):
+        robot.tick()
+    assert node.counters["held"] == 100
+    assert 1 <= len(published) <= 1 + (time.monotonic() - begin) / ALARM_PERIOD
+    assert collected == []
+    node._on_diagnostics_due()
+    assert collected == [True]
 
 
 def test_a_plan_that_comes_too_late_is_dropped(bench: Any, g1: RobotModel) -> None:

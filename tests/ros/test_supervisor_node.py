@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -135,6 +135,39 @@ def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: Wor
     accepted, reason = world.call("mode/stand")
     assert not accepted
     assert "base tilted by 1.50 rad" in reason
+
+
+@pytest.mark.parametrize(
+    ("status", "overruns", "culprit"),
+    [
+        ("optimal", "20", "overran its time budget in 20 ticks in a row"),
+        ("damped", "0", "no usable torques"),
+        ("splendid", "0", "no usable torques"),
+    ],
+)
+def test_what_the_controller_reports_damps(
+    bench: Any, world: World, g1: RobotModel, status: str, overruns: str, culprit: str
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+
+    def report(message: str, count: str) -> None:
+        told = DiagnosticStatus(name="/balance_controller", message=message)
+        told.values = [KeyValue(key=topics.OVERRUNS, value=count)]
+        reports.publish(DiagnosticArray(status=[told]))
+
+    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
+    report("optimal", "19")
+    bench.spin(0.3)
+    report("idle in mode 'off'", "0")
+    bench.spin(0.3)
+    assert world.modes == ["stand"]
+    report(status, overruns)
+    bench.wait(lambda: world.modes[-1] == "damp")
+    assert culprit in world.call("mode/stand")[1]
+    assert node.counters["refused /diagnostics"] == (status == "splendid")
 
 
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:

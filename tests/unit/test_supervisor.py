@@ -108,6 +108,7 @@ def test_longest_text_that_is_read(standing: Supervisor) -> None:
         (replace(WELL, command_stamp=0.85), "whole-body command older"),
         (replace(WELL, drivers_damped=True), "drivers fell back"),
         (replace(WELL, status=SolveStatus.DAMPED), "no usable torques"),
+        (replace(WELL, overruns=20), "overran its time budget in 20 ticks in a row"),
     ],
 )
 def test_fault_damps_latches_and_names_the_cause(standing: Supervisor, health: Health, culprit: str) -> None:
@@ -125,7 +126,8 @@ def test_fault_damps_latches_and_names_the_cause(standing: Supervisor, health: H
 
 
 def test_healthy_robot_keeps_standing(standing: Supervisor) -> None:
-    assert standing.update(replace(WELL, tilt=0.69, state_stamp=0.95, command_stamp=0.95), 1.0) is Mode.STAND
+    barely = replace(WELL, tilt=0.69, state_stamp=0.95, command_stamp=0.95, overruns=19)
+    assert standing.update(barely, 1.0) is Mode.STAND
     assert standing.faults == ()
 
 

@@ -1,0 +1,108 @@
+"""Every node goes through its states again and again, and leaves nothing behind when it fails."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import IntegerRange
+from std_msgs.msg import String
+
+from bridge.nodes.mujoco_bridge import MujocoBridge
+from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.nodes.state_estimator import StateEstimatorNode
+from controllers.nodes.supervisor import SupervisorNode
+from models.errors import ConfigError
+from models.nodes.base import PoiseNode
+from models.nodes.parameters import describe
+from models.nodes.qos import EVENT
+from planners.nodes.motion_planner import MotionPlannerNode
+
+pytestmark = pytest.mark.ros
+
+NODES = (MujocoBridge, StateEstimatorNode, BalanceControllerNode, SupervisorNode, MotionPlannerNode)
+
+
+def _entities(node: Any) -> tuple[int, ...]:
+    return tuple(len(list(kind)) for kind in (node.publishers, node.subscriptions, node.services, node.timers))
+
+
+@pytest.mark.parametrize("kind", NODES)
+def test_a_node_can_be_cycled(bench: Any, kind: type[PoiseNode]) -> None:
+    node = bench.add(kind, active=False)
+    configured = _entities(node)
+    node.trigger_cleanup()
+    bare = _entities(node)
+    assert bare < configured
+    for _ in range(2):
+        node.trigger_configure()
+        node.trigger_activate()
+        assert node.active
+        bench.spin(0.1)
+        node.trigger_deactivate()
+        assert not node.active
+        bench.spin(0.05)
+        assert _entities(node) == configured
+        node.trigger_cleanup()
+        assert _entities(node) == bare
+
+
+class Failing(PoiseNode):
+    """Fails half-way through its configuration."""
+
+    error: Exception = RuntimeError("a bug")
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("failing", **kwargs)
+
+    def configure(self) -> None:
+        self.listen(String, "ears", lambda message: None, EVENT)
+        self.announce(String, "mouth", EVENT)
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [ConfigError("no such robot"), RuntimeError("a bug")])
+def test_a_failed_configuration_leaves_nothing(bench: Any, error: Exception) -> None:
+    class Node(Failing):
+        pass
+
+    Node.error = error
+    node = bench.add(Node, active=False)
+    bare = _entities(node)
+    node.trigger_configure()
+    assert _entities(node) == bare
+    names = {name for name, _ in bench.world.get_topic_names_and_types()}
+    assert "/mouth" not in names
+    assert str(error) in node.message
+    Node.configure = PoiseNode.configure  # type: ignore[method-assign]
+    node.trigger_configure()
+    node.trigger_activate()
+    assert node.active
+
+
+def test_a_bug_while_activating_leaves_nothing(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(node: Any) -> None:
+        raise RuntimeError("a bug")
+
+    node = bench.add(MotionPlannerNode, active=False)
+    node.trigger_cleanup()
+    bare = _entities(node)
+    monkeypatch.setattr(MotionPlannerNode, "activate", fail)
+    node.trigger_configure()
+    node.trigger_activate()
+    assert not node.active
+    assert _entities(node) == bare
+
+
+def test_ranges_of_parameters() -> None:
+    bounds = describe("x", high=0.0).floating_point_range[0]
+    assert (bounds.from_value < -1e300, bounds.to_value) == (True, 0.0)
+    assert describe("n", integer=(0, 99)).integer_range == [IntegerRange(from_value=0, to_value=99)]
+
+
+@pytest.mark.parametrize("kind", NODES)
+def test_every_integer_parameter_has_a_range(bench: Any, kind: type[PoiseNode]) -> None:
+    node = bench.add(kind, active=False)
+    for name, parameter in node._parameters.items():
+        if type(parameter.value) is int:
+            assert node.describe_parameter(name).integer_range, name
