@@ -113,7 +113,7 @@ class Graph:
 
     def close(self) -> None:
         """End every process and leave ROS."""
-        self.exit_codes = stop_all(self._processes[::-1])
+        self.exit_codes.update(stop_all(self._processes[::-1]))
         if self._output is not None:
             self._output.close()
         self._executor.remove_node(self.node)
@@ -269,18 +269,20 @@ def up(
         raise _Interrupted
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
-    graph = Graph(
-        robot,
-        lockstep=lockstep,
-        merged=merged,
-        domain_id=domain_id,
-        network=network,
-        parameters=parameters,
-        log=log,
-        say=say,
-    )
+    exit_codes: Mapping[str, int | None] = {}
     code = 0
     try:
+        graph = Graph(
+            robot,
+            lockstep=lockstep,
+            merged=merged,
+            domain_id=domain_id,
+            network=network,
+            parameters=parameters,
+            log=log,
+            say=say,
+        )
+        exit_codes = graph.exit_codes
         with graph:
             say(f"{robot} is up; Ctrl-C ends it")
             while duration is None or time.monotonic() - begin < duration:
@@ -293,7 +295,7 @@ def up(
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-    bad = {module: exit_code for module, exit_code in graph.exit_codes.items() if exit_code not in CLEAN_EXITS}
+    bad = {module: exit_code for module, exit_code in exit_codes.items() if exit_code not in CLEAN_EXITS}
     for module, exit_code in bad.items():
         say(f"{module} ended with code {exit_code}")
     return 1 if bad else code

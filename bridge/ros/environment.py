@@ -9,7 +9,7 @@ from pathlib import Path
 
 from models.errors import PoiseError
 from models.nodes.realtime import THREAD_VARIABLES
-from models.nodes.spin import SUPERVISED
+from models.nodes.spin import SUPERVISED, log_variables
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""
@@ -36,9 +36,7 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
     if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
         variables[PROFILE_VARIABLE] = profile
         variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # any other value overrides the profile
-    if "HOME" not in os.environ and "ROS_LOG_DIR" not in os.environ:
-        variables["ROS_LOG_DIR"] = f"/tmp/ros_log_{os.getuid()}"
-    return variables
+    return variables | log_variables()
 
 
 def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:

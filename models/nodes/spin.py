@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,6 +22,13 @@ SUPERVISED = "POISE_SUPERVISED"
 
 SPIN_TIMEOUT = 0.1
 """Longest time between two looks at the stop flag [s]."""
+
+
+def log_variables() -> dict[str, str]:
+    """Where rclpy is to write its logs, if the environment does not say: without a home it would fail."""
+    if "HOME" in os.environ or "ROS_LOG_DIR" in os.environ:
+        return {}
+    return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
 
 
 class Stop:
@@ -69,8 +77,7 @@ def run(
     """
     if os.environ.get(SUPERVISED):
         die_with_parent()
-    if "HOME" not in os.environ:
-        os.environ.setdefault("ROS_LOG_DIR", str(Path("/tmp") / f"ros_log_{os.getuid()}"))
+    os.environ.update(log_variables())
     rclpy.init(args=list(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
     nodes: list[Any] = []

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 from nav_msgs.msg import Odometry
+from std_msgs.msg import String
 
+from bridge import launch
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import ProcessSpec, ros_arguments
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import SENSOR
+from models.nodes.qos import EVENT, LATCHED, SENSOR
 
 pytestmark = pytest.mark.ros
 
@@ -81,6 +85,54 @@ def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
 def test_parameters_for_unknown_nodes_are_refused() -> None:
     with pytest.raises(PoiseError, match="unknown nodes: nobody"):
         Graph("g1", parameters={"nobody": {}})
+
+
+def test_what_cannot_be_built_is_said_and_the_signals_are_given_back(capfd: pytest.CaptureFixture[str]) -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    assert launch.up("g1", parameters={"nobody": {}}) == 1
+    assert "unknown nodes: nobody" in capfd.readouterr().err
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+PLAIN = """
+import sys, time, rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+rclpy.init()
+node, heard = rclpy.create_node("plain"), []
+node.create_subscription(
+    String, "mode", lambda message: heard.append(message.data),
+    QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+)
+mouth = node.create_publisher(String, "humanoid_commands", 10)
+end = time.monotonic() + 20.0
+while time.monotonic() < end and not (heard and mouth.get_subscription_count()):
+    rclpy.spin_once(node, timeout_sec=0.1)
+time.sleep(0.5)
+mouth.publish(String(data="wave"))
+time.sleep(0.5)
+print(heard)
+"""
+
+
+@pytest.mark.parametrize("discovery", [None, "LOCALHOST"])
+def test_a_plain_process_on_this_machine_reaches_the_graph(bench: Any, discovery: str | None) -> None:
+    """With nothing of poise in it and nothing set, in both directions."""
+    heard: list[str] = []
+    bench.world.create_subscription(String, topics.HUMANOID_COMMANDS, lambda m: heard.append(m.data), EVENT)
+    bench.world.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
+    ours = ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    environment = {name: value for name, value in os.environ.items() if name not in ours}
+    if discovery is not None:
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery
+    plain = subprocess.Popen([sys.executable, "-c", PLAIN], env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        bench.wait(lambda: plain.poll() is not None, 40.0)
+        assert plain.stdout is not None
+        assert plain.stdout.read().strip() == "['stand']"
+        assert heard == ["wave"]
+    finally:
+        plain.kill()
 
 
 def test_ros_arguments_quote_every_type() -> None:
