@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from models.nodes import topics
-from models.nodes.messages import JointCommandCodec
+from models.nodes.messages import JointCommandCodec, decode, doubles
+from models.nodes.qos import COMMAND
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
@@ -54,6 +57,77 @@ def test_only_accepted_commands_count_as_answers(bridge: MujocoBridge, g1: Robot
     _send(bridge, g1, 90)
     _send(bridge, g1, 85)  # overtaken
     assert np.flatnonzero(received).tolist() == [90]
+
+
+def _message(g1: RobotModel, how: str) -> JointTrajectory:
+    """A command that answers tick 100, spoilt in one way."""
+    values = np.array([g1.posture("stand") + 0.001, np.full(g1.nj, 0.01), np.full(g1.nj, 0.1)])
+    message = decode(JointCommandCodec(g1).encode(100 * MS, JointCommand(*values)), JointTrajectory)
+    names, point, knee = list(g1.joint_names), message.points[0], g1.joint_index("left_knee_joint")
+    fields = ("positions", "velocities", "effort")
+    if how == "missing":
+        message.joint_names = names[:-1]
+        for field in fields:
+            setattr(point, field, getattr(point, field)[:-1])
+    elif how == "reordered":
+        message.joint_names = names[::-1]
+        for field in fields:
+            setattr(point, field, getattr(point, field)[::-1])
+    elif how == "duplicate":
+        message.joint_names = [*names[:-1], "left_knee_joint"]
+    elif how == "unknown":
+        message.joint_names = [*names[:-1], "tail_joint"]
+    elif how == "nan":
+        point.effort[knee] = math.nan
+    elif how in ("jump", "limits"):
+        point.velocities, point.effort = doubles(np.zeros(g1.nj)), []  # a trajectory then, judged as one
+        point.time_from_start.nanosec = 1 if how == "jump" else 500 * MS
+        point.positions[knee] += 0.5
+        if how == "limits":
+            point.positions[knee] = g1.q_upper[knee] + 0.1
+    elif how == "stale":
+        message.header.stamp.nanosec = 79 * MS
+    elif how == "backward":
+        message.header.stamp.nanosec = 98 * MS
+    elif how == "repeated":
+        message.header.stamp.nanosec = 99 * MS
+    return message
+
+
+@pytest.mark.parametrize(
+    ("how", "culprit"),
+    [
+        ("good", ""),
+        ("reordered", ""),
+        ("missing", "is missing"),
+        ("duplicate", "'left_knee_joint' is given twice"),
+        ("unknown", "tail_joint"),
+        ("nan", "effort of left_knee_joint is nan"),
+        ("jump", "'left_knee_joint', point 0: start jump"),
+        ("limits", "'left_knee_joint', point 0: position"),
+        ("stale", "header.stamp: 79000000 ns is not after 99000000 ns"),
+        ("backward", "header.stamp: 98000000 ns is not after 99000000 ns"),
+        ("repeated", "header.stamp: 99000000 ns is not after 99000000 ns"),
+    ],
+)
+def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotModel, how: str, culprit: str) -> None:
+    """With stamps that are due: each is taken, or refused by name without a trace in the drivers."""
+    _send(bridge, g1, 99)
+    before = bridge._driven.servo.setpoint
+    publisher = bench.world.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+    bench.wait(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(_message(g1, how))
+    if not culprit:
+        bench.wait(lambda: bridge._command_stamp == 100 * MS)
+        setpoint = bridge._driven.servo.setpoint
+        np.testing.assert_array_equal(setpoint.q, np.clip(g1.posture("stand") + 0.001, g1.q_lower, g1.q_upper))
+        np.testing.assert_array_equal(setpoint.v, 0.01)
+        np.testing.assert_array_equal(setpoint.tau, 0.1)
+        return
+    bench.wait(lambda: bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1)
+    assert culprit in bridge.values["last refusal"]
+    assert bridge._command_stamp == 99 * MS
+    np.testing.assert_array_equal(bridge._driven.servo.setpoint.q, before.q)
 
 
 def test_unknown_modes_are_refused_by_name(bridge: MujocoBridge) -> None:
