@@ -1,19 +1,31 @@
-"""Nodes under test in this process, beside a node that plays the rest of the graph."""
+"""Nodes under test in this process, beside a node that plays the rest of the graph; and the real graph, watched."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
-from bridge.ros.environment import join_graph
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain, join_graph
+from models.nodes import topics
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import COMMAND, EVENT, SENSOR
 
 
 class Bench:
@@ -81,3 +93,73 @@ def bench(ros_domain_id: int) -> Iterator[Bench]:
     yield made
     made.close()
     context.try_shutdown()
+
+
+class Eyes:
+    """What the tests see of the graph."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.graph = graph
+        self.truth: list[np.ndarray] = []
+        self.posture = b""
+        self.joints = b""
+        self.motion: list[str] = []
+        self.reports: dict[str, dict[str, str]] = {}
+        listen = graph.node.create_subscription
+        listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
+        listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+        listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
+        listen(String, topics.MOTION_PLAN_STATE, lambda message: self.motion.append(message.data), EVENT)
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+        self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        self.states = graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+
+    def _on_truth(self, data: bytes) -> None:
+        self.truth.append(OdometryCodec().decode(data)[1])
+
+    def _on_posture(self, data: bytes) -> None:
+        self.posture = data
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name] = {"message": status.message, **{item.key: item.value for item in status.values}}
+
+    def refusal(self, node: str, topic: str, act: Callable[[], object], culprit: str) -> None:
+        """Do something until a node reports a new refusal on a topic that names the culprit."""
+        key = f"refused {topic}"
+        before = int(self.reports.get(f"/{node}", {}).get(key, "0"))
+
+        def refused() -> bool:
+            act()
+            report = self.reports.get(f"/{node}", {})
+            return int(report.get(key, "0")) > before and culprit in report["last refusal"]
+
+        self.graph.wait_for(refused, 5.0, f"refused by {node} with '{culprit}'")
+
+
+@pytest.fixture(scope="module")
+def eyes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
+    """A graph that stands."""
+    log = tmp_path_factory.mktemp("graph") / "log"
+    os.environ["ROS_LOG_DIR"] = str(log.parent)
+    with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None) as graph:
+        seen = Eyes(graph)
+        graph.wait_standing(90.0)
+        graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")
+        yield seen
+        pids = list(graph.pids.values())
+    assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.fixture
+def undisturbed(eyes: Eyes) -> Iterator[None]:
+    """The robot neither moves nor changes its mode meanwhile."""
+    eyes.graph.spin(0.2)
+    eyes.truth.clear()
+    yield
+    eyes.graph.spin(0.3)
+    path = np.array(eyes.truth)[:, :3]
+    assert np.ptp(path, axis=0).max() < 0.005  # [m]
+    assert (eyes.graph.mode, eyes.graph.driver_state) == ("stand", "active")

@@ -1,25 +1,16 @@
-"""The real graph over DDS: it stands, refuses what is malformed naming the culprit, survives a crash, ends cleanly."""
+"""The real graph over DDS: it stands, refuses what is malformed naming the culprit, ends cleanly."""
 
 from __future__ import annotations
 
 import math
-import os
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.launch import Graph
-from bridge.ros.environment import free_domain
 from models.nodes import topics
 from models.nodes.messages import (
     ImuCodec,
@@ -30,11 +21,11 @@ from models.nodes.messages import (
     doubles,
     trajectory_to_message,
 )
-from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.qos import SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
+from tests.ros.conftest import Eyes
 
 pytestmark = pytest.mark.ros
 
@@ -47,76 +38,6 @@ SERVICES = (
     *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
     *("calibrate/imu", "calibrate/joints", "calibrate/feet"),
 )
-
-
-class Eyes:
-    """What the tests see of the graph."""
-
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
-        self.truth: list[np.ndarray] = []
-        self.posture = b""
-        self.joints = b""
-        self.motion: list[str] = []
-        self.reports: dict[str, dict[str, str]] = {}
-        listen = graph.node.create_subscription
-        listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
-        listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
-        listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
-        listen(String, topics.MOTION_PLAN_STATE, lambda message: self.motion.append(message.data), EVENT)
-        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
-        self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
-        self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
-        self.states = graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
-
-    def _on_truth(self, data: bytes) -> None:
-        self.truth.append(OdometryCodec().decode(data)[1])
-
-    def _on_posture(self, data: bytes) -> None:
-        self.posture = data
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            self.reports[status.name] = {"message": status.message, **{item.key: item.value for item in status.values}}
-
-    def refusal(self, node: str, topic: str, act: Callable[[], object], culprit: str) -> None:
-        """Do something until a node reports a new refusal on a topic that names the culprit."""
-        key = f"refused {topic}"
-        before = int(self.reports.get(f"/{node}", {}).get(key, "0"))
-
-        def refused() -> bool:
-            act()
-            report = self.reports.get(f"/{node}", {})
-            return int(report.get(key, "0")) > before and culprit in report["last refusal"]
-
-        self.graph.wait_for(refused, 5.0, f"refused by {node} with '{culprit}'")
-
-
-@pytest.fixture(scope="module")
-def eyes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
-    """A graph that stands."""
-    log = tmp_path_factory.mktemp("graph") / "log"
-    os.environ["ROS_LOG_DIR"] = str(log.parent)
-    with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None) as graph:
-        seen = Eyes(graph)
-        graph.wait_standing(90.0)
-        graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")
-        yield seen
-        pids = list(graph.pids.values())
-    assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
-    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
-
-
-@pytest.fixture
-def undisturbed(eyes: Eyes) -> Iterator[None]:
-    """The robot neither moves nor changes its mode meanwhile."""
-    eyes.graph.spin(0.2)
-    eyes.truth.clear()
-    yield
-    eyes.graph.spin(0.3)
-    path = np.array(eyes.truth)[:, :3]
-    assert np.ptp(path, axis=0).max() < 0.005  # [m]
-    assert (eyes.graph.mode, eyes.graph.driver_state) == ("stand", "active")
 
 
 def test_the_graph_offers_what_the_architecture_names(eyes: Eyes) -> None:
@@ -315,95 +236,3 @@ def test_every_parameter_is_described(eyes: Eyes) -> None:
         assert len(names) > 3
         answer = call(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
         assert [d.name for d in answer.descriptors if not d.description] == []
-
-
-def test_a_killed_planner_is_restarted_alone(eyes: Eyes, undisturbed: None) -> None:
-    before = dict(eyes.graph.pids)
-    os.kill(before["planners.nodes.motion_planner"], 9)
-    eyes.graph.wait_for(lambda: eyes.graph.pids != before, 60.0, "restarted")
-    changed = [name for name, pid in eyes.graph.pids.items() if pid != before[name]]
-    assert changed == ["planners.nodes.motion_planner"]
-
-
-def _restart_supervisor(graph: Graph) -> None:
-    before = graph.pids["controllers.nodes.supervisor"]
-    os.kill(before, 9)
-    graph.wait_for(lambda: graph.pids["controllers.nodes.supervisor"] != before, 60.0, "restarted")
-
-
-def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: None) -> None:
-    modes: list[str] = []
-    ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
-    _restart_supervisor(eyes.graph)
-    eyes.graph.spin(0.5)
-    eyes.graph.node.destroy_subscription(ears)
-    assert set(modes) == {"stand"}
-
-
-def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) -> None:
-    assert eyes.graph.call("estop")[0]
-    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
-    _restart_supervisor(eyes.graph)
-    accepted, reason = eyes.graph.call("mode/stand")
-    assert not accepted
-    assert "the drivers were damped when the supervisor started" in reason
-    assert eyes.graph.call("reset_faults")[0]
-    assert eyes.graph.call("reset")[0]
-    eyes.graph.wait_standing(20.0)
-
-
-def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
-    push = eyes.graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
-    eyes.graph.wait_for(lambda: push.get_subscription_count() > 0, 5.0, "listening for pushes")
-    eyes.graph.spin(0.2)
-    message = WrenchStamped()
-    message.header.frame_id = "torso_link"
-    message.wrench.force.x = 800.0
-    push.publish(message)
-    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 10.0, "damped")
-    eyes.graph.spin(2.0)
-    assert eyes.truth[-1][2] < 0.4  # [m] it lies
-    assert eyes.graph.call("reset_faults")[0]
-    eyes.graph.spin(1.5)  # whatever the checks find, they have found it
-    accepted, reason = eyes.graph.call("mode/stand")
-    assert not accepted
-    assert "base tilted by" in reason
-    assert eyes.graph.driver_state == "damped"
-    assert eyes.graph.call("reset")[0]
-    eyes.graph.wait_standing(20.0)
-
-
-def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes) -> None:
-    graph, module = eyes.graph, "controllers.nodes.control"
-    heard: list[tuple[float, str]] = []
-    ears = graph.node.create_subscription(
-        String, topics.DRIVER_STATE, lambda message: heard.append((time.monotonic(), message.data)), LATCHED
-    )
-    graph.wait_for(lambda: bool(heard), 5.0, "heard")
-    before = graph.pids[module]
-    os.kill(before, 9)
-    killed = time.monotonic()
-    graph.wait_for(lambda: heard[-1][1] == "damped", 2.0, "damped")
-    assert heard[-1][0] - killed < 0.04 + 0.1  # [s] the drivers' timeout, and what two busy cores may add
-    graph.wait_for(lambda: graph.pids[module] != before, 60.0, "restarted")
-    accepted, reason = graph.call("mode/stand")
-    assert not accepted
-    assert "latched faults" in reason
-    assert graph.call("reset_faults")[0]
-    assert graph.call("reset")[0]
-    graph.wait_standing(20.0)
-    graph.node.destroy_subscription(ears)
-
-
-def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
-    begin = time.monotonic()
-    accepted, _ = eyes.graph.call("estop")
-    assert accepted
-    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
-    assert time.monotonic() - begin < 1.0
-    accepted, reason = eyes.graph.call("mode/stand")
-    assert not accepted
-    assert "emergency stop" in reason
-    assert eyes.graph.call("reset_faults")[0]
-    assert eyes.graph.call("reset")[0]  # back to the start: held, checked, and standing again
-    eyes.graph.wait_standing(20.0)

@@ -1,0 +1,109 @@
+"""The real graph when a process is killed, the robot falls, or somebody pulls the brake."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from std_msgs.msg import String
+
+from bridge.launch import Graph
+from models.nodes import topics
+from models.nodes.qos import EVENT, LATCHED
+from tests.ros.conftest import Eyes
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_killed_planner_is_restarted_alone(eyes: Eyes, undisturbed: None) -> None:
+    before = dict(eyes.graph.pids)
+    os.kill(before["planners.nodes.motion_planner"], 9)
+    eyes.graph.wait_for(lambda: eyes.graph.pids != before, 60.0, "restarted")
+    changed = [name for name, pid in eyes.graph.pids.items() if pid != before[name]]
+    assert changed == ["planners.nodes.motion_planner"]
+
+
+def _restart_supervisor(graph: Graph) -> None:
+    before = graph.pids["controllers.nodes.supervisor"]
+    os.kill(before, 9)
+    graph.wait_for(lambda: graph.pids["controllers.nodes.supervisor"] != before, 60.0, "restarted")
+
+
+def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: None) -> None:
+    modes: list[str] = []
+    ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
+    _restart_supervisor(eyes.graph)
+    eyes.graph.spin(0.5)
+    eyes.graph.node.destroy_subscription(ears)
+    assert set(modes) == {"stand"}
+
+
+def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) -> None:
+    assert eyes.graph.call("estop")[0]
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
+    _restart_supervisor(eyes.graph)
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "the drivers were damped when the supervisor started" in reason
+    assert eyes.graph.call("reset_faults")[0]
+    assert eyes.graph.call("reset")[0]
+    eyes.graph.wait_standing(20.0)
+
+
+def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
+    push = eyes.graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+    eyes.graph.wait_for(lambda: push.get_subscription_count() > 0, 5.0, "listening for pushes")
+    eyes.graph.spin(0.2)
+    message = WrenchStamped()
+    message.header.frame_id = "torso_link"
+    message.wrench.force.x = 800.0
+    push.publish(message)
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 10.0, "damped")
+    eyes.graph.spin(2.0)
+    assert eyes.truth[-1][2] < 0.4  # [m] it lies
+    assert eyes.graph.call("reset_faults")[0]
+    eyes.graph.spin(1.5)  # whatever the checks find, they have found it
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "base tilted by" in reason
+    assert eyes.graph.driver_state == "damped"
+    assert eyes.graph.call("reset")[0]
+    eyes.graph.wait_standing(20.0)
+
+
+def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes) -> None:
+    graph, module = eyes.graph, "controllers.nodes.control"
+    heard: list[tuple[float, str]] = []
+    ears = graph.node.create_subscription(
+        String, topics.DRIVER_STATE, lambda message: heard.append((time.monotonic(), message.data)), LATCHED
+    )
+    graph.wait_for(lambda: bool(heard), 5.0, "heard")
+    before = graph.pids[module]
+    os.kill(before, 9)
+    killed = time.monotonic()
+    graph.wait_for(lambda: heard[-1][1] == "damped", 2.0, "damped")
+    assert heard[-1][0] - killed < 0.04 + 0.1  # [s] the drivers' timeout, and what two busy cores may add
+    graph.wait_for(lambda: graph.pids[module] != before, 60.0, "restarted")
+    accepted, reason = graph.call("mode/stand")
+    assert not accepted
+    assert "latched faults" in reason
+    assert graph.call("reset_faults")[0]
+    assert graph.call("reset")[0]
+    graph.wait_standing(20.0)
+    graph.node.destroy_subscription(ears)
+
+
+def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
+    begin = time.monotonic()
+    accepted, _ = eyes.graph.call("estop")
+    assert accepted
+    eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
+    assert time.monotonic() - begin < 1.0
+    accepted, reason = eyes.graph.call("mode/stand")
+    assert not accepted
+    assert "emergency stop" in reason
+    assert eyes.graph.call("reset_faults")[0]
+    assert eyes.graph.call("reset")[0]  # back to the start: held, checked, and standing again
+    eyes.graph.wait_standing(20.0)
