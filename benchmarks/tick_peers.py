@@ -2,11 +2,10 @@
 
 What placo's problem shares with ours: model with rotor inertia, state, references, wanted accelerations, task weights
 (CoM, base and torso orientation, upper-body and leg posture), soles held by the same feedback as hard constraints,
-contact rectangles, friction pyramid, torque limits. What differs, each time in placo's favour where it costs time: its
-CoM task has one weight for all axes; it has no yaw-moment rows (9 rows a foot, ours 17), no upper bound on the normal
-force, and its joint position and velocity limits are left off (ours are on); it draws wrenches to zero, ours to an even
-share of the weight; it reports no KKT residual, ours is checked on every tick. Copying state and references into placo
-is not timed.
+contact rectangles, friction pyramid, limits on torque, joint position and joint velocity. What differs, each time in
+placo's favour where it costs time: its CoM task has one weight for all axes; it has no yaw-moment rows (9 rows a foot,
+ours 17) and no upper bound on the normal force; it draws wrenches to zero, ours to an even share of the weight; it
+reports no KKT residual, ours is checked on every tick. Copying state and references into placo is not timed.
 """
 
 from __future__ import annotations
@@ -50,6 +49,9 @@ class PlacoTick:
         self._robot = robot = _placo_robot(model)
         self._solver = solver = placo.DynamicsSolver(robot)
         solver.enable_torque_limits(True)
+        solver.enable_joint_limits(True)
+        solver.enable_velocity_limits(True)
+        solver.dt = 1.0 / config.limits.velocity_gain
         solver.torque_cost = 0.0
         for name, inertia, torque in zip(model.joint_names, model.armature, model.tau_max, strict=True):
             robot.set_rotor_inertia(name, float(inertia))
@@ -127,8 +129,11 @@ class PlacoTick:
         self.torque = result.tau[6:]
 
 
-class TextbookCalls:
-    """The Pinocchio calls that a reader of its manual would make for the terms of the same problem.
+class PinocchioCalls:
+    """The Pinocchio calls, made from Python, that give the terms of the same problem.
+
+    Poses, Jacobians, velocities and drifts of soles and torso, the CoM with velocity, Jacobian and drift, the
+    centroidal map, M and h. Our tick gets by with fewer calls and reads the rest off their arrays in its own kernel.
 
     Args:
         model: The robot.
@@ -136,7 +141,7 @@ class TextbookCalls:
 
     def __init__(self, model: RobotModel) -> None:
         self._pin, self._data = model.pin, model.data()
-        self._frames = (*(foot.frame_id for foot in model.feet), model.frame_id("torso"), model.frame_id("base_link"))
+        self._frames = (*(foot.frame_id for foot in model.feet), model.frame_id("torso"))
         self._zero = np.zeros(model.nv)
 
     def step(self, q: Vector, v: Vector) -> None:
@@ -153,7 +158,7 @@ class TextbookCalls:
             pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL)
         pin.centerOfMass(model, data, q, v, self._zero)
         pin.jacobianCenterOfMass(model, data, q)
-        pin.dccrba(model, data, q, v)
+        pin.ccrba(model, data, q, v)
 
 
 def _centre(rectangle: tuple[float, float, float, float]) -> Vector:
