@@ -23,7 +23,7 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_to_message
 from models.nodes.parameters import declare_config, describe
-from models.nodes.qos import LATCHED, SENSOR, sensor
+from models.nodes.qos import LATCHED, sensor
 from models.nodes.spin import run
 from models.robot_model import SOLE_FRAMES
 from models.types import RobotState, SensorData
@@ -65,9 +65,9 @@ class StateEstimatorNode(PoiseNode):
         self._joint_codec, self._imu_codec = JointStateCodec(self.model), ImuCodec(topics.IMU_FRAME)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._odom_codec = OdometryCodec()
-        self._odom = self.announce(Odometry, topics.ODOM, SENSOR)
-        self._contacts = self.announce(UInt8MultiArray, topics.CONTACTS, SENSOR)
         qos = sensor(reliable=self._lockstep)
+        self._odom = self.announce(Odometry, topics.ODOM, qos)
+        self._contacts = self.announce(UInt8MultiArray, topics.CONTACTS, qos)
         self.listen(Imu, topics.IMU, self._on_imu, qos, raw=True)
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             self.listen(WrenchStamped, topic, self._foot_callback(foot), qos, raw=True)

@@ -1,0 +1,85 @@
+"""What controls has no way to the truth: not over the graph, not through an import, in either deployment."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain, graph_environment
+from models.nodes import topics
+
+pytestmark = pytest.mark.ros
+
+NODES = ("balance_controller", "state_estimator", "supervisor", "motion_planner")
+
+BUILD = """
+import json, sys, rclpy
+from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.nodes.control import main
+from controllers.nodes.state_estimator import StateEstimatorNode
+from controllers.nodes.supervisor import SupervisorNode
+from planners.nodes.motion_planner import MotionPlannerNode
+rclpy.init(args=[])
+apart = BalanceControllerNode()
+nodes = [apart, StateEstimatorNode(apart.on_state), SupervisorNode(), MotionPlannerNode()]
+for node in nodes:
+    node.trigger_configure()
+    node.trigger_activate()
+    assert node.active
+topics = sorted({subscription.topic_name for node in nodes for subscription in node.subscriptions})
+print(json.dumps([topics, sorted(sys.modules)]))
+"""
+
+
+def test_no_node_class_asks_for_it_or_imports_the_simulator() -> None:
+    """Built, configured and active, in a process that imports nothing else."""
+    environment = {**os.environ, **graph_environment(domain_id=free_domain())}
+    built = subprocess.run(
+        [sys.executable, "-c", BUILD], capture_output=True, text=True, check=True, timeout=120, env=environment
+    )
+    asked, modules = json.loads(built.stdout.splitlines()[-1])
+    assert "/joint_states" in asked  # it really looked
+    assert not [topic for topic in asked if "truth" in topic]
+    assert "controllers.balance" in modules
+    simulator = [name for name in modules if name.split(".")[0] in ("mujoco", "bridge") or "mujoco" in name]
+    assert simulator == []
+
+
+@pytest.mark.parametrize("merged", [True, False])
+def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> None:
+    """From the first step to the end of a motion; in lockstep, so that a busy machine decides nothing."""
+    readers: set[str] = set()
+    asked: set[str] = set()
+    with Graph(
+        "g1", lockstep=True, merged=merged, domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None
+    ) as graph:
+
+        def look() -> None:
+            truth = graph.node.get_subscriptions_info_by_topic(f"/{topics.GROUND_TRUTH}")
+            readers.update(info.node_name for info in truth)
+            for name in NODES:
+                asked.update(topic for topic, _ in graph.node.get_subscriber_names_and_types_by_node(name, "/"))
+
+        def until(mode: str) -> None:
+            def reached() -> bool:
+                look()
+                return graph.mode == mode
+
+            graph.wait_for(reached, 120.0, mode)
+
+        graph.wait_standing(120.0)
+        graph.send("wave")
+        until("motion")
+        until("stand")
+        assert {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU, topics.MODE)} <= asked
+        assert readers == set()
+        assert f"/{topics.GROUND_TRUTH}" not in asked
+        for module, pid in graph.pids.items():
+            linked = "libmujoco" in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
+            assert linked == module.startswith("bridge.")
