@@ -187,7 +187,7 @@ def test_text_commands(g1: RobotModel) -> None:
     assert not busy.accepted and "wave" in busy.reason
     loop.run(0.5)
     assert loop.command("stop").accepted
-    loop.run(0.1)
+    loop.run(0.6)  # it slows down first
     assert loop.mode is Mode.STAND and not loop.controller.motion_active
     assert not loop.command("walk").accepted and "gait" in loop.command("walk").reason
     assert not loop.command("levitate").accepted
