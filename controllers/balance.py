@@ -155,8 +155,8 @@ class BalanceController:
             command=command,
             status=status,
             residual=self.whole_body.solution.residual if status not in _UNSOLVED else float("nan"),
-            acceleration=self.whole_body.acceleration.copy(),
-            wrenches=self.whole_body.wrenches.copy(),
+            acceleration=self.whole_body.acceleration,
+            wrenches=self.whole_body.wrenches,
             com=terms.com.copy(),
             dcm=self._dcm.copy(),
             zmp=self._cmp.copy(),
@@ -177,14 +177,15 @@ class BalanceController:
         """What to track on this tick; the DCM feedback goes to the CoM task."""
         posture, velocity, acceleration = self._sample(dt)
         fresh, (left, right) = self._fresh, state.contacts
-        placed = np.empty(24)
+        placed = np.empty((8, 3))
         self.capture_margin = balance_tick(
             posture,
             fresh or velocity is not self._zero,
             fresh,
             dt,
-            fresh or bool(left.wrench[2] > self._least_load),
-            fresh or bool(right.wrench[2] > self._least_load),
+            left.wrench,
+            right.wrench,
+            self._least_load,
             1.0 if fresh else min(dt / self.config.anchor_time_s, 1.0),
             *self._arguments,
             placed,
@@ -192,11 +193,11 @@ class BalanceController:
         self.whole_body.com_task.override = self._com_acceleration
         self._fresh = False
         return Reference(
-            com=placed[:3],
-            com_velocity=placed[3:6],
+            com=placed[0],
+            com_velocity=placed[1],
             com_acceleration=self._no_acceleration,
-            base_orientation=placed[6:15].reshape(3, 3),
-            torso_orientation=placed[15:].reshape(3, 3),
+            base_orientation=placed[2:5],
+            torso_orientation=placed[5:],
             posture=posture,
             posture_velocity=velocity,
             posture_acceleration=acceleration,

@@ -13,10 +13,10 @@ from models.compiled import njit
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-TREE = ("rotations", "translations", "axes", "masses", "levers", "frame_rotations", "frame_translations")
-"""Parts of the kinematic tree's block."""
+TREE = ("rotations", "swings", "bends", "translations", "masses", "levers", "frame_rotations", "frame_translations")
+"""Parts of the kinematic tree's block: a joint at q is ``rotations + sin q swings + (1 - cos q) bends`` turned."""
 
-_ROTATIONS, _TRANSLATIONS, _AXES, _MASSES, _LEVERS, _FRAME_ROTATIONS, _FRAME_TRANSLATIONS = range(7)
+_ROTATIONS, _SWINGS, _BENDS, _TRANSLATIONS, _MASSES, _LEVERS, _FRAME_ROTATIONS, _FRAME_TRANSLATIONS = range(8)
 
 
 @njit(cache=True)
@@ -40,7 +40,8 @@ def posture_reference(
         torso: Out (3, 3).
     """
     placements, levers = part_3(tree, layout, _ROTATIONS), part_2(tree, layout, _LEVERS)
-    shifts, axes = part_2(tree, layout, _TRANSLATIONS), part_2(tree, layout, _AXES)
+    swings, bends = part_3(tree, layout, _SWINGS), part_3(tree, layout, _BENDS)
+    shifts = part_2(tree, layout, _TRANSLATIONS)
     masses = part_1(tree, layout, _MASSES)
     frame_rotations = part_3(tree, layout, _FRAME_ROTATIONS)
     frame_translations = part_2(tree, layout, _FRAME_TRANSLATIONS)
@@ -58,11 +59,11 @@ def posture_reference(
         rotate(rotations[parent], shifts[n], step)
         for i in range(3):
             positions[n + 1, i] = positions[parent, i] + step[i]
-        multiply(rotations[parent], placements[n], work)
+        sine, rest = np.sin(joints[n]), 1.0 - np.cos(joints[n])
         for i in range(3):
-            step[i] = axes[n, i] * joints[n]
-        exponential(step, turn)
-        multiply(work, turn, rotations[n + 1])
+            for j in range(3):
+                turn[i, j] = placements[n, i, j] + sine * swings[n, i, j] + rest * bends[n, i, j]
+        multiply(rotations[parent], turn, rotations[n + 1])
         rotate(rotations[n + 1], levers[n + 1], step)
         for i in range(3):
             centre[i] += masses[n + 1] * (positions[n + 1, i] + step[i])

@@ -40,8 +40,9 @@ def balance_tick(
     moving: bool,
     fresh: bool,
     dt: float,
-    loaded_left: bool,
-    loaded_right: bool,
+    wrench_left: Array,
+    wrench_right: Array,
+    least_load: float,
     share: float,
     gravity: float,
     terms: Array,
@@ -61,8 +62,9 @@ def balance_tick(
         moving: Whether it has changed since the last tick.
         fresh: Whether this is the first tick.
         dt: Time since the last tick [s].
-        loaded_left: Whether each foot bears load.
-        loaded_right: Whether each foot bears load.
+        wrench_left: Ground reaction on the left sole, in its frame (6,).
+        wrench_right: On the right sole (6,).
+        least_load: Normal force from which on a foot bears load; on the first tick both do [N].
         share: Share of the way that footholds go to the measured soles on this tick.
         gravity: [m/s^2].
         terms: Block of ``Terms``.
@@ -73,7 +75,8 @@ def balance_tick(
         bodies: See ``posture_reference``.
         balance: Block of ``BalanceController``.
         layout: Its layout.
-        reference: Out, CoM (3,), its velocity (3,), base (3, 3) and torso (3, 3) rotations in W, as (24,).
+        reference: Out, in W: CoM, its velocity, rotation of the base (3, 3) and of the torso (3, 3), one below the
+            other (8, 3).
 
     Returns:
         Capture margin [m].
@@ -93,15 +96,15 @@ def balance_tick(
     move_footholds(
         pose[0],
         pose[1],
-        loaded_left,
-        loaded_right,
+        fresh or wrench_left[2] > least_load,
+        fresh or wrench_right[2] > least_load,
         share,
         rotations,
         positions,
         anchor_rotation,
         anchor,
     )
-    com, com_velocity = reference[:3], reference[3:6]
+    com, com_velocity = reference[0], reference[1]
     place_reference(
         anchor_rotation,
         anchor,
@@ -111,8 +114,8 @@ def balance_tick(
         posture_torso,
         com,
         com_velocity,
-        reference[6:15].reshape((3, 3)),
-        reference[15:24].reshape((3, 3)),
+        reference[2:5],
+        reference[5:],
     )
     return balance_feedback(
         part_1(terms, terms_layout, COM),

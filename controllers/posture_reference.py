@@ -36,7 +36,7 @@ class PostureReference:
     def __init__(self, model: RobotModel) -> None:
         nj = model.nj
         self.com, self.base, self.torso = np.zeros(3), np.eye(3), np.eye(3)
-        shapes = ((nj, 3, 3), (nj, 3), (nj, 3), (nj + 1,), (nj + 1, 3), (3, 3, 3), (3, 3))
+        shapes = ((nj, 3, 3), (nj, 3, 3), (nj, 3, 3), (nj, 3), (nj + 1,), (nj + 1, 3), (3, 3, 3), (3, 3))
         self.tree = Block(dict(zip(TREE, shapes, strict=True)))
         self.parents = np.zeros(nj, dtype=np.int64)
         self.bodies = np.zeros(3, dtype=np.int64)
@@ -57,7 +57,9 @@ class PostureReference:
             self.parents[n] = robot.parents[joint] - 1
             self.tree["rotations"][n] = placement.rotation
             self.tree["translations"][n] = placement.translation
-            self.tree["axes"][n] = subspace[3:]
+            cross = pin.skew(subspace[3:])
+            self.tree["swings"][n] = placement.rotation @ cross
+            self.tree["bends"][n] = placement.rotation @ cross @ cross
         for body in range(model.nj + 1):
             self.tree["masses"][body] = robot.inertias[body + 1].mass / model.mass
             self.tree["levers"][body] = robot.inertias[body + 1].lever

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.qp.build import QP, QPBuilder, QPLimits
-from controllers.qp.kernels_feedback import integrate_joints, update_limits
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import GRAVITY, Terms
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
@@ -104,6 +103,7 @@ class WholeBodyController:
         limits.wrench_weight[:] = scale, scale, scale, lever, lever, lever
         margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
         limits.block["q_low"][:], limits.block["q_high"][:] = model.q_lower + margin, model.q_upper - margin
+        limits.block["q_min"][:], limits.block["q_max"][:] = model.q_lower, model.q_upper
         limits.block["v_max"][:] = limit.velocity * model.v_max
         limits.block["gains"][:] = (
             contact.stiffness,
@@ -113,6 +113,7 @@ class WholeBodyController:
             limit.acceleration,
         )
         self._contacts: tuple[bool, bool] | None = None
+        self._ahead, self._nv = config.lookahead_s, model.nv
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
         self.torque = np.zeros(nj)
@@ -127,7 +128,7 @@ class WholeBodyController:
         self._failures = 0
         self._last = None
         self._joints = joints
-        self.torque[:] = 0.0
+        self.torque = np.zeros(self.model.nj)
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
         """One tick; ``terms`` must have been updated with the same state (the balance law does).
@@ -142,35 +143,16 @@ class WholeBodyController:
         if reference.contacts != self._contacts:
             self._change_contacts(reference.contacts)
         terms, limits = self.terms, self.limits
-        update_limits(
-            state.q,
-            state.v,
-            reference.sole_rotations,
-            reference.sole_positions,
-            terms.block.data,
-            terms.block.layout,
-            limits.block.data,
-            limits.block.layout,
-        )
         self.problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
         if solution.z is None:
             return self.fall_back()
         self._failures = 0
         self._joints = state.q[7:]
-        self.builder.recover(terms, solution.z, self.acceleration, self.wrenches, self.torque)
-        q, v = np.empty(self.model.nj), np.empty(self.model.nj)
-        integrate_joints(
-            state.q[7:],
-            state.v[6:],
-            self.acceleration[6:],
-            self.config.lookahead_s,
-            self.model.q_lower,
-            self.model.q_upper,
-            q,
-            v,
-        )
-        self._last = JointCommand(q, v, self.torque.copy())
+        self.acceleration, self.wrenches = np.empty(self._nv), np.empty((2, 6))
+        command = self.builder.recover(terms, solution.z, limits, self._ahead, self.acceleration, self.wrenches)
+        self.torque = command[2]
+        self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
     def _change_contacts(self, contacts: tuple[bool, bool]) -> None:
@@ -190,5 +172,5 @@ class WholeBodyController:
         if self._last is not None and self._failures <= self.config.solver.hold_ticks:
             return self._last, SolveStatus.HELD
         zero: Vector = np.zeros(self.model.nj)
-        self.torque[:] = 0.0
+        self.torque = zero
         return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED

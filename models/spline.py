@@ -90,15 +90,13 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
 
 
 # Its signature is given, so that it is compiled on import and not when a motion starts on a standing robot.
-@njit("void(float64[:,:,:], int64, float64, float64, float64[:], float64[:], float64[:])", cache=True)
+@njit("void(float64[:,:,::1], int64, float64, float64, float64[:,::1])", cache=True)
 def evaluate_quintic(
     coefficients: NDArray[np.float64],
     segment: int,
     u: float,
     length: float,
-    position: Vector,
-    velocity: Vector,
-    acceleration: Vector,
+    curve: NDArray[np.float64],
 ) -> None:
     """Evaluate one segment of ``quintic_coefficients``.
 
@@ -107,13 +105,11 @@ def evaluate_quintic(
         segment: Which one.
         u: Normalised time in it, 0 to 1.
         length: Its length [s].
-        position: Out (k,) [rad].
-        velocity: Out (k,) [rad/s].
-        acceleration: Out (k,) [rad/s^2].
+        curve: Out, position [rad], velocity [rad/s] and acceleration [rad/s^2] (3, k).
     """
     c = coefficients[segment]
     for j in range(c.shape[1]):
         c1, c2, c3, c4, c5 = c[1, j], c[2, j], c[3, j], c[4, j], c[5, j]
-        position[j] = c[0, j] + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
-        velocity[j] = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / length
-        acceleration[j] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (length * length)
+        curve[0, j] = c[0, j] + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        curve[1, j] = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / length
+        curve[2, j] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (length * length)

@@ -63,9 +63,9 @@ class TrajectorySampler:
             # Copies, because a compiled law would compile again, in the loop, for an array that is read-only.
             return self._end[0].copy(), self._end[1].copy(), self._end[2].copy()
         i, u, length = self._locate(t)
-        position, velocity, acceleration = (np.empty(self._end.shape[1]) for _ in range(3))
-        evaluate_quintic(self.coefficients, i, u, length, position, velocity, acceleration)
-        return position, velocity, acceleration
+        curve = np.empty(self._end.shape)
+        evaluate_quintic(self.coefficients, i, u, length, curve)
+        return curve[0], curve[1], curve[2]
 
     def effort(self, t: float) -> Vector:
         """Feed-forward torque, linear between points (nj,) [N.m]; zero where the trajectory gives none."""

@@ -36,6 +36,7 @@ class QP:
         lower: Bounds of the nb simple rows, then of A's rows (nb + m,).
         upper: Likewise.
         soft: Rows that a relaxed solve may violate, at a price (nb + m,) of bool.
+        finite: Whether there is neither NaN nor infinity in it; None when nobody has looked.
     """
 
     hessian: Matrix
@@ -44,6 +45,7 @@ class QP:
     lower: Vector
     upper: Vector
     soft: np.ndarray
+    finite: bool | None = None
 
 
 class QPLimits:
@@ -62,7 +64,7 @@ class QPLimits:
     """
 
     def __init__(self, nj: int) -> None:
-        shapes = ((nj,), (nj,), (nj,), (2, 6), (2, 6), (2, 6), (nj,), (nj,), (nj,), (5,))
+        shapes = ((nj,), (nj,), (nj,), (2, 6), (2, 6), (2, 6), (nj,), (nj,), (nj,), (5,), (nj,), (nj,))
         self.block = block = Block(dict(zip(LIMITS, shapes, strict=True)))
         self.torque = block["torque"]
         self.acceleration_lower, self.acceleration_upper = block["acceleration_lower"], block["acceleration_upper"]
@@ -170,14 +172,14 @@ class QPBuilder:
         for task, jacobian, target, weight in self._rows:
             if task.active:
                 weight[:] = task.weight
-                jacobian[:] = task.jacobian(terms)
-                np.subtract(task.acceleration(terms, reference), task.drift(terms), target)
+                task.stack(terms, reference, jacobian, target)
             else:
                 weight[:] = 0.0
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)
         self._active = reduction = self._reductions[mode]
         posture = self.posture
-        fill_problem(
+        qp = reduction.qp
+        qp.finite = fill_problem(
             mode,
             terms.mass_matrix,
             terms.bias,
@@ -192,16 +194,33 @@ class QPBuilder:
             posture.weight,
             limits.block.data,
             limits.block.layout,
+            reference.sole_rotations,
+            reference.sole_positions,
             self._wrench_scale,
             PIVOT_FLOOR,
             self._regularisation,
             reduction.block.data,
             reduction.block.layout,
         )
-        return reduction.qp
+        return qp
 
-    def recover(self, terms: Terms, z: Vector, acceleration: Vector, wrenches: Matrix, torque: Vector) -> None:
-        """Accelerations (nv,), wrenches (2, 6) and torques (nj,) of a solution of the QP built last."""
+    def recover(
+        self, terms: Terms, z: Vector, limits: QPLimits, ahead: float, acceleration: Vector, wrenches: Matrix
+    ) -> Matrix:
+        """Set-point of a solution of the QP built last.
+
+        Args:
+            terms: Model terms that it was built from.
+            z: Solution (nz,).
+            limits: Limits that it was built from.
+            ahead: Time over which the accelerations are integrated to the set-point [s].
+            acceleration: Out (nv,).
+            wrenches: Out, in the sole frames (2, 6).
+
+        Returns:
+            Joint positions, velocities and torques (3, nj).
+        """
+        command = np.empty((3, self.model.nj))
         block, reduction = terms.block, self._active.block
         recover(
             z,
@@ -211,7 +230,11 @@ class QPBuilder:
             block.layout,
             reduction.data,
             reduction.layout,
+            limits.block.data,
+            limits.block.layout,
+            ahead,
             acceleration,
             wrenches,
-            torque,
+            command,
         )
+        return command

@@ -7,15 +7,20 @@ from numpy.typing import NDArray
 
 from controllers.memory import part_1, part_2, part_3
 from controllers.qp.kernels_assemble import assemble_cost, assemble_rows
+from controllers.qp.kernels_check import all_finite
 from controllers.qp.kernels_feedback import (
     ACCELERATION_LOWER,
     ACCELERATION_UPPER,
     CONTACT_ACCELERATION,
+    Q_MAX,
+    Q_MIN,
     TORQUE,
     WRENCH_TARGET,
     WRENCH_WEIGHT,
+    integrate_joints,
+    update_limits,
 )
-from controllers.qp.kernels_read import DRIFT, JACOBIAN
+from controllers.qp.kernels_read import DRIFT, JACOBIAN, Q, V
 from controllers.qp.kernels_reduce import reduce_accelerations
 from controllers.qp.kernels_wrenches import reduce_wrenches
 from models.compiled import njit
@@ -56,12 +61,14 @@ def fill_problem(
     posture_weight: Array,
     limits: Array,
     limits_layout: Index,
+    sole_rotations: Array,
+    sole_positions: Array,
     wrench_scale: float,
     pivot_floor: float,
     regularisation: float,
     reduction: Array,
     layout: Index,
-) -> None:
+) -> bool:
     """Fill a contact mode's block from terms, stacked tasks and limits.
 
     Args:
@@ -79,17 +86,25 @@ def fill_problem(
         posture_weight: (nj,).
         limits: Block of ``QPLimits``.
         limits_layout: Its layout.
+        sole_rotations: Rotation of each foothold in W (2, 3, 3).
+        sole_positions: Position of each foothold in W (2, 3) [m].
         wrench_scale: See ``reduce_wrenches`` and ``null_space``.
         pivot_floor: See ``reduce_wrenches`` and ``null_space``.
         regularisation: Added to the diagonal of H.
         reduction: Out, block of the contact mode with the parts ``REDUCTION``.
         layout: Its layout.
+
+    Returns:
+        Whether the problem holds neither NaN nor infinity.
     """
+    update_limits(sole_rotations, sole_positions, terms, terms_layout, limits, limits_layout)
     jacobian, drift = part_3(terms, terms_layout, JACOBIAN), part_2(terms, terms_layout, DRIFT)
     core, leg_1, leg_2, upper = indices[:CORE], indices[6:12], indices[12:CORE], indices[CORE:]
     basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
     maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
     inverse = part_3(reduction, layout, _INVERSE)
+    hessian, gradient = part_2(reduction, layout, _HESSIAN), part_1(reduction, layout, _GRADIENT)
+    matrix = part_2(reduction, layout, _MATRIX)
     contact_acceleration = part_2(limits, limits_layout, CONTACT_ACCELERATION)
     wanted = np.empty((2, 6))
     for foot in range(2):
@@ -131,8 +146,8 @@ def fill_problem(
         part_2(limits, limits_layout, WRENCH_TARGET),
         part_2(limits, limits_layout, WRENCH_WEIGHT),
         regularisation,
-        part_2(reduction, layout, _HESSIAN),
-        part_1(reduction, layout, _GRADIENT),
+        hessian,
+        gradient,
     )
     assemble_rows(
         mode,
@@ -155,10 +170,11 @@ def fill_problem(
         part_1(limits, limits_layout, ACCELERATION_LOWER),
         part_1(limits, limits_layout, ACCELERATION_UPPER),
         part_1(robot, robot_layout, _ROW_SCALE),
-        part_2(reduction, layout, _MATRIX),
+        matrix,
         part_1(reduction, layout, _LOWER),
         part_1(reduction, layout, _UPPER),
     )
+    return all_finite(hessian, gradient, matrix)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
@@ -170,11 +186,14 @@ def recover(
     terms_layout: Index,
     reduction: Array,
     layout: Index,
+    limits: Array,
+    limits_layout: Index,
+    ahead: float,
     acceleration: Array,
     wrenches: Array,
-    torque: Array,
+    command: Array,
 ) -> None:
-    """Accelerations (nv,), wrenches (2, 6) and joint torques ``M_j a + h_j - sum J_ij' w_i`` (nj,) of a solution z.
+    """Accelerations, wrenches and set-point of a solution z, with torques ``M_j a + h_j - sum J_ij' w_i``.
 
     Args:
         z: Solution (nz,).
@@ -184,13 +203,18 @@ def recover(
         terms_layout: Its layout.
         reduction: Block of the contact mode.
         layout: Its layout.
-        acceleration: Out.
-        wrenches: Out.
-        torque: Out.
+        limits: Block of ``QPLimits``.
+        limits_layout: Its layout.
+        ahead: Time over which the accelerations are integrated [s].
+        acceleration: Out (nv,).
+        wrenches: Out (2, 6).
+        command: Out, joint positions, velocities and torques (3, nj).
     """
     jacobian = part_3(terms, terms_layout, JACOBIAN)
     basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
     maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
+    q, v = part_1(terms, terms_layout, Q), part_1(terms, terms_layout, V)
+    torque = command[2]
     nv, na = basis.shape
     nz = z.shape[0]
     for i in range(nv):
@@ -213,3 +237,13 @@ def recover(
         for i in range(6):
             for j in range(nv - 6):
                 torque[j] -= wrenches[foot, i] * jacobian[foot, i, 6 + j]
+    integrate_joints(
+        q[7:],
+        v[6:],
+        acceleration[6:],
+        ahead,
+        part_1(limits, limits_layout, Q_MIN),
+        part_1(limits, limits_layout, Q_MAX),
+        command[0],
+        command[1],
+    )

@@ -27,11 +27,12 @@ TERMS = (
     "jacobian",
     "twist",
     "drift",
+    "offset",
 )
-"""Parts of the block of ``Terms``; the last four hold left sole, right sole and torso."""
+"""Parts of the block of ``Terms``; the last five hold left sole, right sole and torso."""
 
 Q, V, BASE_ROTATION, COM, COM_VELOCITY, COM_JACOBIAN, COM_DRIFT = range(7)
-MOMENTUM, MOMENTUM_MATRIX, MOMENTUM_DRIFT, POSE, JACOBIAN, TWIST, DRIFT = range(7, 14)
+MOMENTUM, MOMENTUM_MATRIX, MOMENTUM_DRIFT, POSE, JACOBIAN, TWIST, DRIFT, OFFSET = range(7, 15)
 
 
 @njit(cache=True)
@@ -39,16 +40,19 @@ def read_terms(
     mass_matrix: Array,
     bias: Array,
     jacobian_world: Array,
-    jacobian_rate_world: Array,
     rotation_1: Array,
     position_1: Array,
+    linear_1: Array,
+    angular_1: Array,
     rotation_2: Array,
     position_2: Array,
+    linear_2: Array,
+    angular_2: Array,
     rotation_3: Array,
     position_3: Array,
-    columns_1: Index,
-    columns_2: Index,
-    columns_3: Index,
+    linear_3: Array,
+    angular_3: Array,
+    columns: Index,
     mass: float,
     gravity: float,
     terms: Array,
@@ -57,19 +61,22 @@ def read_terms(
     """Fill the block of ``Terms`` whose ``q`` and ``v`` Pinocchio has been called with.
 
     Args:
-        mass_matrix: M (nv, nv) and h (nv,).
+        mass_matrix: M (nv, nv).
         bias: h (nv,).
-        jacobian_world: ``data.J`` and ``data.dJ`` (6, nv).
-        jacobian_rate_world: ``data.J`` and ``data.dJ`` (6, nv).
-        rotation_1: Poses of the frames in W (3, 3), (3,).
-        position_1: Poses of the frames in W (3, 3), (3,).
-        rotation_2: Poses of the frames in W (3, 3), (3,).
-        position_2: Poses of the frames in W (3, 3), (3,).
-        rotation_3: Poses of the frames in W (3, 3), (3,).
-        position_3: Poses of the frames in W (3, 3), (3,).
-        columns_1: Columns of the joints that move each frame.
-        columns_2: Columns of the joints that move each frame.
-        columns_3: Columns of the joints that move each frame.
+        jacobian_world: ``data.J`` (6, nv).
+        rotation_1: Rotation of the left sole in W (3, 3).
+        position_1: Its origin in W (3,).
+        linear_1: Linear part of the acceleration of its joint, see ``frame_terms`` (3,).
+        angular_1: Angular part (3,).
+        rotation_2: The same of the right sole.
+        position_2: The same of the right sole.
+        linear_2: The same of the right sole.
+        angular_2: The same of the right sole.
+        rotation_3: The same of the torso.
+        position_3: The same of the torso.
+        linear_3: The same of the torso.
+        angular_3: The same of the torso.
+        columns: Columns of the joints that move each frame, filled up with -1 (3, k).
         mass: Total mass [kg].
         gravity: Magnitude [m/s^2].
         terms: In and out, block of ``Terms``.
@@ -96,22 +103,25 @@ def read_terms(
         part_2(terms, layout, MOMENTUM_MATRIX),
         part_1(terms, layout, MOMENTUM_DRIFT),
     )
-    for i in range(3):
-        for j in range(3):
-            pose[0, i, j] = rotation_1[i, j]
-            pose[1, i, j] = rotation_2[i, j]
-            pose[2, i, j] = rotation_3[i, j]
-        pose[0, i, 3] = position_1[i]
-        pose[1, i, 3] = position_2[i]
-        pose[2, i, 3] = position_3[i]
+    offset = part_3(terms, layout, OFFSET)
     for frame in range(3):
-        columns = columns_1 if frame == 0 else columns_2 if frame == 1 else columns_3
+        if frame == 0:
+            rotation, position, linear, angular = rotation_1, position_1, linear_1, angular_1
+        elif frame == 1:
+            rotation, position, linear, angular = rotation_2, position_2, linear_2, angular_2
+        else:
+            rotation, position, linear, angular = rotation_3, position_3, linear_3, angular_3
         frame_terms(
             jacobian_world,
-            jacobian_rate_world,
-            columns,
-            pose[frame],
+            columns[frame],
+            rotation,
+            position,
+            offset[frame],
+            linear,
+            angular,
+            gravity,
             v,
+            pose[frame],
             jacobian[frame],
             twist[frame],
             drift[frame],

@@ -1,8 +1,8 @@
 """Compiled kernels that read task-space terms off Pinocchio's arrays.
 
-Pinocchio leaves the joint Jacobian ``J`` and its time derivative ``dJ`` in the world frame (linear part taken at the
-world origin), and the free-flyer rows of the mass matrix hold the centroidal map. Reading the terms from there costs
-a tenth of one Python call per frame.
+Pinocchio leaves the joint Jacobian ``J`` in the world frame (linear part taken at the world origin), the accelerations
+of all bodies at zero generalised acceleration, and in the free-flyer rows of the mass matrix the centroidal map.
+Reading the terms from there costs a tenth of one Python call per frame.
 """
 
 from __future__ import annotations
@@ -34,65 +34,75 @@ def quaternion_matrix(quaternion: Array, out: Array) -> None:
 @njit(cache=True)
 def frame_terms(
     jacobian_world: Array,
-    jacobian_rate_world: Array,
     columns: Index,
-    pose: Array,
+    rotation: Array,
+    position: Array,
+    offset: Array,
+    linear: Array,
+    angular: Array,
+    gravity: float,
     velocity: Array,
+    pose: Array,
     jacobian: Array,
     twist: Array,
     drift: Array,
 ) -> None:
-    """Local Jacobian, twist and classical acceleration drift of one frame.
+    """Pose, local Jacobian, twist and classical acceleration drift of one frame.
 
-    With ``v_O, w`` the world-frame spatial velocity and ``p`` the frame origin::
+    With ``A`` the spatial acceleration of the joint that carries the frame, at zero generalised acceleration and with
+    gravity as an upward acceleration of the base (what ``nonLinearEffects`` leaves behind), all in the frame::
 
-        v_p = v_O + w x p,    a_p = a_O + alpha x p + w x v_p
+        drift = X^-1 A + (w x v, 0) - (R' g, 0)
 
     Args:
         jacobian_world: ``data.J`` (6, nv), linear part at the world origin.
-        jacobian_rate_world: ``data.dJ`` (6, nv).
-        columns: Columns of the joints that move the frame.
-        pose: Homogeneous transform of the frame in W (4, 4).
+        columns: Columns of the joints that move the frame; -1 after the last.
+        rotation: Rotation of the frame in W (3, 3).
+        position: Origin of the frame in W (3,).
+        offset: Pose of the frame in its joint, rotation and origin side by side (3, 4).
+        linear: Linear part of A in the joint's frame (3,).
+        angular: Angular part of A in the joint's frame (3,).
+        gravity: Magnitude of gravity along -z of W [m/s^2].
         velocity: Generalised velocity (nv,).
+        pose: Out, homogeneous transform of the frame in W; the last row is left as it is (4, 4).
         jacobian: Out, expressed in the frame, linear then angular (6, nv); other columns are left as they are.
         twist: Out, velocity of the frame expressed in the frame (6,).
         drift: Out, classical acceleration of the frame at zero generalised acceleration, in the frame (6,).
     """
-    px, py, pz = pose[0, 3], pose[1, 3], pose[2, 3]
-    v = np.zeros(6)
-    a = np.zeros(6)
+    px, py, pz = position[0], position[1], position[2]
+    for i in range(3):
+        pose[i, 3] = position[i]
+        for j in range(3):
+            pose[i, j] = rotation[i, j]
+    twist[:] = 0.0
     for column in columns:
-        lx = jacobian_world[0, column]
-        ly = jacobian_world[1, column]
-        lz = jacobian_world[2, column]
+        if column < 0:
+            break
         ax = jacobian_world[3, column]
         ay = jacobian_world[4, column]
         az = jacobian_world[5, column]
-        lx += ay * pz - az * py
-        ly += az * px - ax * pz
-        lz += ax * py - ay * px
+        lx = jacobian_world[0, column] + ay * pz - az * py
+        ly = jacobian_world[1, column] + az * px - ax * pz
+        lz = jacobian_world[2, column] + ax * py - ay * px
         rate = velocity[column]
-        v[0] += lx * rate
-        v[1] += ly * rate
-        v[2] += lz * rate
-        v[3] += ax * rate
-        v[4] += ay * rate
-        v[5] += az * rate
-        for row in range(6):
-            a[row] += jacobian_rate_world[row, column] * rate
         for row in range(3):
-            r0, r1, r2 = pose[0, row], pose[1, row], pose[2, row]
-            jacobian[row, column] = r0 * lx + r1 * ly + r2 * lz
-            jacobian[3 + row, column] = r0 * ax + r1 * ay + r2 * az
-    cx = a[0] + a[4] * pz - a[5] * py + v[4] * v[2] - v[5] * v[1]
-    cy = a[1] + a[5] * px - a[3] * pz + v[5] * v[0] - v[3] * v[2]
-    cz = a[2] + a[3] * py - a[4] * px + v[3] * v[1] - v[4] * v[0]
+            r0, r1, r2 = rotation[0, row], rotation[1, row], rotation[2, row]
+            up = r0 * lx + r1 * ly + r2 * lz
+            turn = r0 * ax + r1 * ay + r2 * az
+            jacobian[row, column] = up
+            jacobian[3 + row, column] = turn
+            twist[row] += up * rate
+            twist[3 + row] += turn * rate
+    # Acceleration at the frame's origin, still in the joint's axes: a + alpha x p.
+    cx = linear[0] + angular[1] * offset[2, 3] - angular[2] * offset[1, 3]
+    cy = linear[1] + angular[2] * offset[0, 3] - angular[0] * offset[2, 3]
+    cz = linear[2] + angular[0] * offset[1, 3] - angular[1] * offset[0, 3]
     for row in range(3):
-        r0, r1, r2 = pose[0, row], pose[1, row], pose[2, row]
-        twist[row] = r0 * v[0] + r1 * v[1] + r2 * v[2]
-        twist[3 + row] = r0 * v[3] + r1 * v[4] + r2 * v[5]
-        drift[row] = r0 * cx + r1 * cy + r2 * cz
-        drift[3 + row] = r0 * a[3] + r1 * a[4] + r2 * a[5]
+        drift[row] = offset[0, row] * cx + offset[1, row] * cy + offset[2, row] * cz - rotation[2, row] * gravity
+        drift[3 + row] = offset[0, row] * angular[0] + offset[1, row] * angular[1] + offset[2, row] * angular[2]
+    drift[0] += twist[4] * twist[2] - twist[5] * twist[1]
+    drift[1] += twist[5] * twist[0] - twist[3] * twist[2]
+    drift[2] += twist[3] * twist[1] - twist[4] * twist[0]
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ import numpy as np
 import quadprog
 
 from controllers.qp.build import QP
-from controllers.qp.kernels_check import all_finite, kkt_residual
+from controllers.qp.kernels_check import all_finite, free_minimum, kkt_residual
 from models.types import SolveStatus, Vector
 
 _HARD = 0
@@ -37,7 +37,7 @@ class Solution:
 
 
 class QPSolver:
-    """Solve, check the KKT conditions, fall back in order: daqp, quadprog, softened daqp.
+    """Solve, check the KKT conditions, fall back in order: no active row, daqp, quadprog, softened daqp.
 
     The softened problem keeps torque limits and wrench cones hard and lets the joint-limit rows give way, at the
     price ``|violation|^2 / (2 rho)``.
@@ -53,12 +53,24 @@ class QPSolver:
         self._iterations = iterations_max
         self._rho = soft_rho
         self._sense: dict[int, np.ndarray] = {}
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile every check now: the loop itself never waits for a compiler."""
+        for lower in (0.0, 2.0):  # with an active row, and without a solution
+            rows = np.array([[1.0]])
+            self.solve(QP(rows, rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True])))
 
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
         start = perf_counter()
-        if not all_finite(qp.hessian, qp.gradient, qp.matrix):
+        finite = all_finite(qp.hessian, qp.gradient, qp.matrix) if qp.finite is None else qp.finite
+        if not finite:
             return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
+        free = np.empty(qp.gradient.shape[0])
+        residual = free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, free)
+        if residual < self._residual_max:
+            return Solution(free, SolveStatus.OPTIMAL, residual, perf_counter() - start)
         z, residual, infeasible = self._daqp(qp)
         if z is not None:
             return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)

@@ -11,6 +11,8 @@ from controllers.qp.kernels_read import TERMS, read_terms
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 
+_WORLD = pin.Convention.WORLD
+
 GRAVITY = 9.81
 """Standard magnitude used by Pinocchio's default model and by the plant [m/s^2]."""
 
@@ -61,7 +63,7 @@ class Terms:
         self._pin = model.pin
         self._data = data = model.data()
         nv = model.nv
-        frames = ((3, 4, 4), (3, 6, nv), (3, 6), (3, 6))
+        frames = ((3, 4, 4), (3, 6, nv), (3, 6), (3, 6), (3, 3, 4))
         shapes = ((model.nq,), (nv,), (3, 3), (3,), (3,), (3, nv), (3,), (3,), (3, nv), (3,), *frames)
         self.block = block = Block(dict(zip(TERMS, shapes, strict=True)))
         self.q, self.v, self.base_rotation = (block[name] for name in ("q", "v", "base_rotation"))
@@ -76,12 +78,16 @@ class Terms:
         # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
         self.mass_matrix: Matrix = data.M.T
         self.bias: Vector = data.nle
-        placements = [data.oMf[frame] for frame in self._frames]
+        views = []
+        for k, frame_id in enumerate(self._frames):
+            frame = model.pin.frames[frame_id]
+            placement, acceleration = data.oMf[frame_id], data.a_gf[frame.parentJoint]
+            views += [placement.rotation, placement.translation, acceleration.linear, acceleration.angular]
+            block["offset"][k] = frame.placement.homogeneous[:3]
         self._arguments = (
             data.J,
-            data.dJ,
-            *(view for placement in placements for view in (placement.rotation, placement.translation)),
-            *(_columns(model, frame) for frame in self._frames),
+            *views,
+            _columns(model, self._frames),
             model.mass,
             GRAVITY,
             block.data,
@@ -98,19 +104,19 @@ class Terms:
     def call_pinocchio(self) -> None:
         """Run only the Pinocchio algorithms of ``update`` (the benchmark times them alone)."""
         model, data = self._pin, self._data
-        pin.computeJointJacobiansTimeVariation(model, data, self.q, self.v)
-        pin.crba(model, data, self.q)
-        pin.nonLinearEffects(model, data, self.q, self.v)
+        pin.crba(model, data, self.q, _WORLD)  # also J and the placements of the joints
+        pin.nonLinearEffects(model, data, self.q, self.v)  # also the accelerations of the bodies at zero a
         for frame in self._frames:
             pin.updateFramePlacement(model, data, frame)
 
 
-def _columns(model: RobotModel, frame_id: int) -> NDArray[np.int64]:
-    """Velocity indices of the joints that move a frame, ascending."""
-    joint = model.pin.frames[frame_id].parentJoint
-    columns: list[int] = []
-    while joint > 0:
-        first, count = model.pin.idx_vs[joint], model.pin.nvs[joint]
-        columns.extend(range(first, first + count))
-        joint = model.pin.parents[joint]
-    return np.array(sorted(columns), dtype=np.int64)
+def _columns(model: RobotModel, frames: tuple[int, ...]) -> NDArray[np.int64]:
+    """Velocity indices of the joints that move each frame, filled up with -1 (frames, nv)."""
+    columns = np.full((len(frames), model.nv), -1, dtype=np.int64)
+    for row, frame_id in zip(columns, frames, strict=True):
+        joint, used = model.pin.frames[frame_id].parentJoint, 0
+        while joint > 0:
+            first, count = model.pin.idx_vs[joint], model.pin.nvs[joint]
+            row[used : used + count] = np.arange(first, first + count)
+            joint, used = model.pin.parents[joint], used + count
+    return columns

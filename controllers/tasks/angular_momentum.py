@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from controllers.qp.terms import Terms
+from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
 
 
-class AngularMomentumTask:
+class AngularMomentumTask(Task):
     r"""Damp the angular momentum about the CoM, in W.
 
     .. math:: \dot L^* = -k_d L, \qquad \dot L = A_G a + \dot A_G v

@@ -45,6 +45,14 @@ class Task(Protocol):
         """Wanted task acceleration a* (k,)."""
         ...
 
+    def stack(self, terms: Terms, reference: Reference, jacobian: Matrix, target: Vector) -> None:
+        """Write the task's Jacobian (k, nv) and ``a* - drift`` (k,) into its rows of the stack.
+
+        A task that need not repeat itself may override this.
+        """
+        jacobian[:] = self.jacobian(terms)
+        np.subtract(self.acceleration(terms, reference), self.drift(terms), target)
+
 
 def rows(value: float, count: int) -> Vector:
     """A weight or gain spread over the rows of a task (count,)."""

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from controllers.qp.kernels_feedback import com_rows
 from controllers.qp.terms import Terms
+from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
 
 
-class CoMTask:
+class CoMTask(Task):
     r"""Accelerate the centre of mass, in W.
 
     .. math:: \ddot c^* = \ddot c_{ref} + k_p (c_{ref} - c) + k_d (\dot c_{ref} - \dot c)
@@ -50,3 +52,7 @@ class CoMTask:
             + self.kp * self.error(terms, reference)
             + self.kd * (reference.com_velocity - terms.com_velocity)
         )
+
+    def stack(self, terms: Terms, reference: Reference, jacobian: Matrix, target: Vector) -> None:
+        """Rows of the stack, in one compiled call."""
+        com_rows(terms.block.data, terms.block.layout, self.acceleration(terms, reference), jacobian, target)

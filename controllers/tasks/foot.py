@@ -6,10 +6,11 @@ import numpy as np
 
 from controllers.qp.kernels_feedback import pose_error
 from controllers.qp.terms import Terms
+from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
 
 
-class FootTask:
+class FootTask(Task):
     r"""Carry a foot that is not in contact along its reference; everything in the sole frame.
 
     .. math::

@@ -6,13 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from controllers.qp.kernels_feedback import orientation_feedback
+from controllers.qp.kernels_feedback import orientation_feedback, orientation_rows
 from controllers.qp.kernels_terms import rotation_error
 from controllers.qp.terms import Terms
+from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
 
 
-class OrientationTask:
+class OrientationTask(Task):
     r"""Turn the base or the torso to a wanted orientation; everything in the moving frame.
 
     .. math:: \dot\omega^* = k_p \log(R^T R_{ref}) - k_d\, \omega
@@ -62,3 +63,8 @@ class OrientationTask:
             rotation, wanted, rate = terms.torso.pose, reference.torso_orientation, terms.torso.twist[3:]
         orientation_feedback(rotation, wanted, rate, self.kp, self.kd, self._error, self._acceleration)
         return self._acceleration
+
+    def stack(self, terms: Terms, reference: Reference, jacobian: Matrix, target: Vector) -> None:
+        """Rows of the stack, in one compiled call."""
+        block, wanted = terms.block, reference.base_orientation if self._is_base else reference.torso_orientation
+        orientation_rows(self._is_base, block.data, block.layout, wanted, self.kp, self.kd, jacobian, target)

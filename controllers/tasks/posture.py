@@ -6,10 +6,11 @@ import numpy as np
 
 from controllers.qp.kernels_feedback import proportional_derivative
 from controllers.qp.terms import Terms
+from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
 
 
-class PostureTask:
+class PostureTask(Task):
     r"""Draw every joint to its reference.
 
     .. math:: \ddot q^* = \ddot q_{ref} + k_p (q_{ref} - q) + k_d (\dot q_{ref} - \dot q)

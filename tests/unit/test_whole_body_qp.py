@@ -189,8 +189,10 @@ def test_relaxed_answer_that_breaks_a_hard_row_is_refused(monkeypatch: pytest.Mo
         soft = "rho_soft" in kwargs
         return np.array([3.0, 0.0]), 0.0, 2 if soft else -1, {"lam": np.zeros(2)}
 
+    one = solver()
     monkeypatch.setattr(module.daqp, "solve", wrong)
-    assert solver().solve(toy()).status is SolveStatus.HELD
+    impossible = toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
+    assert one.solve(impossible).status is SolveStatus.HELD
 
 
 def test_infeasible_hard_rows_are_held() -> None:
@@ -211,8 +213,9 @@ def test_wrong_answer_of_the_first_solver_is_caught(monkeypatch: pytest.MonkeyPa
     def wrong(*args: object, **kwargs: object) -> tuple[np.ndarray, float, int, dict[str, np.ndarray]]:
         return np.array([0.5, 0.5]), 0.0, 1, {"lam": np.zeros(2)}
 
+    one = solver()
     monkeypatch.setattr(module.daqp, "solve", wrong)
-    solution = solver().solve(toy())
+    solution = one.solve(toy())
     assert solution.status is SolveStatus.FALLBACK_SOLVER
     np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-9)
 
