@@ -1,0 +1,157 @@
+"""The tick benchmark: placo solves our problem, timing changes nothing, and every bound can fail."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.tick import TickConfig, bounds, collector_off, summarise
+from benchmarks.tick_peers import PlacoTick
+from benchmarks.tick_timing import STAGES, SUBJECTS, StageProbe, TimedController
+from controllers.balance import BalanceController
+from controllers.whole_body_config import WholeBodyConfig
+from models.config import default_config
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
+
+CONFIG = default_config(TickConfig, "benchmarks", "tick")
+
+
+@pytest.fixture(scope="module", params=["g1", "talos"])
+def model(request: pytest.FixtureRequest) -> RobotModel:
+    return RobotModel.load(request.param)
+
+
+def states(model: RobotModel, count: int) -> list[RobotState]:
+    """Near standing, both feet loaded, moving a little."""
+    rng = np.random.default_rng(0)
+    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * model.mass * 9.81, 0.0, 0.0, 0.0]))
+    still = model.standing_configuration()
+    found = []
+    for k in range(count):
+        q = still.copy()
+        q[7:] += 0.003 * rng.normal(size=model.nj)
+        found.append(RobotState(0.001 * k, q, 0.02 * rng.normal(size=model.nv), np.zeros(model.nj), (foot, foot)))
+    return found
+
+
+def test_placo_solves_the_same_problem(model: RobotModel) -> None:
+    """With one CoM weight for all axes, as placo has it, both find the same accelerations and the same total force."""
+    config = default_config(WholeBodyConfig, "controllers", "whole_body")
+    config = replace(config, com=replace(config.com, weight_height=config.com.weight))
+    controller, placo = BalanceController(model, whole_body=config), PlacoTick(model, config)
+    first, *rest = states(model, 4)
+    controller.reset(first)
+    controller.step(first, 0.001)
+    for state in rest:
+        result = controller.step(state, 0.001)
+        placo.prepare(state, controller)
+        placo.step()
+        assert placo.success
+        np.testing.assert_allclose(placo.acceleration, result.acceleration, atol=5e-3)
+        assert np.abs(result.acceleration).max() > 0.5
+        terms = controller.whole_body.terms
+        load = terms.mass_matrix[:3] @ placo.acceleration + terms.bias[:3]  # total contact force, in the base frame
+        ours = sum(terms.soles[k].jacobian[:, :3].T @ result.wrenches[k] for k in range(2))
+        np.testing.assert_allclose(load, ours, atol=1e-3 * model.mass * 9.81)
+
+
+def timed_controller(model: RobotModel, ticks: int) -> TimedController:
+    return TimedController(model, ticks=ticks, stage_period=3, active_tolerance=CONFIG.active_tolerance)
+
+
+def test_timing_changes_nothing() -> None:
+    model = RobotModel.load("g1")
+    plain, timed = BalanceController(model), timed_controller(model, 8)
+    sequence = states(model, 8)
+    plain.reset(sequence[0])
+    timed.reset(sequence[0])
+    timed.recording = True
+    for state in sequence:
+        expected, result = plain.step(state, 0.001), timed.step(state, 0.001)
+        np.testing.assert_array_equal(result.command.tau, expected.command.tau)
+        np.testing.assert_array_equal(result.command.q, expected.command.q)
+    assert timed.count == 7  # the first tick has no reference that placo could get
+    assert timed.placo_failed == 0
+    assert (timed.wall[:7] > 0).all()
+    split = timed.stages[:7].any(axis=1)
+    assert split.sum() == 2
+    np.testing.assert_array_equal(timed.stages[:7][split].sum(axis=1), timed.wall[:7][split, 0])
+    assert (timed.stages[:7][split] > 0).all()
+    figures = summarise(timed)
+    assert figures["ticks"] == figures["ticks_optimal"] == 7.0
+
+
+def test_the_probe_leaves_the_controller_as_it_was() -> None:
+    whole_body = BalanceController(RobotModel.load("g1")).whole_body
+    before = [whole_body.terms.update, whole_body.builder.build, whole_body.solver.solve, whole_body.builder.recover]
+    probe = StageProbe(whole_body)
+    probe.attach()
+    assert whole_body.solver.solve != before[2]
+    probe.detach()
+    after = [whole_body.terms.update, whole_body.builder.build, whole_body.solver.solve, whole_body.builder.recover]
+    assert after == before
+
+
+def test_figures_leave_out_preempted_and_split_ticks() -> None:
+    timed = timed_controller(RobotModel.load("g1"), 6)
+    timed.count = 6
+    timed.wall[:] = [[100_000, 200_000, 10_000, 50_000]] * 6
+    timed.wall[1, 0], timed.preempted[1, 0] = 9_000_000, True
+    timed.wall[2, 0], timed.stages[2] = 110_000, 18_000
+    timed.wall[3, 1], timed.preempted[3, 1] = 9_000_000, True
+    timed.changed[4] = True
+    timed.cpu[:] = timed.wall
+    figures = summarise(timed)
+    assert figures["tick_us_max"] == pytest.approx(100.0)
+    assert figures["tick_ungated_us_max"] == pytest.approx(9000.0)
+    assert figures["preempted_fraction"] == pytest.approx(1 / 5)
+    assert figures["ratio_to_placo"] == pytest.approx(0.5)
+    assert figures["placo_us_p99"] == pytest.approx(200.0)
+    assert [figures[f"ratio_to_{name}"] for name in SUBJECTS[2:]] == [pytest.approx(10.0), pytest.approx(2.0)]
+    assert [figures[f"{stage}_us_p50"] for stage in STAGES] == [pytest.approx(18.0)] * len(STAGES)
+    assert figures["active_set_changes"] == 1.0
+
+
+GOOD = {
+    "ratio_to_placo": 0.5,
+    "ratio_to_pinocchio_calls": 2.0,
+    "p99_over_median": 1.5,
+    "kkt_residual_max": 1e-9,
+    "ticks": 100.0,
+    "ticks_optimal": 99.0,
+    "ticks_fallback_solver": 1.0,
+    "allocated_blocks_growth": 0.001,
+    "resident_growth_kib": 0.0,
+}
+
+
+def test_every_bound_can_fail() -> None:
+    assert all(bounds(GOOD, CONFIG).values())
+    bad = {
+        "ratio_to_placo": 0.61,
+        "ratio_to_pinocchio_calls": 3.6,
+        "p99_over_median": 2.1,
+        "kkt_residual_max": 1e-5,
+        "ticks_optimal": 98.0,
+        "allocated_blocks_growth": 1.0,
+        "resident_growth_kib": 4000.0,
+    }
+    for name, value in bad.items():
+        held = bounds({**GOOD, name: value}, CONFIG)
+        assert list(held.values()).count(False) == 1, name
+
+
+def test_a_residual_that_is_not_a_number_fails() -> None:
+    assert not all(bounds({**GOOD, "kkt_residual_max": float("nan")}, CONFIG).values())
+
+
+def test_the_collector_is_off_and_comes_back() -> None:
+    with pytest.raises(ZeroDivisionError), collector_off():
+        assert not gc.isenabled()
+        raise ZeroDivisionError
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
