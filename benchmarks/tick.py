@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
+from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles
 from benchmarks.push import ankle_bound, stance
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
 from bridge.closed_loop import ClosedLoop
@@ -221,7 +221,9 @@ def bounds(figures: dict[str, float], config: TickConfig) -> dict[str, bool]:
 
 
 def run(options: Options) -> Report:
-    """Time every seed; never two at once, whatever ``workers`` says.
+    """Time every seed, one at a time whatever ``workers`` says.
+
+    There is no progress bar: its thread would allocate, and take the interpreter while ticks are timed.
 
     Args:
         options: Robot and seeds.
@@ -231,8 +233,9 @@ def run(options: Options) -> Report:
         residual, tail and growth.
     """
     config, load = _config(), LoadMeter()
-    cases = [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
-    results = run_cases(measure, cases, title=f"tick {options.robot}", workers=1)
+    results: list[Case] = [
+        {"robot": options.robot, "seed": seed, **measure(options.robot, seed)} for seed in range(options.seeds)
+    ]
     figures = {}
     for name in results[0]["figures"]:
         values = [case["figures"][name] for case in results]
