@@ -53,6 +53,7 @@ class Calibrator:
         reply = self._session.start(what)
         if not reply.accepted:
             return reply
+        self._wait(self._session.config.settle)
         lockstep.listener = self._session.add
         try:
             problem = self._procedure(what)()
@@ -87,15 +88,21 @@ class Calibrator:
         return self._wait(self._session.config.feet.time)
 
     def _jig(self) -> str:
+        lockstep, config = self._lockstep, self._session.config
         for posture in self._robot.profile.jig_postures:
-            self._lockstep.plant.clamp(self._robot.posture(posture))
-            self._wait(self._session.config.posture.time)
+            lockstep.plant.clamp(self._robot.posture(posture))
+            lockstep.listener = None
+            self._wait(config.settle)
+            lockstep.listener = self._session.add
+            self._wait(config.posture.time)
         self._lockstep.plant.clamp(None)
         return ""
 
     def _move(self, motion: str) -> str:
         """Run a motion to its end; returns what went wrong."""
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
+        own = f"{motion}_{self._robot.name}"
+        motion = own if own in self._planner.names else motion
         controller = self._lockstep.controller
         try:
             trajectory = self._planner.plan(motion, start_q=controller.reference.posture)

@@ -130,11 +130,8 @@ class ClosedLoop:
         self._planner: MotionPlanner | None = None
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
-        self._calibrator: Calibrator | None = None
-        if start == "hang":
-            self.hang()
-        else:
-            self.reset()
+        self._calibrator = Calibrator(self.robot, self._lockstep)
+        (self.hang if start == "hang" else self.reset)()
 
     def _ticks(self, name: str, time: float) -> int:
         """A time [s] as a number of ticks; ``ConfigError`` when it is negative or not finite."""
@@ -228,7 +225,6 @@ class ClosedLoop:
 
         A success becomes ``calibration`` and takes effect with the next ``reset``, as on the robot.
         """
-        self._calibrator = self._calibrator or Calibrator(self.robot, self._lockstep)
         reply = self._calibrator.run(what)
         self._note(f"calibrate {what[:32]}: {reply.reason}")
         return reply

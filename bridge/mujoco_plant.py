@@ -38,6 +38,7 @@ class MujocoPlant:
         model: The compiled MuJoCo model.
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
+        noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
 
     Raises:
@@ -64,7 +65,7 @@ class MujocoPlant:
         )
         self.model = self.mujoco.model
         self.data = mujoco.MjData(self.model)
-        self._noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
+        self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
         self._index_channels()
         self._read: SensorData | None = None
         self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
@@ -106,7 +107,7 @@ class MujocoPlant:
         self._fixed = None
         self._pushes.clear()
         self._tick = 0
-        self._noise.reset(seed)
+        self.noise.reset(seed)
         self._read = None
         mujoco.mj_forward(self.model, self.data)
 
@@ -139,14 +140,14 @@ class MujocoPlant:
         """What the sensors say in this tick; the same however often it is called."""
         if self._read is None:
             nj, mj = self.robot.nj, self.mujoco
-            values = np.empty(self._noise.size)
+            values = np.empty(self.noise.size)
             # mode="clip" takes without a buffer; the indices are in range
             self._qpos.take(mj.joint_qpos, out=values[:nj], mode="clip")
             self._qvel.take(mj.joint_qvel, out=values[nj : 2 * nj], mode="clip")
             self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
-            self._read = self._noise.measure(self.t, values)
+            self._read = self.noise.measure(self.t, values)
         return self._read
 
     def write(self, tau: Vector) -> None:
@@ -166,7 +167,7 @@ class MujocoPlant:
             self._qvel[:] = 0.0
         mujoco.mj_step1(self.model, self.data)
         self._tick += 1
-        self._noise.advance()
+        self.noise.advance()
         self._read = None
 
     def close(self) -> None:

@@ -108,6 +108,16 @@ class SensorNoise:
         self._ticks = self._measured = 0
         self.advance()
 
+    @property
+    def bias(self) -> Vector:
+        """Present constant error of every channel, drawn and given (size,); for scoring only."""
+        return self._bias.copy()
+
+    @property
+    def gains(self) -> Matrix:
+        """What the channels behind the joints make of their true values (18, 18); for scoring only."""
+        return self._matrix.copy()
+
     def _gains(self, rng: np.random.Generator) -> Matrix:
         """A of the inertial unit and of both feet, as one block-diagonal matrix (18, 18)."""
         imu, feet, given, scale = self._imu_spec, self._feet_spec, self._given, self.scale

@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 from models.calibration import Calibration
 from models.config import STRICT
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES
+from models.types import FOOT_NAMES, Vector
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -33,21 +33,19 @@ def implausible(calibration: Calibration, model: RobotModel, limits: Calibration
     Returns:
         The first value that is not finite or beyond its limit, by name; empty when there is none.
     """
-    checks = [
-        *((f"gyro_bias.{a}", v, limits.gyro_bias, "rad/s") for a, v in zip("xyz", calibration.gyro_bias, strict=True)),
-        *((f"accel_bias.{a}", v, limits.accel_bias, "m/s^2") for a, v in zip("xyz", calibration.accel_bias, strict=True)),
-        *(
-            (f"encoder_offsets.{name}", v, limits.encoder_offset, "rad")
-            for name, v in zip(model.joint_names, calibration.encoder_offsets, strict=True)
-        ),
-    ]
+    checks = _axes("gyro_bias", calibration.gyro_bias, limits.gyro_bias, "rad/s")
+    checks += _axes("accel_bias", calibration.accel_bias, limits.accel_bias, "m/s^2")
+    for name, value in zip(model.joint_names, calibration.encoder_offsets, strict=True):
+        checks.append((f"encoder_offsets.{name}", float(value), limits.encoder_offset, "rad"))
     for foot, row, gain in zip(FOOT_NAMES, calibration.wrench_offsets, calibration.force_gains, strict=True):
-        checks += [(f"{foot} force_offset.{a}", v, limits.force_offset, "N") for a, v in zip("xyz", row[:3], strict=True)]
-        checks += [
-            (f"{foot} torque_offset.{a}", v, limits.torque_offset, "N.m") for a, v in zip("xyz", row[3:], strict=True)
-        ]
-        checks.append((f"{foot} force_gain - 1", gain - 1.0, limits.force_gain, ""))
+        checks += _axes(f"{foot} force_offset", row[:3], limits.force_offset, "N")
+        checks += _axes(f"{foot} torque_offset", row[3:], limits.torque_offset, "N.m")
+        checks.append((f"{foot} force_gain - 1", float(gain) - 1.0, limits.force_gain, ""))
     for name, value, limit, unit in checks:
         if not np.isfinite(value) or abs(value) > limit:
             return f"{name} is {value:.4g} {unit}, beyond +-{limit:g}".replace("  ", " ")
     return ""
+
+
+def _axes(name: str, values: Vector, limit: float, unit: str) -> list[tuple[str, float, float, str]]:
+    return [(f"{name}.{axis}", float(value), limit, unit) for axis, value in zip("xyz", values, strict=True)]

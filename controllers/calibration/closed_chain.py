@@ -34,9 +34,9 @@ def calibrate_closed_chain(
              + \|T_{k+1} - T_k\|^2_{\Sigma_w} + \|x\|^2_{\Sigma_0},
         \qquad x = (o, \mu, b)
 
-    L, R: sole poses; p_LI: place of the inertial unit in the left sole's frame, differentiated over the windows; T: placement of the right sole in the left one, (x, y, yaw), which creeps a little while both
-    stand; mu, b: mounting and bias of the inertial unit. Sigma_0 is the prior: ``chain.prior`` for the offsets, the
-    data sheet's figures for mu and b.
+    L, R: sole poses; p_LI: place of the inertial unit in the left sole's frame, differentiated over the windows; T:
+    placement of the right sole in the left one, (x, y, yaw), which creeps a little while both stand; mu, b: mounting
+    and bias of the inertial unit. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
     Gauss-Newton, each step solved by a Kalman filter over the windows, whose final covariance is the posterior.
 
     Args:
@@ -124,7 +124,7 @@ class _Fit:
         step: Change of the unknowns (n,).
         covariance: Of the unknowns (n, n).
         residual: RMS of the whitened innovations [-].
-        gated: Windows left out because their innovation is an outlier.
+        gated: Windows weighed down because their innovation is an outlier.
     """
 
     step: Vector
@@ -146,7 +146,7 @@ def _filter(
     step[:k], step[-MOUNTING:] = -x[:k], -x[-MOUNTING:]  # the prior's mean is 0, and the placement's the first one
     covariance = np.diag(sigma**2)
     walk = np.array([limits.slide_walk, limits.slide_walk, limits.turn_walk]) ** 2
-    squares, count, gated, last = 0.0, 0, 0, windows[0].t
+    squares, gated, last = 0.0, 0, windows[0].t
     forces = _expected_forces(windows, terms, x, config)
     for window, expected in zip(windows, forces, strict=True):
         diagonal = covariance.diagonal()[placed] + walk * (window.t - last)
@@ -162,17 +162,17 @@ def _filter(
             noise = np.concatenate([noise, np.full(3, limits.accel**2)])
         innovation = error + jacobian @ step  # (6,) or (9,)
         spread = jacobian @ covariance @ jacobian.T + np.diag(noise)
-        square = float(innovation @ np.linalg.solve(spread, innovation))
-        if square > gate * innovation.size:
-            gated += 1  # a jolt
-            continue
+        square = float(innovation @ np.linalg.solve(spread, innovation)) / innovation.size
+        if square > gate:  # a jolt or a slip: weighed down, but not ignored, or one slip would lock all the rest out
+            gated += 1
+            spread += np.diag(noise) * (square / gate - 1.0)
+            noise = noise * square / gate
         gain = np.linalg.solve(spread, jacobian @ covariance).T  # (n, 6 or 9)
         step = step - gain @ innovation
         left = np.eye(terms.size) - gain @ jacobian
         covariance = left @ covariance @ left.T + (gain * noise) @ gain.T
-        squares += square
-        count += innovation.size
-    return _Fit(step, covariance, float(np.sqrt(squares / max(count, 1))), gated)
+        squares += min(square, gate)
+    return _Fit(step, covariance, float(np.sqrt(squares / len(windows))), gated)
 
 
 def _expected_forces(

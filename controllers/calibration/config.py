@@ -20,7 +20,6 @@ class RestConfig:
     joint_drift: Annotated[float, Field(gt=0.0, description="largest change of a joint position in all [rad]")]
     gyro_spread: Annotated[float, Field(gt=0.0, description="standard deviation of the angular rate [rad/s]")]
     accel_spread: Annotated[float, Field(gt=0.0, description="standard deviation of the specific force [m/s^2]")]
-    force_spread: Annotated[float, Field(gt=0.0, description="standard deviation of the force on a foot, of weight")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -51,10 +50,10 @@ class ChainConfig:
     min_windows: Annotated[int, Field(ge=2, description="fewer usable windows are refused [1]")]
     max_sigma: Annotated[float, Field(gt=0.0, description="posterior std of an offset that is refused above [rad]")]
     max_residual: Annotated[float, Field(gt=1.0, description="RMS of the whitened residual refused above [-]")]
-    gate: Annotated[float, Field(gt=1.0, description="squared whitened innovation a value, left out above [-]")]
-    max_gated: Annotated[Share, Field(description="share of windows left out that is refused above [-]")]
+    gate: Annotated[float, Field(gt=1.0, description="mean squared whitened innovation, weighed down above [-]")]
+    max_gated: Annotated[Share, Field(description="share of windows weighed down that is refused above [-]")]
     iterations: Annotated[int, Field(ge=2, description="largest number of Gauss-Newton steps [1]")]
-    free_iterations: Annotated[int, Field(ge=1, description="first steps that leave nothing out [1]")]
+    free_iterations: Annotated[int, Field(ge=1, description="first steps that weigh nothing down [1]")]
     placement: Annotated[float, Field(gt=0.0, description="std of the unknown placement of the soles [m, rad]")]
     misalignment: Annotated[float, Field(gt=0.0, description="least std of the inertial unit's mounting [rad]")]
     accel_bias: Annotated[float, Field(gt=0.0, description="least std of the accelerometer's bias [m/s^2]")]
@@ -78,6 +77,8 @@ class FeetConfig:
     min_time: Annotated[float, Field(gt=0.0, description="less is refused [s]")]
     air_load: Annotated[Share, Field(description="force below which the feet are in the air, as a share of weight")]
     stand_load: Annotated[Share, Field(description="force above which the robot stands, as a share of weight")]
+    air_spread: Annotated[Share, Field(description="std of a force in the air, as a share of weight")]
+    stand_spread: Annotated[Share, Field(description="std of the load on both feet, as a share of weight")]
     gain_prior: Annotated[float, Field(gt=0.0, description="standard deviation of a gain before any data [-]")]
     load_sigma: Annotated[float, Field(gt=0.0, description="std of the vertical load at rest, as a share of weight")]
     min_shift: Annotated[Share, Field(description="change of the left foot's share needed to tell both gains apart")]
@@ -93,6 +94,9 @@ class CalibrationConfig:
 
     gravity: Annotated[float, Field(gt=0.0, description="[m/s^2]")]
     window: Annotated[float, Field(gt=0.0, description="time over which samples are averaged first [s]")]
+    settle: Annotated[
+        float, Field(ge=0.0, description="time for whoever drives it to wait before the first sample [s]")
+    ]
     rest: RestConfig
     imu: ImuConfig
     chain: ChainConfig

@@ -90,7 +90,7 @@ def _offsets(
     wrenches = np.array([w.wrenches for w in windows])  # (k, 2, 6)
     spread = float(wrenches[:, :, :3].std(axis=0).max())
     details["force_spread"] = spread
-    limit = config.rest.force_spread * model.mass * config.gravity
+    limit = config.feet.air_spread * model.mass * config.gravity
     if spread > limit:
         return refuse(f"the force on a foot in the air varies by {spread:.1f} N (at most {limit:.1f} N)", details)
     offsets = wrenches.mean(axis=0)  # (2, 6)
@@ -117,7 +117,7 @@ def _gains(
     loads = np.array([w.loads for w in still]) - base.wrench_offsets[:, 2]  # (k, 2)
     spread = float(loads.sum(axis=1).std())
     details["load_spread"] = spread
-    if spread > config.rest.force_spread * weight:
+    if spread > config.feet.stand_spread * weight:
         return refuse(f"the load on both feet varies by {spread:.1f} N: the robot is not at rest", details)
     shares = loads[:, 0] / loads.sum(axis=1)
     shift = details["shift"] = float(np.ptp(shares))

@@ -47,7 +47,7 @@ def calibrate_imu(
     details: dict[str, float] = {"time": time, "samples": float(samples)}
     if time < limits.min_time or samples < limits.min_samples:
         return refuse(
-            f"too few samples: {samples} in {time:.2f} s, at least {limits.min_samples} in {limits.min_time:g} s needed",
+            f"too few samples: {samples} in {time:.2f} s (at least {limits.min_samples} in {limits.min_time:g} s)",
             details,
         )
     moved, numbers = unrest(windows, model, config.rest)

@@ -49,6 +49,8 @@ def unrest(windows: Sequence[Window], model: RobotModel, config: RestConfig) -> 
     return "", details
 
 
-def _joint(model: RobotModel, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], verb: str, unit: str, limit: float) -> str:
+def _joint(
+    model: RobotModel, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], verb: str, unit: str, limit: float
+) -> str:
     i = int(np.argmax(values))
     return f"joint '{model.joint_names[i]}' {verb} {values[i]:.3g} {unit} (at most {limit:g})"
