@@ -76,7 +76,7 @@ def test_hanging_calibration_recovers_gyro_force_and_all_encoders(robot: RobotMo
 def closed_chain(robot: RobotModel) -> None:
     joints = ChainTerms(robot).joints
     offsets = np.zeros(robot.nj)
-    offsets[joints] = ENCODER * signs(SEED, joints.size)
+    offsets[joints] = ENCODER * signs(1, joints.size)
     errors = SensorErrors(encoder_offsets=offsets)
     loop = ClosedLoop(robot, seed=SEED, sensor_errors=errors, record=False)
     worst = []
@@ -86,6 +86,7 @@ def closed_chain(robot: RobotModel) -> None:
         assert loop.calibration is not None
         worst.append(np.abs(loop.calibration.encoder_offsets - loop.plant.noise.bias[: robot.nj])[joints].max())
         loop.reset()
+    print(robot.name, "worst offset after each pass [rad]", worst)
     assert worst[0] < 0.1 * ENCODER and worst[1] < SHARE * ENCODER, worst
     assert not np.delete(loop.calibration.encoder_offsets, joints).any()
     as_good(loop, errors, loop.calibration)
@@ -103,7 +104,7 @@ def test_closed_chain_recovers_the_legs_and_waist_of_talos(talos: RobotModel) ->
 def test_standing_calibration_of_imu_and_gains(g1: RobotModel) -> None:
     errors = SensorErrors(gyro_bias=GYRO * signs(5, 3), wrench_gains=0.06 * signs(6, 2, 1))
     loop = ClosedLoop(g1, seed=SEED, sensor_errors=errors, record=False)
-    loop.run(0.3)
+    loop.run(1.5)  # until the state estimator has found most of the bias itself, the robot rocks
     assert loop.calibrate("imu").accepted
     assert loop.calibration is not None
     at = 3 * g1.nj

@@ -94,6 +94,19 @@ def test_imu_keeps_what_the_base_says_of_other_sensors(g1: RobotModel) -> None:
     assert np.abs(result.gyro_bias).max() < 1e-3
 
 
+def test_imu_takes_slow_leaning_off_the_bias_when_the_feet_stand(g1: RobotModel) -> None:
+    """Both ankles let the robot lean forward at 4 mrad/s: the gyro feels it, and the encoders know of it."""
+    lean = np.zeros(g1.nj)
+    lean[[g1.joint_index("left_ankle_pitch_joint"), g1.joint_index("right_ankle_pitch_joint")]] = -0.004
+    bias, rate = np.array([0.01, 0.05, -0.02]), np.array([0.0, 0.004, 0.0])
+    for standing, expected in ((True, bias), (False, bias + rate)):
+        feed = Feed(g1, "imu")
+        feed.gyro = bias + rate
+        feed.wrenches = loads(g1, 0.5, 0.5) if standing else feed.wrenches
+        outcome = feed.add(2.0, q=lambda t: g1.posture("stand") + lean * t).finish()
+        np.testing.assert_allclose(found(outcome).gyro_bias, expected, atol=6e-4)
+
+
 def test_imu_refuses_a_moving_robot(g1: RobotModel) -> None:
     joint = g1.joint_index("waist_yaw_joint")
     velocity = np.zeros(g1.nj)
