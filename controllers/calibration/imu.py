@@ -39,8 +39,8 @@ def calibrate_imu(
 
     Returns:
         The calibration, or the reason of the refusal. Details: ``time`` [s], ``samples``, those of ``unrest``,
-        ``turning_{x,y,z}`` (w_k), ``gyro_bias_{x,y,z}`` [rad/s], ``gravity_{x,y,z}`` (u, in the frame of the unit), ``accel_norm`` [m/s^2],
-        ``tilt`` of the unit [rad].
+        ``turning_{x,y,z}`` (w_k) and ``gyro_bias_{x,y,z}`` [rad/s], ``gravity_{x,y,z}`` (u, in the frame of the unit),
+        ``accel_norm`` [m/s^2], ``tilt`` of the unit [rad].
 
     Assumptions:
         The robot stands on something that does not turn: a slow, steady turn cannot be told from a bias.
