@@ -206,7 +206,7 @@ class ClosedLoop:
         self._lockstep.start(seed)
 
     def hang(self, seed: int | None = None) -> None:
-        """Start over hanging from a crane, feet in the air, drivers on, mode 'off'; ``reset`` stands it up."""
+        """Start over hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` stands it up."""
         self.log.clear()
         self.events.clear()
         self._lockstep.hang(seed)
