@@ -79,7 +79,7 @@ class WalkingController:
         self._dcm, self._cmp = np.zeros(2), np.zeros(2)
         self._position, self._velocity = np.zeros(3), np.zeros(3)
         self._acceleration = np.zeros(3)
-        self.reference: Reference | None = None
+        self.reference: Reference
         self.capture_margin = 0.0
 
     def reset(self) -> None:

@@ -184,7 +184,8 @@ class GaitPlanner:
             self._adjust()
             self._next_adjustment = self._elapsed + config.timing.adjust_period
         target = self.footholds[foot]
-        pose = np.array([target.x, target.y, self.footholds[self.stance].z, target.yaw])
+        yaw = float(self._swing.position[3])
+        pose = np.array([target.x, target.y, self.footholds[self.stance].z, yaw + wrap(target.yaw - yaw)])
         self._swing.step(pose, self._elapsed, self.step_time, dt)
         self._dcm, self._dcm_rate = dcm.single_support(
             self._point(self.stance), self._target, self._omega(), max(self.step_time - self._elapsed, 0.0)
