@@ -78,6 +78,7 @@ class GaitPlanner:
         self._old_point = np.zeros(2)
         self._target = np.zeros(2)
         self._next_adjustment = 0.0
+        self._early = 0.0
 
     @property
     def walking(self) -> bool:
@@ -162,11 +163,15 @@ class GaitPlanner:
             self._lift()
 
     def _in_double(self, dt: float) -> None:
-        duration = self.config.timing.double
-        self._dcm, self._dcm_rate = dcm.double_support(
-            self._old_point, self._point(self.stance), self._double_end(), self._omega(), self._elapsed, duration
-        )
-        if self._elapsed >= duration:
+        duration, omega = self.config.timing.double, self._omega()
+        new, end = self._point(self.stance), self._double_end()
+        elapsed = self._elapsed - self._early
+        dcm_now = dcm.double_support(self._old_point, new, end, omega, max(elapsed, 0.0), duration)
+        if elapsed < 0.0:
+            # Landed early: the pendulum still runs to where it was to be at the planned touchdown.
+            dcm_now = dcm.single_support(self._old_point, dcm_now[0], omega, -elapsed)
+        self._dcm, self._dcm_rate = dcm_now
+        if elapsed >= duration:
             self._lift()
 
     def _in_finish(self, dt: float) -> None:
@@ -216,6 +221,7 @@ class GaitPlanner:
     def _land(self, foot: int) -> None:
         self.steps += 1
         self._old_point = self._point(self.stance)
+        self._early = max(self.step_time - self._elapsed, 0.0)
         self.footholds[foot] = self._measured.soles[foot]
         self.stance = foot
         if self._steps_left is not None:
