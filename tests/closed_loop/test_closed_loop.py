@@ -211,7 +211,7 @@ def test_motion_runs_to_its_end(g1: RobotModel) -> None:
 
 
 def test_velocity_is_refused_until_there_is_a_gait_planner(g1: RobotModel) -> None:
-    with pytest.raises(CommandError, match="no gait planner"):
+    with pytest.raises(CommandError, match="command 'walk' first"):
         ClosedLoop(g1).set_velocity(0.4, 0.0, 0.0)
 
 
