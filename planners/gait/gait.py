@@ -148,7 +148,9 @@ class GaitPlanner:
 
     def _in_stand(self, dt: float) -> None:
         middle = self._middle()
-        self._dcm, self._dcm_rate = dcm.blend(self._from, (middle, np.zeros(2)), self._elapsed, self.config.timing.finish)
+        self._dcm, self._dcm_rate = dcm.blend(
+            self._from, (middle, np.zeros(2)), self._elapsed, self.config.timing.finish
+        )
         near = float(np.linalg.norm(self._measured.dcm(self._omega()) - middle)) < self.config.settle_dcm
         self._settled = self._settled + dt if near else 0.0
         if self._limiter.moving:
@@ -176,9 +178,7 @@ class GaitPlanner:
 
     def _in_finish(self, dt: float) -> None:
         duration = self.config.timing.finish
-        self._dcm, self._dcm_rate = dcm.blend(
-            self._from, (self._middle(), np.zeros(2)), self._elapsed, duration
-        )
+        self._dcm, self._dcm_rate = dcm.blend(self._from, (self._middle(), np.zeros(2)), self._elapsed, duration)
         if self._elapsed >= duration:
             self._enter(GaitPhase.STAND)
 
@@ -291,7 +291,11 @@ class GaitPlanner:
         shift = np.array(stance.relative(*nominal.moved(*self._centres[foot]))) - stance.relative(nominal.x, nominal.y)
         shift -= np.array(self._centres[self.stance])  # foothold in the stance frame -> ZMP point from the stance's
         wanted = Step(
-            np.array(stance.relative(nominal.x, nominal.y)) + shift, config.timing.single, turn @ offset, np.zeros(2), True
+            np.array(stance.relative(nominal.x, nominal.y)) + shift,
+            config.timing.single,
+            turn @ offset,
+            np.zeros(2),
+            True,
         )
         adjusted = self._adjustment.solve(
             turn @ (self._measured.dcm(omega) - point),

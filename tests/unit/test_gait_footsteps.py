@@ -23,9 +23,7 @@ poses = st.builds(Foothold, st.floats(-5, 5), st.floats(-5, 5), st.floats(-math.
 
 @settings(max_examples=200, deadline=None)
 @given(stance=poses, foot=st.sampled_from([LEFT, RIGHT]), velocity=velocities)
-def test_steps_stay_in_reach_and_never_cross(
-    stance: Foothold, foot: int, velocity: tuple[float, float, float]
-) -> None:
+def test_steps_stay_in_reach_and_never_cross(stance: Foothold, foot: int, velocity: tuple[float, float, float]) -> None:
     step = next_foothold(stance, foot, velocity, PERIOD, REACH)
     side = 1.0 if foot == LEFT else -1.0
     forward, left = stance.relative(step.x, step.y)
