@@ -139,6 +139,7 @@ class GaitConfig:
         preview: Steps that the DCM recursion looks ahead.
         settle_dcm: DCM distance from the middle at which a finished walk counts as standing [m].
         settle_time: For this long [s].
+        step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
         timing, reach, velocity, swing, adjustment: Parts.
@@ -150,6 +151,7 @@ class GaitConfig:
     preview: Annotated[int, Field(ge=1, le=12)]
     settle_dcm: Positive
     settle_time: NonNegative
+    step_share: Share
     anchor_time: Positive
     anchor_load: Share
     timing: TimingConfig

@@ -9,6 +9,9 @@ from planners.gait.config import ReachConfig
 
 LEFT, RIGHT = 0, 1
 
+Velocity = tuple[float, float, float]
+"""Forward [m/s], left [m/s], turn [rad/s], in the body's frame."""
+
 
 @dataclass(frozen=True, slots=True)
 class Foothold:
@@ -42,9 +45,7 @@ def wrap(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def next_foothold(
-    stance: Foothold, foot: int, velocity: tuple[float, float, float], period: float, reach: ReachConfig
-) -> Foothold:
+def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float, reach: ReachConfig) -> Foothold:
     r"""Where the other foot is to be put after one step.
 
     The body's centre is half a step width inwards of the stance sole, moves on by ``v T`` and turns by ``w T``; the
@@ -82,11 +83,7 @@ def next_foothold(
     c, s = math.cos(half_turn), math.sin(half_turn)
     along, across = forward, side * width
     dx, dy = c * along - s * across, s * along + c * across
-    return clamped(stance, foot, *_world(stance, dx, dy), heading + half_turn, reach)
-
-
-def _world(stance: Foothold, forward: float, left: float) -> tuple[float, float]:
-    return stance.moved(forward, left)
+    return clamped(stance, foot, *stance.moved(dx, dy), heading + half_turn, reach)
 
 
 def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, reach: ReachConfig) -> Foothold:
@@ -103,7 +100,7 @@ def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, reach: 
 def preview_footholds(
     stance: Foothold,
     foot: int,
-    velocity: tuple[float, float, float],
+    velocity: Velocity,
     period: float,
     reach: ReachConfig,
     count: int,

@@ -12,10 +12,10 @@ from models.robot_model import RobotModel
 from models.types import Reference, RobotState, Vector
 from planners.gait import dcm
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.footsteps import Foothold, preview_footholds, wrap
+from planners.gait.footsteps import Foothold, wrap
 from planners.gait.measurement import GRAVITY, GaitMeasurement
+from planners.gait.plan import StepPlan
 from planners.gait.reference import ReferenceBuilder
-from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
 from planners.gait.swing import SwingFoot
 from planners.gait.velocity import VelocityLimiter
 
@@ -59,12 +59,9 @@ class GaitPlanner:
         self.config = config = config or load_gait_config(model)
         self._measured = GaitMeasurement(model)
         self._limiter = VelocityLimiter(config.velocity)
-        self._adjustment = StepAdjustment(config.adjustment)
+        self._plan = StepPlan(model, config)
         self._swing = SwingFoot(config.swing)
         self._builder = ReferenceBuilder(model, config)
-        rectangles = [foot.rectangle for foot in model.feet]
-        self._centres = [(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles]
-        self._half = [(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles]
         self.footholds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self.phase = GaitPhase.STAND
         self.stance = 1
@@ -153,12 +150,14 @@ class GaitPlanner:
         )
         near = float(np.linalg.norm(self._measured.dcm(self._omega()) - middle)) < self.config.settle_dcm
         self._settled = self._settled + dt if near else 0.0
-        if self._limiter.moving:
+        if self._must_step():
+            self._recover()
+        elif self._limiter.moving:
             self._begin()
 
     def _in_start(self, dt: float) -> None:
         duration = self.config.timing.start
-        end = self._double_end()
+        end = self._sync().start_of_single()
         rate = self._omega() * (end - self._point(self.stance))
         self._dcm, self._dcm_rate = dcm.blend(self._from, (end, rate), self._elapsed, duration)
         if self._elapsed >= duration:
@@ -166,7 +165,7 @@ class GaitPlanner:
 
     def _in_double(self, dt: float) -> None:
         duration, omega = self.config.timing.double, self._omega()
-        new, end = self._point(self.stance), self._double_end()
+        new, end = self._point(self.stance), self._sync().start_of_single()
         elapsed = self._elapsed - self._early
         dcm_now = dcm.double_support(self._old_point, new, end, omega, max(elapsed, 0.0), duration)
         if elapsed < 0.0:
@@ -179,7 +178,9 @@ class GaitPlanner:
     def _in_finish(self, dt: float) -> None:
         duration = self.config.timing.finish
         self._dcm, self._dcm_rate = dcm.blend(self._from, (self._middle(), np.zeros(2)), self._elapsed, duration)
-        if self._elapsed >= duration:
+        if self._must_step():
+            self._recover()
+        elif self._elapsed >= duration:
             self._enter(GaitPhase.STAND)
 
     def _in_single(self, dt: float) -> None:
@@ -209,6 +210,13 @@ class GaitPlanner:
         self._steps_left = None
         self._enter(GaitPhase.START)
 
+    def _recover(self) -> None:
+        """A step at once, without a shift of the weight: the foot away from the DCM swings."""
+        near = [float(np.linalg.norm(self._measured.dcm(self._omega()) - self._point(foot))) for foot in range(2)]
+        self.stance = 0 if near[0] < near[1] else 1
+        self._steps_left = 2
+        self._lift()
+
     def _lift(self) -> None:
         foot = 1 - self.stance
         sole = self._measured.soles[foot]
@@ -226,6 +234,8 @@ class GaitPlanner:
         self.stance = foot
         if self._steps_left is not None:
             self._steps_left -= 1
+        if self._steps_left is not None and self._steps_left <= 0 and self._must_step():
+            self._steps_left = 1  # not caught yet
         if self._steps_left is not None and self._steps_left <= 0:
             self._from = (self._dcm.copy(), self._dcm_rate.copy())
             self._steps_left = None
@@ -251,80 +261,19 @@ class GaitPlanner:
         elif not walking:
             self._limiter.reset()
 
-    # Plan -------------------------------------------------------------------------------------------------------------
-
-    def _preview(self) -> tuple[list[Foothold], Vector]:
-        """Coming footholds of the other foot and on, and the DCM offset at the next touchdown (2,)."""
-        timing = self.config.timing
-        foot = 1 - self.stance
-        steps = preview_footholds(
-            self.footholds[self.stance],
-            foot,
-            self._limiter.velocity,
-            timing.single + timing.double,
-            self.config.reach,
-            self.config.preview,
-            self._steps_left,
-        )
-        points = [self._point(self.stance)]
-        for i, hold in enumerate(steps):
-            points.append(np.array(hold.moved(*self._centres[foot if i % 2 == 0 else 1 - foot])))
-        final = None if self._steps_left is None else 0.5 * (points[-1] + points[-2])
-        return steps, dcm.touchdown_offset(points, self._omega(), timing.single, timing.double, final)
-
-    def _double_end(self) -> Vector:
-        """DCM at which the coming single support is to begin (2,)."""
-        steps, offset = self._preview()
-        point = self._point(self.stance)
-        touchdown = np.array(steps[0].moved(*self._centres[1 - self.stance])) + offset
-        return dcm.single_support(point, touchdown, self._omega(), self.config.timing.single)[0]
+    def _sync(self) -> StepPlan:
+        """The step plan, told where the gait is."""
+        plan = self._plan
+        plan.stance, plan.foot = self.footholds[self.stance], 1 - self.stance
+        plan.velocity, plan.steps_left = self._limiter.velocity, self._steps_left
+        plan.omega = self._omega()
+        return plan
 
     def _adjust(self) -> None:
         """Foothold and time of the step under way, from the measured DCM."""
-        config, foot, omega = self.config, 1 - self.stance, self._omega()
-        stance = self.footholds[self.stance]
-        steps, offset = self._preview()
-        nominal = steps[0]
-        c, s = math.cos(stance.yaw), math.sin(stance.yaw)
-        turn = np.array([[c, s], [-s, c]])  # W into the stance frame
-        point = self._point(self.stance)
-        shift = np.array(stance.relative(*nominal.moved(*self._centres[foot]))) - stance.relative(nominal.x, nominal.y)
-        shift -= np.array(self._centres[self.stance])  # foothold in the stance frame -> ZMP point from the stance's
-        wanted = Step(
-            np.array(stance.relative(nominal.x, nominal.y)) + shift,
-            config.timing.single,
-            turn @ offset,
-            np.zeros(2),
-            True,
-        )
-        adjusted = self._adjustment.solve(
-            turn @ (self._measured.dcm(omega) - point),
-            self._elapsed,
-            omega,
-            wanted,
-            self.step_time,
-            self._bounds(stance, foot, shift),
-        )
-        x, y = stance.moved(*(adjusted.step - shift))
-        self.footholds[foot] = Foothold(x, y, nominal.yaw, stance.z)
-        self.step_time = adjusted.time
-        self._target = point + turn.T @ (adjusted.step + wanted.offset)
-
-    def _bounds(self, stance: Foothold, foot: int, shift: Vector) -> StepBounds:
-        config, reach, timing = self.config, self.config.reach, self.config.timing
-        lower = np.array([-reach.backward, reach.width_min if foot == 0 else -reach.width_max])
-        upper = np.array([reach.forward, reach.width_max if foot == 0 else -reach.width_min])
-        far = config.swing.speed_max * max(self.step_time - self._elapsed, 0.0)
-        now = np.array(stance.relative(float(self._swing.position[0]), float(self._swing.position[1])))
-        near = np.clip(now, lower, upper)
-        lower, upper = np.maximum(lower, near - far), np.minimum(upper, near + far)
-        soonest = max(timing.single_min, self._elapsed + config.swing.freeze)
-        return StepBounds(
-            lower + shift,
-            upper + shift,
-            soonest,
-            max(timing.single_max, soonest),
-            config.adjustment.cop_share * np.array(self._half[self.stance]),
+        plan = self._sync()
+        self.footholds[plan.foot], self.step_time, self._target = plan.adjust(
+            self._measured.dcm(plan.omega), self._elapsed, self.step_time, self._swing.position
         )
 
     # Small things -----------------------------------------------------------------------------------------------------
@@ -334,11 +283,21 @@ class GaitPlanner:
 
     def _point(self, foot: int) -> Vector:
         """ZMP point of a planted foot: the middle of its sole (2,)."""
-        return np.array(self.footholds[foot].moved(*self._centres[foot]))
+        return self._plan.point(foot, self.footholds[foot])
 
     def _middle(self) -> Vector:
         middle: Vector = 0.5 * (self._point(0) + self._point(1))
         return middle
+
+    def _must_step(self) -> bool:
+        """Whether the DCM nears the edge of the box around both soles, so that standing cannot bring it back."""
+        left, right = self.footholds
+        frame = Foothold(*self._middle(), left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+        dcm_now = frame.relative(*self._measured.dcm(self._omega()))
+        apart = frame.relative(*self._point(0))
+        half = self._plan.half_sole(0)
+        share = self.config.step_share
+        return any(abs(dcm_now[i]) > share * (float(half[i]) + abs(apart[i])) for i in range(2))
 
     def _ground(self) -> float:
         return 0.5 * (self.footholds[0].z + self.footholds[1].z)
