@@ -25,7 +25,7 @@ def test_walks_forward_turns_and_stops() -> None:
     loop.set_velocity(0.3, 0.0, 0.0)
     loop.run(2.0)
     start, t = loop.truth.q[:3].copy(), loop.t
-    loop.run(8.0)
+    loop.run(6.0)
     assert loop.mode is Mode.WALK and not loop.fallen
     speed = (loop.truth.q[0] - start[0]) / (loop.t - t)
     assert speed == pytest.approx(0.3, rel=0.1)
@@ -33,13 +33,13 @@ def test_walks_forward_turns_and_stops() -> None:
 
     loop.set_velocity(0.0, 0.0, 0.5)
     before, turned = yaw(loop.truth.q[3:7]), 0.0
-    for _ in range(40):
+    for _ in range(30):
         loop.run(0.1)
         now = yaw(loop.truth.q[3:7])
         turned += (now - before + np.pi) % (2.0 * np.pi) - np.pi
         before = now
     assert not loop.fallen
-    assert turned == pytest.approx(2.0, rel=0.2)
+    assert turned == pytest.approx(1.5, rel=0.25)
 
     steps = loop.gait.steps
     assert loop.command("stop").accepted
@@ -54,17 +54,34 @@ def test_walks_forward_turns_and_stops() -> None:
     assert set(loop.log.statuses) == {SolveStatus.OPTIMAL}
 
 
-@pytest.mark.parametrize("velocity", [(-0.25, 0.0, 0.0), (0.0, 0.2, 0.0), (0.5, 0.0, 0.0)])
-def test_walks_backward_sideways_and_faster(velocity: tuple[float, float, float]) -> None:
-    loop = ClosedLoop("g1", seed=5, record=False)
+@pytest.mark.parametrize(
+    ("robot", "velocity"),
+    [("g1", (-0.25, 0.0, 0.0)), ("g1", (0.0, 0.2, 0.0)), ("g1", (0.5, 0.0, 0.0)), ("talos", (0.3, 0.0, 0.0))],
+)
+def test_walks_backward_sideways_and_faster(robot: str, velocity: tuple[float, float, float]) -> None:
+    loop = ClosedLoop(robot, seed=5, record=False)
     loop.command("walk")
     loop.set_velocity(*velocity)
     loop.run(2.0)
     start, t = loop.truth.q[:2].copy(), loop.t
-    loop.run(5.0)
+    loop.run(3.0)
     assert not loop.fallen
     moved = (loop.truth.q[:2] - start) / (loop.t - t)
-    assert moved == pytest.approx(velocity[:2], abs=0.06)
+    assert moved == pytest.approx(velocity[:2], abs=0.08)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)])
+def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, float]) -> None:
+    loop = ClosedLoop("g1", seed=1, record=False)
+    loop.command("walk")
+    loop.run(0.3)
+    force = loop.robot.mass * 0.6 / 0.1  # N: 0.6 m/s in 0.1 s
+    loop.apply_push((force * direction[0], force * direction[1], 0.0), 0.1)
+    loop.run(4.0)
+    assert not loop.fallen
+    assert 1 <= loop.gait.steps <= 6
+    assert not loop.gait.walking  # back to a standstill
+    assert np.abs(loop.truth.v[6:]).mean() < 0.05
 
 
 def test_a_walk_repeats_bit_for_bit() -> None:

@@ -74,21 +74,21 @@ def test_it_is_the_minimum_inside_the_bounds(error: tuple[float, float]) -> None
 
 
 def test_a_push_moves_the_foot_along() -> None:
-    ahead = solve(undisturbed() + [0.06, 0.0])
-    aside = solve(undisturbed() + [0.0, 0.03])
+    ahead = solve(undisturbed() + np.array([0.06, 0.0]))
+    aside = solve(undisturbed() + np.array([0.0, 0.03]))
     assert ahead.step[0] > NOMINAL.step[0] + 0.05
     assert aside.step[1] > NOMINAL.step[1] + 0.02
     assert ahead.offset == pytest.approx(NOMINAL.offset, abs=0.01)
 
 
 def test_a_push_against_the_swing_foot_lands_it_sooner_or_nearer() -> None:
-    inward = solve(undisturbed() + [0.0, -0.02])
+    inward = solve(undisturbed() + np.array([0.0, -0.02]))
     assert inward.step[1] >= BOUNDS.step_lower[1] - 1e-9
     assert inward.step[1] < NOMINAL.step[1]
 
 
 def test_it_is_fast() -> None:
-    law, dcm = StepAdjustment(CONFIG), undisturbed() + [0.03, 0.02]
+    law, dcm = StepAdjustment(CONFIG), undisturbed() + np.array([0.03, 0.02])
     times = []
     for _ in range(300):
         start = perf_counter()
