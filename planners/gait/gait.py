@@ -292,7 +292,8 @@ class GaitPlanner:
     def _must_step(self) -> bool:
         """Whether the DCM nears the edge of the box around both soles, so that standing cannot bring it back."""
         left, right = self.footholds
-        frame = Foothold(*self._middle(), left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+        x, y = (float(value) for value in self._middle())
+        frame = Foothold(x, y, left.yaw + 0.5 * wrap(right.yaw - left.yaw))
         dcm_now = frame.relative(*self._measured.dcm(self._omega()))
         apart = frame.relative(*self._point(0))
         half = self._plan.half_sole(0)

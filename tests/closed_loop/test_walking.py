@@ -70,7 +70,7 @@ def test_walks_backward_sideways_and_faster(robot: str, velocity: tuple[float, f
     assert moved == pytest.approx(velocity[:2], abs=0.08)
 
 
-@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0)])
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0)])
 def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, float]) -> None:
     loop = ClosedLoop("g1", seed=1, record=False)
     loop.command("walk")
