@@ -38,7 +38,7 @@ class Walker:
     def start(self, state: RobotState) -> None:
         """Take over a robot that stands on both feet."""
         self.planner.reset(state)
-        self.controller.reset()
+        self.controller.reset(state)
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick."""

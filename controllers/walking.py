@@ -82,9 +82,9 @@ class WalkingController:
         self.reference: Reference
         self.capture_margin = 0.0
 
-    def reset(self) -> None:
-        """Forget the last command."""
-        self.whole_body.reset()
+    def reset(self, state: RobotState) -> None:
+        """Forget the last command and start over from a measured state."""
+        self.whole_body.reset(state.q[7:])
 
     def step(self, state: RobotState, reference: Reference, dt: float) -> ControlResult:
         """One tick.
