@@ -72,3 +72,6 @@ class OrientationTask(Task):
         """Rows of the stack, in one compiled call."""
         block, wanted = terms.block, reference.base_orientation if self._is_base else reference.torso_orientation
         orientation_rows(self._is_base, block.data, block.layout, wanted, self.kp, self.kd, jacobian, target)
+        if reference.heading_rate != 0.0:
+            rotation = terms.base_rotation if self._is_base else terms.torso.pose
+            target += self.kd * reference.heading_rate * rotation[2, :3]
