@@ -7,11 +7,14 @@ from typing import Literal
 
 import mujoco
 
+from bridge.calibrating import Calibrator
 from bridge.lockstep import Controller, Lockstep
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
+from bridge.sensor_errors import SensorErrors
 from controllers.balance import BalanceController
+from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
@@ -51,6 +54,9 @@ class ClosedLoop:
         visuals: Load meshes for pictures.
         controller: Whole-body controller to use instead of a new ``BalanceController``.
         config: Start-up, scoring and log settings; the packaged ones when None.
+        sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
+        calibration: Corrects the sensors; None for none.
+        start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
 
     Attributes:
         robot: The robot.
@@ -82,7 +88,12 @@ class ClosedLoop:
         visuals: bool = False,
         controller: Controller | None = None,
         config: LoopConfig | None = None,
+        sensor_errors: SensorErrors | None = None,
+        calibration: Calibration | None = None,
+        start: Literal["stand", "hang"] = "stand",
     ) -> None:
+        if start not in ("stand", "hang"):
+            raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
         if estimate not in ("sensors", "truth"):
             raise ConfigError(f"estimate: unknown '{estimate}'; known: sensors, truth")
         self.config = config or default_config(LoopConfig, "bridge", "closed_loop")
@@ -96,6 +107,7 @@ class ClosedLoop:
             terrain=terrain,
             timestep=timestep,
             visuals=visuals,
+            sensor_errors=sensor_errors,
         )
         latency = self.robot.profile.sensors.latency
         delay_ticks = self._ticks("delay_s", latency.sensors + latency.commands if delay_s is None else delay_s)
@@ -113,11 +125,13 @@ class ClosedLoop:
             use_truth=estimate == "truth",
             note=self._note,
             after_tick=self._record,
+            calibration=calibration,
         )
         self._planner: MotionPlanner | None = None
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
-        self.reset()
+        self._calibrator = Calibrator(self.robot, self._lockstep)
+        (self.hang if start == "hang" else self.reset)()
 
     def _ticks(self, name: str, time: float) -> int:
         """A time [s] as a number of ticks; ``ConfigError`` when it is negative or not finite."""
@@ -190,6 +204,30 @@ class ClosedLoop:
         self.log.clear()
         self.events.clear()
         self._lockstep.start(seed)
+
+    def hang(self, seed: int | None = None) -> None:
+        """Start over hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` stands it up."""
+        self.log.clear()
+        self.events.clear()
+        self._lockstep.hang(seed)
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The calibration that the next ``reset`` or ``hang`` takes; settable."""
+        return self._lockstep.calibration
+
+    @calibration.setter
+    def calibration(self, calibration: Calibration | None) -> None:
+        self._lockstep.calibration = calibration
+
+    def calibrate(self, what: str) -> CommandReply:
+        """Calibrate 'imu', 'joints' or 'feet' with the motions it needs; see ``bridge/calibrating.py``.
+
+        A success becomes ``calibration`` and takes effect with the next ``reset``, as on the robot.
+        """
+        reply = self._calibrator.run(what)
+        self._note(f"calibrate {what[:32]}: {reply.reason}")
+        return reply
 
     def run(self, duration: float) -> None:
         """Run for a simulated time [s], rounded to ticks."""

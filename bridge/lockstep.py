@@ -15,6 +15,7 @@ from controllers.health import Health, tilt
 from controllers.joint_servo import JointServo, ServoState
 from controllers.preflight import Evidence, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
+from models.calibration import Calibration, apply_calibration
 from models.errors import PoiseError
 from models.types import (
     ControlResult,
@@ -70,6 +71,7 @@ class Lockstep:
         use_truth: Whether the true state replaces the estimate.
         note: Takes a sentence about what happened.
         after_tick: Called at the end of every tick.
+        calibration: Corrects the sensors from the next ``start`` on; None for none.
 
     Attributes:
         plant: The simulated robot.
@@ -80,6 +82,9 @@ class Lockstep:
         state: Last estimate.
         result: Last tick of the controller.
         tick: Ticks since the controller took over.
+        calibration: Corrects the sensors from the next ``start`` on; None for none.
+        listener: Gets every sample as measured, uncorrected; None for nobody.
+        hanging: Whether the robot hangs from the crane and only its drivers run.
     """
 
     def __init__(
@@ -93,12 +98,16 @@ class Lockstep:
         use_truth: bool,
         note: Callable[[str], None],
         after_tick: Callable[[], None],
+        calibration: Calibration | None = None,
     ) -> None:
         self.plant, self.controller, self._config = plant, controller, config
         self.supervisor = Supervisor(plant.robot)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
         self.tick = 0
+        self.calibration, self._applied = calibration, calibration
+        self.listener: Callable[[SensorData], None] | None = None
+        self.hanging = False
         self.state: RobotState
         self.result: ControlResult
         self._estimator = StateEstimator(plant.robot)
@@ -120,11 +129,7 @@ class Lockstep:
                 comes first.
         """
         plant, config = self.plant, self._config
-        plant.reset(seed)
-        self.servo = JointServo(plant.robot)
-        self.servo.arm()
-        self.supervisor.reset()
-        self._queue.clear()
+        self._rewind(seed)
         sensors = self._hang_and_average()
         self.servo.blend()
         state = self._estimator.reset(sensors)
@@ -138,7 +143,7 @@ class Lockstep:
             raise PoiseError(f"{plant.robot.name} cannot stand: {reply.reason}")
         self.monitor.reset()
         gate = ReleaseGate(plant.robot, config)
-        while not gate.update(plant.read(), plant.period):
+        while not gate.update(self._sense(), plant.period):
             if gate.waited > config.settle_limit or self.supervisor.mode is not Mode.STAND:
                 why = "; ".join(self.supervisor.faults) or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
                 raise PoiseError(f"{plant.robot.name} cannot be let go after {gate.waited:.1f} s: {why}")
@@ -147,12 +152,36 @@ class Lockstep:
         self.monitor.reset()
         self._note("released")
 
+    def hang(self, seed: int | None = None) -> None:
+        """Reset everything and hang the robot from the crane, feet in the air, in its 'stand' posture; mode off."""
+        self._rewind(seed)
+        self.plant.hoist(self._config.hoist_height)
+        self.tick = 0
+        self.hanging = True
+        self._hang_and_average()
+        self._note("hanging")
+
+    def _rewind(self, seed: int | None) -> None:
+        """Plant, drivers and supervisor as new; a new calibration takes effect."""
+        self.plant.reset(seed)
+        self._applied = self.calibration
+        self.servo = JointServo(self.plant.robot)
+        self.servo.arm()
+        self.supervisor.reset()
+        self._queue.clear()
+        self.hanging = False
+
+    def _sense(self) -> SensorData:
+        """This tick's sample, corrected by the calibration."""
+        raw = self.plant.read()
+        return raw if self._applied is None else apply_calibration(raw, self._applied)
+
     def _hang_and_average(self) -> SensorData:
         """Hang under gravity compensation; returns the mean of the last sensor samples."""
         samples: list[SensorData] = []
         keep = max(round(self._config.average_time / self.plant.period), 1)
         for left in range(round(self._config.hang_time / self.plant.period), 0, -1):
-            sensors = self.plant.read()
+            sensors = self._sense()
             if left <= keep:
                 samples.append(sensors)
             self.servo.command(self._hang, sensors.t)
@@ -161,7 +190,14 @@ class Lockstep:
 
     def step(self) -> None:
         """Run one tick."""
-        sensors = self.plant.read()
+        sensors = self._sense()
+        if self.listener is not None:
+            self.listener(self.plant.read())
+        if self.hanging:
+            self.servo.command(self._hang, sensors.t)
+            self._drive(sensors)
+            self.tick += 1
+            return
         if self.tick % self._control_ticks == 0:
             self._control(sensors)
         if self.tick % self._supervise_ticks == 0:

@@ -31,6 +31,7 @@ class LoopConfig:
         record_period: Between two rows of the log [s].
         motion_limit: Longest wait for a motion to end [s].
         max_command_age: Age of the sensors a command answers above which the bridge refuses it [s].
+        hoist_height: How far the crane lifts the robot off the floor when it hangs [m].
     """
 
     hang_time: Positive
@@ -46,6 +47,7 @@ class LoopConfig:
     record_period: Positive
     motion_limit: Positive
     max_command_age: Positive
+    hoist_height: Positive
 
     def __post_init__(self) -> None:
         if self.average_time > self.hang_time:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
 from models.errors import CommandError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
@@ -31,11 +32,13 @@ class MujocoPlant:
         terrain: Floor, one of ``models.mujoco_model.TERRAINS``.
         timestep: Physics step [s].
         visuals: Load meshes for pictures; no effect on the dynamics.
+        sensor_errors: Errors of the sensors on top of those that profile and seed give.
 
     Attributes:
         model: The compiled MuJoCo model.
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
+        noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
 
     Raises:
@@ -54,6 +57,7 @@ class MujocoPlant:
         terrain: str = "flat",
         timestep: float = 0.001,
         visuals: bool = False,
+        sensor_errors: SensorErrors | None = None,
     ) -> None:
         self.robot = model
         self.mujoco: MujocoModel = build_mujoco(
@@ -61,12 +65,13 @@ class MujocoPlant:
         )
         self.model = self.mujoco.model
         self.data = mujoco.MjData(self.model)
-        self._noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise))
+        self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
         self._index_channels()
         self._read: SensorData | None = None
         self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
         self._tick = 0
         self._held = True
+        self._fixed: Vector | None = None  # qpos that a jig enforces
         self.reset()
 
     def _index_channels(self) -> None:
@@ -99,9 +104,10 @@ class MujocoPlant:
         self._qpos[:], self._qvel[:] = pin_to_mujoco(self.robot, self.mujoco, q, np.zeros(self.robot.nv))
         self.mujoco.hold(self.data, q[:3], q[3:7])
         self._held = True
+        self._fixed = None
         self._pushes.clear()
         self._tick = 0
-        self._noise.reset(seed)
+        self.noise.reset(seed)
         self._read = None
         mujoco.mj_forward(self.model, self.data)
 
@@ -113,18 +119,35 @@ class MujocoPlant:
             self.mujoco.release(self.data)
         self._held = on
 
+    def hoist(self, height: float) -> None:
+        """Lift the held robot by a height [m], as a crane does before anything moves."""
+        self._qpos[2] += height
+        self.data.mocap_pos[0, 2] += height
+        self._read = None
+        mujoco.mj_forward(self.model, self.data)
+
+    def clamp(self, joints: Vector | None) -> None:
+        """Clamp every joint at a true position (nj,) [rad] in a rigid jig that also holds the base; None opens it."""
+        self._fixed = None
+        if joints is not None:
+            self._qpos[self.mujoco.joint_qpos] = joints
+            self._fixed = self._qpos.copy()
+            self._qvel[:] = 0.0
+            mujoco.mj_forward(self.model, self.data)
+        self._read = None
+
     def read(self) -> SensorData:
         """What the sensors say in this tick; the same however often it is called."""
         if self._read is None:
             nj, mj = self.robot.nj, self.mujoco
-            values = np.empty(self._noise.size)
+            values = np.empty(self.noise.size)
             # mode="clip" takes without a buffer; the indices are in range
             self._qpos.take(mj.joint_qpos, out=values[:nj], mode="clip")
             self._qvel.take(mj.joint_qvel, out=values[nj : 2 * nj], mode="clip")
             self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
-            self._read = self._noise.measure(self.t, values)
+            self._read = self.noise.measure(self.t, values)
         return self._read
 
     def write(self, tau: Vector) -> None:
@@ -133,13 +156,18 @@ class MujocoPlant:
 
     def step(self) -> None:
         """Advance the world by one physics step."""
+        if self._read is None:
+            self.read()  # the sensors remember the last tick, whoever looks at them
         if self._pushes:
             self._push()
         # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
         mujoco.mj_step2(self.model, self.data)
+        if self._fixed is not None:
+            self._qpos[:] = self._fixed
+            self._qvel[:] = 0.0
         mujoco.mj_step1(self.model, self.data)
         self._tick += 1
-        self._noise.advance()
+        self.noise.advance()
         self._read = None
 
     def close(self) -> None:

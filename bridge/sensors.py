@@ -1,87 +1,153 @@
-"""Noise of the robot's sensors, as its profile has it."""
+"""Errors of the robot's sensors, as its profile has them."""
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
+from bridge.sensor_errors import SensorErrors
 from models.errors import ConfigError
+from models.profile import FootSensor, ImuSensor
 from models.robot_model import RobotModel
-from models.types import SensorData, Vector
+from models.types import Matrix, SensorData, Vector
+
+TAIL = 18
+"""Channels behind the joints: gyro (3), accelerometer (3), wrenches left and right (12)."""
 
 
 class SensorNoise:
     """Turns exact measurements into what the robot's sensors would say.
 
-    For each channel, with white noise w ~ N(0, 1) once a tick:
+    For each channel, with white noise w ~ N(0, 1) once a tick and age a ~ U(0, jitter) once a tick and unit::
 
-        y = clip(round_r(x + s (b + sigma w)), -range, range),    b += walk sqrt(tick) w'
+        x' = x(t - a),    y = round_r(clip(A x' + b + o + sigma w, -range, range)),    b += walk sqrt(tick) w'
 
-    - joint position: rounded to the encoder's resolution r, no noise besides;
+    - joint position: offset o drawn once per seed, rounded to the encoder's resolution r, no noise besides;
     - joint velocity and torque: sigma from the profile;
     - gyro and accelerometer: sigma = noise density / sqrt(tick), turn-on bias b drawn once per seed, which then walks,
-      clipped to range;
-    - foot wrenches: sigma and turn-on offset b from the profile, which does not walk.
+      A = (1 + diag(scale)) exp(misalignment)', both drawn once per seed, the rotation the same for both;
+    - foot wrenches: sigma and turn-on offset o from the profile; A = 1 + diag(gain) + crosstalk, whose element i, j is
+      a share drawn once per seed times range_i / range_j.
 
-    The noise of a tick depends on the seed and on how often ``advance`` was called since ``reset``, and on nothing
-    else: not on the motion, and not on how often ``measure`` is called.
+    The age is that of encoders, inertial unit and feet apart from each other; x(t - a) is interpolated between the
+    last two ticks.
+
+    All that is drawn depends on the seed and on how often ``advance`` was called since ``reset``, and on nothing else:
+    not on the motion, and not on how often ``measure`` is called.
 
     Args:
         model: Robot; its profile holds the figures.
         period: Length of a tick [s].
         seed: Non-negative seed.
-        scale: s, which multiplies noise and biases; with 0 the measurements are exact and not rounded either.
+        scale: s, which multiplies everything drawn; with 0 the measurements are exact and not rounded either.
+        errors: Errors to add, whatever the scale.
 
     Raises:
-        ConfigError: The seed is negative, or ``scale`` is negative or not finite.
+        ConfigError: The seed is negative, ``scale`` is negative or not finite, or ``errors`` is unusable.
+        JointNameError: ``errors`` names an unknown joint.
     """
 
-    def __init__(self, model: RobotModel, *, period: float, seed: int, scale: float = 1.0) -> None:
+    def __init__(
+        self, model: RobotModel, *, period: float, seed: int, scale: float = 1.0, errors: SensorErrors | None = None
+    ) -> None:
         if not 0.0 <= scale < np.inf:
             raise ConfigError(f"sensor_noise: {scale} is not a finite, non-negative scale")
         nj = self._nj = model.nj
         self.scale = scale
-        self.size = 3 * nj + 18
+        self.size = 3 * nj + TAIL
         """Channels: q, v, tau (3 nj), gyro (3), accel (3), wrenches left and right (12)."""
-        imu, encoders, feet = model.profile.sensors.imu, model.profile.sensors.encoders, model.profile.sensors.feet
-        self._imu = slice(3 * nj, 3 * nj + 6)
-        wrenches = slice(3 * nj + 6, self.size)
+        self._imu, self._tail = slice(3 * nj, 3 * nj + 6), slice(3 * nj, self.size)
+        sensors = model.profile.sensors
+        imu, encoders, feet = sensors.imu, sensors.encoders, sensors.feet
         sigma, bias = np.zeros(self.size), np.zeros(self.size)
+        bias[:nj] = encoders.offset
         sigma[nj : 2 * nj] = encoders.velocity_noise
         sigma[2 * nj : 3 * nj] = encoders.torque_noise * model.tau_max
         sigma[self._imu] = np.repeat([imu.gyro_noise_density, imu.accel_noise_density], 3) / np.sqrt(period)
         bias[self._imu] = np.repeat([imu.gyro_bias, imu.accel_bias], 3)
-        sigma[wrenches] = np.tile(np.repeat([feet.force_noise, feet.torque_noise], 3), 2)
-        bias[wrenches] = np.tile(np.repeat([feet.force_offset, feet.torque_offset], 3), 2)
+        sigma[3 * nj + 6 :] = np.tile(np.repeat([feet.force_noise, feet.torque_noise], 3), 2)
+        bias[3 * nj + 6 :] = np.tile(np.repeat([feet.force_offset, feet.torque_offset], 3), 2)
         self._sigma, self._bias_sigma = scale * sigma, scale * bias
         self._walk = scale * np.repeat([imu.gyro_bias_walk, imu.accel_bias_walk], 3) * np.sqrt(period)
-        self._range = np.repeat([imu.gyro_range, imu.accel_range], 3)
+        self._range, self._step = _ranges(imu, feet), _steps(imu, feet)
+        self._rounded = self._step > 0.0
         self._resolution = encoders.resolution
+        self._jitter = scale * min(sensors.latency.jitter / period, 1.0)
+        self._given = errors or SensorErrors()
+        self._given_bias = self._added(model)
+        self._imu_spec, self._feet_spec = imu, feet
+        self._exact = scale == 0.0 and errors is None
         self._seed = seed
         self._drawn = np.zeros(self.size + 6)
         self._white, self._white_walk = self._drawn[: self.size], self._drawn[self.size :]
-        self._error = np.zeros(self.size)
+        self._error, self._buffer = np.zeros(self.size), np.zeros(TAIL)
+        self._now, self._before = np.zeros(self.size), np.zeros(self.size)
+        self._age = np.zeros(self.size)
         self.reset()
 
+    def _added(self, model: RobotModel) -> Vector:
+        """The constant part of the given errors (size,)."""
+        given, added = self._given, np.zeros(self.size)
+        added[: self._nj] = given.offsets(model)
+        added[self._imu] = np.concatenate([given.array("gyro_bias", (3,)), given.array("accel_bias", (3,))])
+        wrenches = np.hstack([given.array("force_offsets", (2, 3)), given.array("torque_offsets", (2, 3))])  # (2, 6)
+        added[3 * self._nj + 6 :] = wrenches.ravel()
+        return added
+
     def reset(self, seed: int | None = None) -> None:
-        """Start over: the same seed gives the same biases and the same noise again; a new one replaces it."""
+        """Start over: the same seed gives the same errors again; a new one replaces it."""
         if seed is not None:
             self._seed = seed
         if self._seed < 0:
             raise ConfigError(f"seed: {self._seed} is negative")
-        biases, white = np.random.SeedSequence(self._seed).spawn(2)
-        self._bias = self._bias_sigma * np.random.default_rng(biases).standard_normal(self.size)
-        self._rng = np.random.default_rng(white)
+        biases, white, constants, ages = np.random.SeedSequence(self._seed).spawn(4)
+        self._bias = self._bias_sigma * np.random.default_rng(biases).standard_normal(self.size) + self._given_bias
+        self._matrix = self._gains(np.random.default_rng(constants))
+        self._rng, self._age_rng = np.random.default_rng(white), np.random.default_rng(ages)
+        self._ticks = self._measured = 0
         self.advance()
+
+    @property
+    def bias(self) -> Vector:
+        """Present constant error of every channel, drawn and given (size,); for scoring only."""
+        return self._bias.copy()
+
+    @property
+    def gains(self) -> Matrix:
+        """What the channels behind the joints make of their true values (18, 18); for scoring only."""
+        return self._matrix.copy()
+
+    def _gains(self, rng: np.random.Generator) -> Matrix:
+        """A of the inertial unit and of both feet, as one block-diagonal matrix (18, 18)."""
+        imu, feet, given, scale = self._imu_spec, self._feet_spec, self._given, self.scale
+        turn = scale * imu.misalignment * rng.standard_normal(3) + given.array("misalignment", (3,))
+        rotation = pin.exp3(turn).T
+        matrix = np.zeros((TAIL, TAIL))
+        for at, sigma, name in ((0, imu.gyro_scale, "gyro_scale"), (3, imu.accel_scale, "accel_scale")):
+            gains = 1.0 + scale * sigma * rng.standard_normal(3) + given.array(name, (3,))
+            matrix[at : at + 3, at : at + 3] = gains[:, None] * rotation
+        ranges = np.repeat([feet.force_range or 1.0, feet.torque_range or 1.0], 3)
+        wanted = given.array("wrench_gains", (2, 6))
+        for foot in range(2):
+            block = scale * feet.crosstalk * rng.standard_normal((6, 6)) * ranges[:, None] / ranges
+            np.fill_diagonal(block, 1.0 + scale * feet.gain * rng.standard_normal(6) + wanted[foot])
+            at = 6 + 6 * foot
+            matrix[at : at + 6, at : at + 6] = block
+        return matrix
 
     def advance(self) -> None:
         """Draw the noise of the next tick."""
+        self._ticks += 1
         if self.scale > 0.0:
             self._rng.standard_normal(out=self._drawn)
             self._white_walk *= self._walk
             self._bias[self._imu] += self._white_walk
             np.multiply(self._sigma, self._white, out=self._error)
             self._error += self._bias
+            if self._jitter > 0.0:
+                ages = self._jitter * self._age_rng.random(3)
+                self._age[: 3 * self._nj], self._age[self._imu], self._age[3 * self._nj + 6 :] = ages
 
     def measure(self, t: float, exact: NDArray[np.float64]) -> SensorData:
         """Measurements of this tick.
@@ -94,17 +160,49 @@ class SensorNoise:
             The sample; its arrays are views of ``exact``.
         """
         nj = self._nj
+        if self._exact:
+            return unpack(t, exact, nj)
+        if self._jitter > 0.0:
+            self._delay(exact)
+        tail = exact[self._tail]
+        np.dot(self._matrix, tail, out=self._buffer)
+        tail[:] = self._buffer
+        exact += self._error if self.scale > 0.0 else self._bias
         if self.scale > 0.0:
-            exact += self._error
             if self._resolution > 0.0:
                 q = exact[:nj]
                 q /= self._resolution
                 np.rint(q, out=q)
                 q *= self._resolution
-            imu = exact[self._imu]
-            np.minimum(imu, self._range, out=imu)
-            np.maximum(imu, -self._range, out=imu)
+            np.divide(tail, self._step, out=tail, where=self._rounded)
+            np.rint(tail, out=tail, where=self._rounded)
+            np.multiply(tail, self._step, out=tail, where=self._rounded)
+            np.minimum(tail, self._range, out=tail)
+            np.maximum(tail, -self._range, out=tail)
         return unpack(t, exact, nj)
+
+    def _delay(self, exact: NDArray[np.float64]) -> None:
+        """Replace the values by those of a share of a tick ago; the first sample has no past."""
+        if self._measured != self._ticks:
+            if self._measured == self._ticks - 1 and self._ticks > 1:
+                self._now, self._before = self._before, self._now
+            else:
+                self._before[:] = exact
+            self._now[:] = exact
+            self._measured = self._ticks
+        exact += self._age * (self._before - exact)
+
+
+def _ranges(imu: ImuSensor, feet: FootSensor) -> Vector:
+    """Full scale of the channels behind the joints (18,)."""
+    force, torque = feet.force_range or np.inf, feet.torque_range or np.inf
+    return np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)
+
+
+def _steps(imu: ImuSensor, feet: FootSensor) -> Vector:
+    """Step of the channels behind the joints, 0 where they are not rounded (18,)."""
+    force, torque = feet.force_resolution, feet.torque_resolution
+    return np.repeat([imu.gyro_resolution, imu.accel_resolution, force, torque, force, torque], 3)
 
 
 def unpack(t: float, values: Vector, nj: int) -> SensorData:

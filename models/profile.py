@@ -107,6 +107,11 @@ class ImuSensor:
     accel_range: Annotated[float, Field(gt=0.0, description="full scale [m/s^2]")]
     gyro_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [rad/s/sqrt(s)]")] = 0.0
     accel_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [m/s^2/sqrt(s)]")] = 0.0
+    misalignment: Annotated[float, Field(ge=0.0, description="std of the mounting rotation, each axis [rad]")] = 0.0
+    gyro_scale: Annotated[float, Field(ge=0.0, description="standard deviation of the scale error [-]")] = 0.0
+    accel_scale: Annotated[float, Field(ge=0.0, description="standard deviation of the scale error [-]")] = 0.0
+    gyro_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [rad/s]")] = 0.0
+    accel_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [m/s^2]")] = 0.0
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -116,6 +121,7 @@ class EncoderSensor:
     resolution: Annotated[float, Field(ge=0.0, description="position step at the joint [rad]")]
     velocity_noise: Annotated[float, Field(ge=0.0, description="standard deviation [rad/s]")]
     torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, as a share of the torque limit [-]")]
+    offset: Annotated[float, Field(ge=0.0, description="standard deviation of the zero of each joint [rad]")] = 0.0
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -126,6 +132,18 @@ class FootSensor:
     torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, each axis [N.m]")]
     force_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N]")]
     torque_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N.m]")]
+    gain: Annotated[float, Field(ge=0.0, description="standard deviation of the gain error of each axis [-]")] = 0.0
+    crosstalk: Annotated[
+        float, Field(ge=0.0, description="std of what one axis at full scale adds to another, share of its scale [-]")
+    ] = 0.0
+    force_range: Annotated[float | None, Field(gt=0.0, description="full scale; none: unlimited [N]")] = None
+    torque_range: Annotated[float | None, Field(gt=0.0, description="full scale; none: unlimited [N.m]")] = None
+    force_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N]")] = 0.0
+    torque_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N.m]")] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.crosstalk > 0.0 and (self.force_range is None or self.torque_range is None):
+            raise ValueError("crosstalk is a share of full scale: it needs force_range and torque_range")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -134,6 +152,9 @@ class Latency:
 
     sensors: Annotated[float, Field(ge=0.0, description="from the measurement to its arrival at the computer [s]")]
     commands: Annotated[float, Field(ge=0.0, description="from sending a command to its effect in the driver [s]")]
+    jitter: Annotated[
+        float, Field(ge=0.0, description="largest age of a sample at its stamp, at most one tick counts [s]")
+    ] = 0.0
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -161,6 +182,9 @@ class Profile:
         dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
     ]
     sensors: Sensors
+    jig_postures: Annotated[
+        tuple[str, ...], Field(description="named postures in which a jig or marks hold the robot for calibration")
+    ] = ("zero", "stand")
     hulls: Annotated[
         dict[str, Hull], Field(description="what touches the simulated floor when the robot falls, by name")
     ] = field(default_factory=dict)
@@ -184,6 +208,9 @@ class Profile:
             for joint_name in values:
                 if joint_name not in self.joints:
                     raise ValueError(f"posture '{posture}': unknown joint '{joint_name}'")
+        for posture in self.jig_postures:
+            if posture != "zero" and posture not in self.postures:
+                raise ValueError(f"jig_postures: unknown posture '{posture}'")
 
 
 def _listed(names: dict[str, Motor]) -> str:

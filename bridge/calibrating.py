@@ -1,0 +1,112 @@
+"""Calibrations in the closed loop: the motions they need, the samples, and the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bridge.lockstep import Lockstep
+from controllers.calibration.session import CalibrationSession
+from models.calibration import Calibration
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import CommandReply, Mode
+from planners.calibration_motions import calibration_motions
+from planners.motion import MotionPlanner
+
+
+class Calibrator:
+    """Runs ``CalibrationSession`` in lockstep.
+
+    ====== ============================================== =========================================================
+    what   standing                                        hanging (``start="hang"``)
+    ====== ============================================== =========================================================
+    imu    stands still                                    hangs still
+    joints moves the base over both soles: legs (and what  is put into each jig posture of the profile: all joints
+           else lies between the soles and the unit)
+    feet   shifts its load from foot to foot: gains        hangs still: offsets
+    ====== ============================================== =========================================================
+
+    Args:
+        robot: The robot.
+        lockstep: What is stepped.
+    """
+
+    def __init__(self, robot: RobotModel, lockstep: Lockstep) -> None:
+        self._robot, self._lockstep = robot, lockstep
+        self._session = CalibrationSession(robot)
+        self._planner: MotionPlanner | None = None
+
+    def run(self, what: str) -> CommandReply:
+        """Calibrate; a success becomes the lockstep's calibration, which takes effect when it starts over.
+
+        Args:
+            what: 'imu', 'joints' or 'feet'.
+
+        Returns:
+            Numbers, or the reason of the refusal.
+        """
+        lockstep = self._lockstep
+        ready = lockstep.hanging or lockstep.supervisor.mode is Mode.STAND
+        if not ready:
+            mode = lockstep.supervisor.mode.value
+            return CommandReply(False, f"calibration of '{what[:32]}' refused in mode '{mode}': stand or hang first")
+        reply = self._session.start(what)
+        if not reply.accepted:
+            return reply
+        self._wait(self._session.config.settle)
+        lockstep.listener = self._session.add
+        try:
+            problem = self._procedure(what)()
+        finally:
+            lockstep.listener = None
+        if problem:
+            self._session.cancel()
+            return CommandReply(False, problem)
+        base = lockstep.calibration or Calibration.none(self._robot)
+        outcome = self._session.finish(base)
+        if outcome.calibration is not None:
+            lockstep.calibration = outcome.calibration
+        return outcome.reply
+
+    def _procedure(self, what: str) -> Callable[[], str]:
+        if what == "imu":
+            return lambda: self._wait(self._session.config.imu.time)
+        if what == "feet":
+            return self._hang_feet if self._lockstep.hanging else lambda: self._move("calibrate_feet")
+        return self._jig if self._lockstep.hanging else lambda: self._move("calibrate_joints")
+
+    def _wait(self, time: float) -> str:
+        """Let time [s] pass; returns what went wrong, empty when nothing did."""
+        lockstep = self._lockstep
+        for _ in range(round(time / lockstep.plant.period)):
+            lockstep.step()
+        if lockstep.hanging or lockstep.supervisor.mode is Mode.STAND:
+            return ""
+        return f"calibration given up: {'; '.join(lockstep.supervisor.faults) or lockstep.supervisor.mode.value}"
+
+    def _hang_feet(self) -> str:
+        return self._wait(self._session.config.feet.time)
+
+    def _jig(self) -> str:
+        lockstep, config = self._lockstep, self._session.config
+        for posture in self._robot.profile.jig_postures:
+            lockstep.plant.clamp(self._robot.posture(posture))
+            lockstep.listener = None
+            self._wait(config.settle)
+            lockstep.listener = self._session.add
+            self._wait(config.posture.time)
+        self._lockstep.plant.clamp(None)
+        return ""
+
+    def _move(self, motion: str) -> str:
+        """Run a motion to its end; returns what went wrong."""
+        self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
+        own = f"{motion}_{self._robot.name}"
+        motion = own if own in self._planner.names else motion
+        controller = self._lockstep.controller
+        try:
+            trajectory = self._planner.plan(motion, start_q=controller.reference.posture)
+            controller.follow(trajectory)
+        except PoiseError as error:
+            return f"calibration refused: {error}"
+        return self._wait(float(trajectory.times[-1]) + self._session.config.window)

@@ -1,0 +1,73 @@
+"""Errors put into the simulated sensors on purpose, on top of those that the profile and the seed give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """What a sensor is to get wrong, for tests and for trying a calibration out.
+
+    The errors add to those drawn from the profile, and ``sensor_noise`` does not scale them: with exact sensors they
+    are all there is. A single number stands for every axis or joint.
+
+    Attributes:
+        gyro_bias: Constant error of the angular rate (3,) [rad/s].
+        accel_bias: Constant error of the specific force (3,) [m/s^2].
+        misalignment: Rotation vector from the nominal to the true mounting of the inertial unit (3,) [rad].
+        gyro_scale: Share by which each axis reads too much (3,) [-].
+        accel_scale: The same for the accelerometer (3,) [-].
+        encoder_offsets: Measured minus true position, for all joints (nj,) or by joint name [rad].
+        force_offsets: What each foot's force reads at no load, in its sole frame, per foot (2, 3) [N].
+        torque_offsets: The same for the torque (2, 3) [N.m].
+        wrench_gains: Share by which each axis of each foot reads too much (2, 6) [-].
+    """
+
+    gyro_bias: ArrayLike = 0.0
+    accel_bias: ArrayLike = 0.0
+    misalignment: ArrayLike = 0.0
+    gyro_scale: ArrayLike = 0.0
+    accel_scale: ArrayLike = 0.0
+    encoder_offsets: ArrayLike | Mapping[str, float] = field(default=0.0)
+    force_offsets: ArrayLike = 0.0
+    torque_offsets: ArrayLike = 0.0
+    wrench_gains: ArrayLike = 0.0
+
+    def array(self, name: str, shape: tuple[int, ...]) -> Matrix:
+        """One field as an array of a shape.
+
+        Raises:
+            ConfigError: It does not have that shape, or is not finite; names the field.
+        """
+        try:
+            value = np.array(np.broadcast_to(np.asarray(getattr(self, name), dtype=np.float64), shape))
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"sensor_errors.{name}: expected one number or the shape {shape}: {error}") from error
+        if not np.isfinite(value).all():
+            raise ConfigError(f"sensor_errors.{name}: not finite")
+        return value
+
+    def offsets(self, model: RobotModel) -> Vector:
+        """Encoder offsets in the order of the joints (nj,) [rad].
+
+        Raises:
+            JointNameError: A joint does not exist.
+            ConfigError: The values are unusable.
+        """
+        if not isinstance(self.encoder_offsets, Mapping):
+            return self.array("encoder_offsets", (model.nj,))
+        result = np.zeros(model.nj)
+        for joint, value in self.encoder_offsets.items():
+            result[model.joint_index(joint)] = value
+        if not np.isfinite(result).all():
+            raise ConfigError("sensor_errors.encoder_offsets: not finite")
+        return result

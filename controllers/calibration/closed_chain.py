@@ -1,0 +1,199 @@
+"""Calibration of the leg encoders on both soles: what the closed chain and gravity say about their offsets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from controllers.calibration.chain_terms import MOUNTING, PLACEMENT, ChainTerms
+from controllers.calibration.config import CalibrationConfig, ChainConfig
+from controllers.calibration.outcome import Outcome, accept, refuse
+from controllers.calibration.windows import Window
+from models.calibration import Calibration
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+_CONVERGED = 1e-9
+"""Step of Gauss-Newton at which it has converged [rad, m, m/s^2]."""
+
+_GAP = 1.5
+"""Windows further apart than this many lengths are not differentiated across."""
+
+
+def calibrate_closed_chain(
+    windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig
+) -> Outcome:
+    r"""Offsets of the joints between the soles and the inertial unit, from motions on both planted soles.
+
+    .. math::
+        \min_x \sum_k \|\log(T_k^{-1} L(q_k - o)^{-1} R(q_k - o))\|^2_{\Sigma_T}
+             + \|f_k - E(\mu)^T R_{LI}(q_k - o)^T (g e_z + \ddot p_{LI,k}) - b\|^2_{\Sigma_f}
+             + \|T_{k+1} - T_k\|^2_{\Sigma_w} + \|x\|^2_{\Sigma_0},
+        \qquad x = (o, \mu, b)
+
+    L, R: sole poses; p_LI: place of the inertial unit in the left sole's frame, differentiated over the windows; T:
+    placement of the right sole in the left one, (x, y, yaw), which creeps a little while both stand; mu, b: mounting
+    and bias of the inertial unit. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
+    Gauss-Newton, each step solved by a Kalman filter over the windows, whose final covariance is the posterior.
+
+    Args:
+        windows: Raw samples, averaged, from a motion of the base over both soles.
+        model: The robot.
+        base: What the other sensors' and the other joints' part of the result is taken from.
+        config: Bounds and noise.
+
+    Returns:
+        The calibration, or the reason of the refusal. Details: the offset of each joint by name [rad], its posterior
+        standard deviation as ``sigma_<joint>`` [rad], ``singular_max``, ``singular_min`` of the data alone [1/rad],
+        ``residual`` (RMS of the whitened innovations) [-], ``windows``, ``joints_untouched``.
+
+    Assumptions:
+        The floor is flat and level, the soles stand flat and do not slip.
+    """
+    terms, limits = ChainTerms(model), config.chain
+    weight = model.mass * config.gravity
+    usable = [w for w in windows if w.loads.min() > config.feet.air_load * weight and w.speed < limits.max_speed]
+    details = {"windows": float(len(usable)), "windows_left_out": float(len(windows) - len(usable))}
+    if len(usable) < limits.min_windows:
+        return refuse(f"{len(usable)} usable windows on both soles, at least {limits.min_windows} needed", details)
+    k = terms.joints.size
+    prior, x = _prior(model, terms, limits), np.zeros(terms.size)
+    terms.update(usable[0].q, x)
+    x[k : k + 2] = terms.placement().translation[:2]
+    for i in range(limits.iterations):
+        gate = limits.gate if i >= limits.free_iterations else math.inf
+        fit = _filter(usable, terms, x, prior, gate, config)
+        x += fit.step
+        if i > limits.free_iterations and np.abs(fit.step[:k]).max() < _CONVERGED:
+            break
+    details["residual"], details["windows_gated"] = residual, gated = fit.residual, float(fit.gated)
+    sigma = np.sqrt(np.diag(fit.covariance)[:k])
+    details |= _observability(fit.covariance[:k, :k], limits.prior)
+    names = [model.joint_names[i] for i in terms.joints]
+    details |= {f"sigma_{name}": float(value) for name, value in zip(names, sigma, strict=True)}
+    if residual > limits.max_residual or gated > limits.max_gated * len(usable):
+        return refuse(
+            f"the soles do not stay where they are, or the floor is not level: residual {residual:.1f} times its noise "
+            f"(at most {limits.max_residual:g}), {gated:.0f} of {len(usable)} windows are outliers (at most "
+            f"{limits.max_gated:.0%})",
+            details,
+        )
+    poor = [f"{name} ({value:.4f} rad)" for name, value in zip(names, sigma, strict=True) if value > limits.max_sigma]
+    if poor:
+        return refuse(
+            f"the data does not determine {', '.join(poor)}: at most {limits.max_sigma:g} rad wanted; move the base "
+            "further over both soles, turning and tilting it",
+            details,
+        )
+    offsets = base.encoder_offsets.copy()
+    offsets[terms.joints] = x[:k]
+    untouched = model.nj - k
+    details |= {name: float(value) for name, value in zip(names, x[:k], strict=True)}
+    details["joints_untouched"] = float(untouched)
+    worst = int(sigma.argmax())
+    return accept(
+        f"offsets of {k} joints, the largest {np.abs(x[:k]).max():.4f} rad, known to {sigma[worst]:.4f} rad "
+        f"('{names[worst]}') or better; {untouched} joints that are not between the soles and the inertial unit are "
+        "not observable and stay as they are",
+        details,
+        replace(base, encoder_offsets=offsets),
+    )
+
+
+def _prior(model: RobotModel, terms: ChainTerms, limits: ChainConfig) -> Vector:
+    """Prior standard deviations of the unknowns (n,)."""
+    imu = model.profile.sensors.imu
+    return np.concatenate(
+        [
+            np.full(terms.joints.size, limits.prior),
+            np.full(PLACEMENT, limits.placement),
+            np.full(3, max(imu.misalignment, limits.misalignment)),
+            np.full(3, max(imu.accel_bias, limits.accel_bias)),
+        ]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """One pass over the data.
+
+    Attributes:
+        step: Change of the unknowns (n,).
+        covariance: Of the unknowns (n, n).
+        residual: RMS of the whitened innovations [-].
+        gated: Windows weighed down because their innovation is an outlier.
+    """
+
+    step: Vector
+    covariance: Matrix
+    residual: float
+    gated: int
+
+
+def _filter(
+    windows: Sequence[Window], terms: ChainTerms, x: Vector, sigma: Vector, gate: float,
+    config: CalibrationConfig,
+) -> _Fit:  # fmt: skip
+    """Linear least squares about x, window by window, with a placement that walks: a Kalman filter on the step."""
+    limits, k = config.chain, terms.joints.size
+    share = min(config.window / limits.correlation, 1.0)
+    closure = np.array([limits.slide, limits.slide, limits.height, limits.tilt, limits.tilt, limits.turn])
+    placed = slice(k, k + PLACEMENT)
+    step = np.zeros(terms.size)
+    step[:k], step[-MOUNTING:] = -x[:k], -x[-MOUNTING:]  # the prior's mean is 0, and the placement's the first one
+    covariance = np.diag(sigma**2)
+    walk = np.array([limits.slide_walk, limits.slide_walk, limits.turn_walk]) ** 2
+    squares, gated, last = 0.0, 0, windows[0].t
+    forces = _expected_forces(windows, terms, x, config)
+    for window, expected in zip(windows, forces, strict=True):
+        diagonal = covariance.diagonal()[placed] + walk * (window.t - last)
+        last = window.t
+        covariance[range(k, k + PLACEMENT), range(k, k + PLACEMENT)] = diagonal
+        terms.update(window.q, x)
+        error, jacobian = terms.closure(x)
+        noise = closure**2 / share
+        if expected is not None:
+            force_error, force_jacobian = terms.force(x, window.accel, expected)
+            error = np.concatenate([error, force_error])
+            jacobian = np.vstack([jacobian, force_jacobian])
+            noise = np.concatenate([noise, np.full(3, limits.accel**2)])
+        innovation = error + jacobian @ step  # (6,) or (9,)
+        spread = jacobian @ covariance @ jacobian.T + np.diag(noise)
+        square = float(innovation @ np.linalg.solve(spread, innovation)) / innovation.size
+        if square > gate:  # a jolt or a slip: weighed down, but not ignored, or one slip would lock all the rest out
+            gated += 1
+            spread += np.diag(noise) * (square / gate - 1.0)
+            noise = noise * square / gate
+        gain = np.linalg.solve(spread, jacobian @ covariance).T  # (n, 6 or 9)
+        step = step - gain @ innovation
+        left = np.eye(terms.size) - gain @ jacobian
+        covariance = left @ covariance @ left.T + (gain * noise) @ gain.T
+        squares += min(square, gate)
+    return _Fit(step, covariance, float(np.sqrt(squares / len(windows))), gated)
+
+
+def _expected_forces(
+    windows: Sequence[Window], terms: ChainTerms, x: Vector, config: CalibrationConfig
+) -> list[Vector | None]:
+    """Specific force of each window in the left sole's frame (3,) [m/s^2]; None beside a gap."""
+    places, up = [], np.array([0.0, 0.0, config.gravity])
+    for window in windows:
+        terms.update(window.q, x)
+        places.append(terms.imu_position())
+    result: list[Vector | None] = [None] * len(windows)
+    for i in range(1, len(windows) - 1):
+        before, after = windows[i].t - windows[i - 1].t, windows[i + 1].t - windows[i].t
+        if max(before, after) < _GAP * config.window:
+            speeds = (places[i] - places[i - 1]) / before, (places[i + 1] - places[i]) / after
+            result[i] = up + (speeds[1] - speeds[0]) / (0.5 * (before + after))
+    return result
+
+
+def _observability(covariance: Matrix, prior: float) -> dict[str, float]:
+    """Singular values of what the data alone says about the offsets [1/rad]: posterior less prior information."""
+    information = 1.0 / np.linalg.eigvalsh(covariance) - 1.0 / prior**2
+    singular = np.sqrt(np.maximum(information, 0.0))
+    return {"singular_max": float(singular.max()), "singular_min": float(singular.min())}

@@ -1,0 +1,274 @@
+"""The calibration file of a robot: written atomically, checked when read, with its predecessors kept."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import yaml
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.calibration import Calibration
+from models.calibration_limits import CalibrationLimits, implausible
+from models.config import STRICT, default_config, load_config
+from models.errors import ConfigError, JointNameError
+from models.robot_model import RobotModel
+from models.types import FOOT_NAMES
+
+DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"
+"""Environment variable that names the folder of the calibration files."""
+
+SCHEMA = 1
+"""Version of the file; another one is refused."""
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class _Foot:
+    """One foot sensor in the file."""
+
+    force_offset: Annotated[Vector3, Field(description="[N]")]
+    torque_offset: Annotated[Vector3, Field(description="[N.m]")]
+    force_gain: Annotated[float, Field(description="[-]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class _File:
+    """Schema of a calibration file."""
+
+    schema_version: Literal[1]
+    robot: str
+    written: Annotated[str, Field(description="when, ISO 8601 with a zone")]
+    gyro_bias: Annotated[Vector3, Field(description="[rad/s]")]
+    accel_bias: Annotated[Vector3, Field(description="[m/s^2]")]
+    encoder_offsets: Annotated[dict[str, float], Field(description="of every joint, by name [rad]")]
+    feet: Annotated[dict[Literal["left", "right"], _Foot], Field(description="both feet")]
+    calibrated: Annotated[
+        dict[Literal["imu", "joints", "feet"], str], Field(description="when each part was calibrated, ISO 8601")
+    ] = field(default_factory=dict)
+    complete: Annotated[Literal[True] | None, Field(description="last line of the file: nothing is missing")] = None
+
+    def __post_init__(self) -> None:
+        for name, stamp in (("written", self.written), *self.calibrated.items()):
+            try:
+                aware = datetime.fromisoformat(stamp).tzinfo is not None
+            except ValueError as error:
+                raise ValueError(f"{name}: '{stamp}' is not a time stamp") from error
+            if not aware:
+                raise ValueError(f"{name}: '{stamp}' has no time zone")
+        if set(self.feet) != set(FOOT_NAMES):
+            raise ValueError(f"feet: expected {' and '.join(FOOT_NAMES)}, found {', '.join(self.feet) or 'none'}")
+        if not self.complete:
+            raise ValueError("half-written: the last line 'complete: true' is missing")
+
+
+def calibration_directory() -> Path:
+    """Folder of the calibration files.
+
+    ``$POISE_CALIBRATION_DIR`` when set, else ``poise/calibration`` in the user's state folder, which is
+    ``$XDG_STATE_HOME``, else ``~/.local/state``.
+
+    Raises:
+        ConfigError: There is neither a variable nor a home folder.
+    """
+    given = os.environ.get(DIRECTORY_VARIABLE)
+    if given:
+        return Path(given)
+    state = os.environ.get("XDG_STATE_HOME")
+    try:
+        return (Path(state) if state else Path.home() / ".local" / "state") / "poise" / "calibration"
+    except RuntimeError as error:
+        raise ConfigError(f"no folder for calibration files: set {DIRECTORY_VARIABLE}") from error
+
+
+class CalibrationStore:
+    """Reads and writes ``<folder>/<robot>.yaml``; ``.1`` is the file before it, ``.2`` the one before that.
+
+    A new file is written beside the old one, flushed to the disk, and renamed over it: whatever is interrupted, the
+    name points to a whole file.
+
+    Args:
+        model: The robot.
+        directory: Folder; ``calibration_directory()`` when None. Made when first written to.
+        limits: Plausible corrections; the packaged ``models/config/calibration.yaml`` when None.
+
+    Attributes:
+        path: The present file.
+    """
+
+    def __init__(
+        self, model: RobotModel, directory: str | Path | None = None, limits: CalibrationLimits | None = None
+    ) -> None:
+        folder = calibration_directory() if directory is None else Path(directory).expanduser()
+        self.path = folder / f"{model.name}.yaml"
+        self._model = model
+        self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
+
+    def load(self) -> tuple[Calibration, tuple[str, ...]]:
+        """Read the newest usable file.
+
+        Returns:
+            The calibration, and why each newer file was refused. When none is usable, a calibration that corrects
+            nothing; no file at all is no reason to complain.
+        """
+        refused: list[str] = []
+        for path in self.files():
+            try:
+                return self.read(path), tuple(refused)
+            except (ConfigError, JointNameError) as error:
+                refused.append(str(error))
+        return Calibration.none(self._model), tuple(refused)
+
+    def files(self) -> list[Path]:
+        """Existing files, the newest first."""
+        names = [self.path, *(self._kept(i) for i in range(1, self._limits.keep + 1))]
+        return [path for path in names if path.is_file()]
+
+    def read(self, path: Path) -> Calibration:
+        """Read and check one file.
+
+        Raises:
+            ConfigError: It is unreadable, half-written, for another robot, of another version or implausible; the
+                message names the file and the key.
+            JointNameError: A joint is unknown or missing; the message names file and joint.
+        """
+        data = load_config(_File, path)
+        if data.robot != self._model.name:
+            raise ConfigError(f"{path}: robot: is for '{data.robot}', not for '{self._model.name}'")
+        try:
+            offsets = self._model.reorder(list(data.encoder_offsets), list(data.encoder_offsets.values()))
+        except JointNameError as error:
+            raise JointNameError(f"{path}: encoder_offsets: {error}") from error
+        feet = [data.feet["left"], data.feet["right"]]
+        calibration = Calibration(
+            robot=data.robot,
+            gyro_bias=np.array(data.gyro_bias),
+            accel_bias=np.array(data.accel_bias),
+            encoder_offsets=offsets,
+            wrench_offsets=np.array([[*foot.force_offset, *foot.torque_offset] for foot in feet]),
+            force_gains=np.array([foot.force_gain for foot in feet]),
+            stamps=tuple(data.calibrated.items()),
+        )
+        problem = implausible(calibration, self._model, self._limits)
+        if problem:
+            raise ConfigError(f"{path}: implausible: {problem}")
+        return calibration
+
+    def save(self, calibration: Calibration, *, now: datetime, what: str | None = None) -> Calibration:
+        """Write a calibration; the present file becomes ``.1``.
+
+        Args:
+            calibration: What to write.
+            now: Time stamp, with a time zone.
+            what: Part that was just calibrated and gets the stamp ('imu', 'joints', 'feet').
+
+        Returns:
+            What was written, stamps included.
+
+        Raises:
+            ConfigError: It is for another robot or implausible, the stamp has no zone, or the disk refuses.
+        """
+        if now.tzinfo is None:
+            raise ConfigError("calibration: the time stamp has no time zone")
+        if calibration.robot != self._model.name:
+            raise ConfigError(f"calibration is for '{calibration.robot}', not for '{self._model.name}'")
+        problem = implausible(calibration, self._model, self._limits)
+        if problem:
+            raise ConfigError(f"calibration is implausible: {problem}")
+        stamp = now.isoformat(timespec="seconds")
+        if what is not None:
+            calibration = replace(calibration, stamps=tuple({**dict(calibration.stamps), what: stamp}.items()))
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            fresh = self._write(_text(calibration, self._model, stamp))
+            self._shift()
+            fresh.replace(self.path)
+            _sync(self.path.parent)
+        except OSError as error:
+            raise ConfigError(f"{self.path}: cannot be written: {error.strerror}") from error
+        return calibration
+
+    def rollback(self) -> Calibration:
+        """Take the present file away and return to the one before it; the present one is kept as ``.rejected``.
+
+        Raises:
+            ConfigError: There is no previous file that is usable; nothing is changed then.
+        """
+        for path in self.files():
+            if path == self.path:
+                continue
+            try:
+                previous = self.read(path)
+            except (ConfigError, JointNameError):
+                continue
+            if self.path.is_file():
+                self.path.replace(self.path.with_name(f"{self.path.name}.rejected"))
+            path.replace(self.path)
+            self._close_gaps()
+            _sync(self.path.parent)
+            return previous
+        raise ConfigError(f"{self.path}: there is no previous calibration to return to")
+
+    def _kept(self, age: int) -> Path:
+        return self.path.with_name(f"{self.path.name}.{age}")
+
+    def _write(self, text: str) -> Path:
+        """Write a new file beside the present one and see it onto the disk."""
+        fresh = self.path.with_name(f".{self.path.name}.tmp")
+        with fresh.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        return fresh
+
+    def _shift(self) -> None:
+        """Age the kept files by one; the present one is linked, not moved, so that its name never goes missing."""
+        if not self.path.is_file():
+            return
+        for age in range(self._limits.keep - 1, 0, -1):
+            if self._kept(age).is_file():
+                self._kept(age).replace(self._kept(age + 1))
+        self._kept(1).unlink(missing_ok=True)
+        os.link(self.path, self._kept(1))
+
+    def _close_gaps(self) -> None:
+        """Number the kept files 1, 2, ... again."""
+        kept = [path for path in self.files() if path != self.path]
+        for age, path in enumerate(kept, start=1):
+            if path != self._kept(age):
+                path.replace(self._kept(age))
+
+
+def _text(calibration: Calibration, model: RobotModel, stamp: str) -> str:
+    """The file's text; its last line says that it is whole."""
+    wrenches, gains = calibration.wrench_offsets.tolist(), calibration.force_gains.tolist()
+    data = {
+        "schema_version": SCHEMA,
+        "robot": calibration.robot,
+        "written": stamp,
+        "calibrated": dict(calibration.stamps),
+        "gyro_bias": calibration.gyro_bias.tolist(),
+        "accel_bias": calibration.accel_bias.tolist(),
+        "encoder_offsets": dict(zip(model.joint_names, calibration.encoder_offsets.tolist(), strict=True)),
+        "feet": {
+            foot: {"force_offset": row[:3], "torque_offset": row[3:], "force_gain": gain}
+            for foot, row, gain in zip(FOOT_NAMES, wrenches, gains, strict=True)
+        },
+    }
+    head = "# Sensor calibration; units in docs/calibration.md. Written by a calibration, not by hand.\n"
+    return head + yaml.safe_dump(data, sort_keys=False, default_flow_style=None) + "complete: true\n"
+
+
+def _sync(folder: Path) -> None:
+    """See a renaming onto the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
