@@ -19,6 +19,8 @@ from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
+from planners.gait.config import GaitConfig
+from planners.gait.gait import GaitPlanner
 from planners.motion import MotionPlanner
 
 
@@ -53,6 +55,7 @@ class ClosedLoop:
         record_period_s: Time between two rows of it [s]; that of ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
         controller: Whole-body controller to use instead of a new ``BalanceController``.
+        gait: How it walks; the gait of the robot when None.
         config: Start-up, scoring and log settings; the packaged ones when None.
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
         calibration: Corrects the sensors; None for none.
@@ -87,6 +90,7 @@ class ClosedLoop:
         record_period_s: float | None = None,
         visuals: bool = False,
         controller: Controller | None = None,
+        gait: GaitConfig | None = None,
         config: LoopConfig | None = None,
         sensor_errors: SensorErrors | None = None,
         calibration: Calibration | None = None,
@@ -126,6 +130,7 @@ class ClosedLoop:
             note=self._note,
             after_tick=self._record,
             calibration=calibration,
+            gait=gait,
         )
         self._planner: MotionPlanner | None = None
         self.log = LoopLog(self.robot)
@@ -190,6 +195,11 @@ class ClosedLoop:
         return self._lockstep.controller
 
     @property
+    def gait(self) -> GaitPlanner:
+        """The gait planner."""
+        return self._lockstep.walker.planner
+
+    @property
     def model(self) -> mujoco.MjModel:
         """The MuJoCo model."""
         return self.plant.model
@@ -235,8 +245,14 @@ class ClosedLoop:
             self.step()
 
     def command(self, text: str) -> CommandReply:
-        """Carry out a text command (wave, squat, stop, ...), or say why not."""
+        """Carry out a text command (wave, squat, walk, forward, stop, ...), or say why not."""
+        before = self.mode
         reply = self._lockstep.supervisor.text(text)
+        if self.mode is not before:
+            self._lockstep.enter_mode(before)
+        velocity = self._lockstep.supervisor.take_velocity()
+        if velocity is not None:
+            self.gait.set_velocity(*velocity)
         motion = self._lockstep.supervisor.take_motion()
         if motion == "stop":
             self._lockstep.controller.stop_motion()
@@ -271,12 +287,15 @@ class ClosedLoop:
         return self.mode is Mode.STAND and not self.fallen
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walking velocity [m/s, m/s, rad/s]; always refused: there is no gait planner.
+        """Walking velocity of the body [m/s, m/s, rad/s], brought into the gait's limits; zero stands still.
 
         Raises:
-            CommandError: Always.
+            CommandError: The robot is not in mode 'walk', or a value is not finite.
         """
-        raise CommandError(f"velocity ({forward}, {left}, {turn}) refused: no gait planner is configured")
+        if self.mode is not Mode.WALK:
+            raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
+        self.gait.set_velocity(forward, left, turn)
+        self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass with a force in the world (3,) [N] for a time [s], from the next tick on.

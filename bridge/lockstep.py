@@ -10,6 +10,7 @@ from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
 from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, average, hanging_command
+from bridge.walker import Walker
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
 from controllers.joint_servo import JointServo, ServoState
@@ -27,6 +28,7 @@ from models.types import (
     SensorData,
     SolveStatus,
 )
+from planners.gait.config import GaitConfig
 
 
 class Controller(Protocol):
@@ -72,6 +74,7 @@ class Lockstep:
         note: Takes a sentence about what happened.
         after_tick: Called at the end of every tick.
         calibration: Corrects the sensors from the next ``start`` on; None for none.
+        gait: The gait; that of the robot when None.
 
     Attributes:
         plant: The simulated robot.
@@ -99,9 +102,10 @@ class Lockstep:
         note: Callable[[str], None],
         after_tick: Callable[[], None],
         calibration: Calibration | None = None,
+        gait: GaitConfig | None = None,
     ) -> None:
         self.plant, self.controller, self._config = plant, controller, config
-        self.supervisor = Supervisor(plant.robot)
+        self.supervisor = Supervisor(plant.robot, gait=True)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
         self.tick = 0
@@ -110,6 +114,8 @@ class Lockstep:
         self.hanging = False
         self.state: RobotState
         self.result: ControlResult
+        self._gait = gait
+        self._walker: Walker | None = None
         self._estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -176,6 +182,20 @@ class Lockstep:
         raw = self.plant.read()
         return raw if self._applied is None else apply_calibration(raw, self._applied)
 
+    @property
+    def walker(self) -> Walker:
+        """Gait planner and walking controller; built when first asked for."""
+        if self._walker is None:
+            self._walker = Walker(self.plant.robot, self._gait)
+        return self._walker
+
+    def enter_mode(self, before: Mode) -> None:
+        """Hand the robot over between balance controller and walker after a change of mode from ``before``."""
+        if self.supervisor.mode is Mode.WALK and before is not Mode.WALK:
+            self.walker.start(self.state)
+        elif self.supervisor.mode is Mode.STAND and before is Mode.WALK:
+            self.controller.reset(self.state)
+
     def _hang_and_average(self) -> SensorData:
         """Hang under gravity compensation; returns the mean of the last sensor samples."""
         samples: list[SensorData] = []
@@ -213,7 +233,8 @@ class Lockstep:
         self.state = self.plant.truth if self._use_truth else self._estimator.step(sensors, self._control_dt)
         if self.supervisor.mode not in ACTIVE_MODES:
             return
-        self.result = self.controller.step(self.state, self._control_dt)
+        active = self.walker if self.supervisor.mode is Mode.WALK else self.controller
+        self.result = active.step(self.state, self._control_dt)
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()
@@ -230,12 +251,14 @@ class Lockstep:
             status=self.result.status,
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.controller.motion_active,
+            gait_active=before is Mode.WALK and not self.walker.standing,
         )
         mode = self.supervisor.update(health, self.plant.t)
         if mode is Mode.DAMP and self.servo.state is ServoState.ACTIVE:
             self.servo.damp()
             self.controller.stop_motion()
         if mode is not before:
+            self.enter_mode(before)
             faults = self.supervisor.faults
             self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
 

@@ -38,6 +38,7 @@ class Health:
         drivers_damped: Whether the joint drivers fell back to damping on their own.
         motion_active: Whether the controller is following a motion.
         overruns: Ticks in a row in which the controller took longer than its time budget.
+        gait_active: Whether the robot walks, or has not yet come to a standstill.
     """
 
     state_stamp: float
@@ -47,6 +48,7 @@ class Health:
     drivers_damped: bool = False
     motion_active: bool = False
     overruns: int = 0
+    gait_active: bool = False
 
     def problems(self, config: SupervisorConfig, t: float) -> list[str]:
         """Faults that end standing, most telling first; empty when healthy.

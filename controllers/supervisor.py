@@ -2,7 +2,7 @@
 
 The law, with severity hold < stand < damp < off:
 
-    off -> damp -> stand <-> motion        (stand <-> walk once a gait planner is configured)
+    off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner
     any -> damp                            on a fault, latched until ``reset_faults``
 
 Arming needs preflight checks that passed since the robot was last active: where it lies now is not where it stood.
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 """Text commands that need a gait planner; answered with the reason while there is none."""
 
+Velocity = tuple[float, float, float]
+"""Walking velocity: forward [m/s], left [m/s], turn [rad/s]."""
+
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 """Modes in which the whole-body controller moves the joints."""
 
@@ -46,6 +49,10 @@ class SupervisorConfig:
     rate_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of a rate [-]")]
     mass_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of the mass [-]")]
     limit_margin: Annotated[float, Field(ge=0, le=1, description="Accepted excess over a joint limit [rad]")]
+    text_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'forward' and 'backward' [m/s]")]
+    text_side_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'left' and 'right' [m/s]")]
+    text_turn: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'turn' [rad/s]")]
+    text_spin: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'spin' [rad/s]")]
     preflight_tilt: Annotated[float, Field(gt=0, le=1.6, description="Largest base tilt at arming [rad]")]
 
 
@@ -55,10 +62,12 @@ class Supervisor:
     Args:
         model: Robot to supervise.
         config: Limits and vocabulary; the packaged ``controllers/config/supervisor.yaml`` when None.
+        gait: Whether there is a gait planner; without one every request to walk is refused.
     """
 
-    def __init__(self, model: RobotModel, config: SupervisorConfig | None = None) -> None:
+    def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
         self.model = model
+        self.gait = gait
         self.config = default_config(SupervisorConfig, "controllers", "supervisor") if config is None else config
         self.ignored = 0
         self.reset()
@@ -70,6 +79,8 @@ class Supervisor:
         self.motion: str | None = None
         self._preflight: tuple[str, ...] = ("preflight checks have not run yet",)
         self._pending: str | None = None
+        self._velocity: Velocity | None = None
+        self._halting = False
         self._motion_seen = False
         self._motion_since: float | None = None
 
@@ -91,7 +102,7 @@ class Supervisor:
         Returns:
             Whether it was entered, and why not.
         """
-        if mode is self.mode:
+        if mode is self.mode and not self._halting:
             return CommandReply(True, f"already in mode '{mode.value}'")
         if mode is Mode.DAMP:
             return self._enter(Mode.DAMP, "joints are damped")
@@ -100,10 +111,10 @@ class Supervisor:
                 return self._refuse(mode, "the robot would drop; request 'damp' first")
             return self._enter(Mode.OFF, "drivers are off")
         if mode is Mode.WALK:
-            return self._refuse(mode, "no gait planner is configured")
+            return self._walk()
         if mode is Mode.MOTION:
             return self._refuse(mode, f"name a motion instead: {', '.join(self.config.motions)}")
-        if self.mode is Mode.MOTION:
+        if self.mode in (Mode.MOTION, Mode.WALK):
             return self._stop()
         if self.faults:
             return self._refuse(mode, f"latched faults: {'; '.join(self.faults)}; call reset_faults first")
@@ -133,7 +144,7 @@ class Supervisor:
         if word in self.config.motions:
             return self._start_motion(word)
         if word in GAIT_WORDS:
-            return CommandReply(False, f"'{word}' refused: no gait planner is configured")
+            return self._gait_word(word)
         self.ignored += 1
         known = ", ".join((*self.config.motions, "stand", "stop", *GAIT_WORDS))
         return CommandReply(False, f"unknown command {word[:32]!r} ignored; known: {known}")
@@ -142,6 +153,11 @@ class Supervisor:
         """Name of a motion to plan and follow, handed out once; ``"stop"`` means hold the present posture."""
         pending, self._pending = self._pending, None
         return pending
+
+    def take_velocity(self) -> Velocity | None:
+        """Walking velocity that a text command asks for, handed out once; zero comes to a standstill."""
+        velocity, self._velocity = self._velocity, None
+        return velocity
 
     def motion_refused(self, reason: str) -> CommandReply:
         """Tell that the requested motion could not be planned or followed: back to standing.
@@ -199,6 +215,8 @@ class Supervisor:
             self.fault(reason)
         if self.mode is Mode.MOTION:
             self._follow_motion(health.motion_active, t)
+        if self._halting and not health.gait_active:
+            self._enter(Mode.STAND, "standstill")
         return self.mode
 
     def _follow_motion(self, active: bool, t: float) -> None:
@@ -220,7 +238,37 @@ class Supervisor:
         self.motion = self._pending = name
         return CommandReply(True, f"motion '{name}' requested")
 
+    def _walk(self) -> CommandReply:
+        if not self.gait:
+            return self._refuse(Mode.WALK, "no gait planner is configured")
+        if self.mode is Mode.WALK:
+            self._halting = False
+            return CommandReply(True, "walk: goes on")
+        if self.mode is not Mode.STAND:
+            return self._refuse(Mode.WALK, "request 'stand' first")
+        return self._enter(Mode.WALK, "steps when a velocity is commanded")
+
+    def _gait_word(self, word: str) -> CommandReply:
+        if not self.gait:
+            return CommandReply(False, f"'{word}' refused: no gait planner is configured")
+        reply = self.request(Mode.WALK)
+        if not reply.accepted or word == "walk":
+            return reply
+        config = self.config
+        self._velocity = velocity = {
+            "forward": (config.text_speed, 0.0, 0.0),
+            "backward": (-config.text_speed, 0.0, 0.0),
+            "left": (0.0, config.text_side_speed, 0.0),
+            "right": (0.0, -config.text_side_speed, 0.0),
+            "turn": (0.0, 0.0, config.text_turn),
+            "spin": (0.0, 0.0, config.text_spin),
+        }[word]
+        return CommandReply(True, f"walk: {velocity[0]:g} m/s forward, {velocity[1]:g} m/s left, {velocity[2]:g} rad/s")
+
     def _stop(self) -> CommandReply:
+        if self.mode is Mode.WALK:
+            self._velocity, self._halting = (0.0, 0.0, 0.0), True
+            return CommandReply(True, "walk: comes to a standstill")
         if self.mode is not Mode.MOTION:
             return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")
         stopped = self.motion
@@ -233,6 +281,7 @@ class Supervisor:
             self._preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
         self.mode = mode
         self.motion = self._pending = None
+        self._velocity, self._halting = None, False
         self._motion_seen = False
         self._motion_since = None
         return CommandReply(True, f"{mode.value}: {reason}")

@@ -112,7 +112,7 @@ class WholeBodyController:
             limit.velocity_gain,
             limit.acceleration,
         )
-        self._contacts: tuple[bool, bool] | None = None
+        self._contacts: tuple[tuple[bool, bool], tuple[float, float]] | None = None
         self._ahead, self._nv = config.lookahead_s, model.nv
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
@@ -140,8 +140,8 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
-        if reference.contacts != self._contacts:
-            self._change_contacts(reference.contacts)
+        if (reference.contacts, reference.load) != self._contacts:
+            self._change_contacts(reference.contacts, reference.load)
         terms, limits = self.terms, self.limits
         self.problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
@@ -155,14 +155,17 @@ class WholeBodyController:
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
-    def _change_contacts(self, contacts: tuple[bool, bool]) -> None:
-        """Feet that swing get their task; those that bear load an even share of the weight, mid-sole."""
-        self._contacts = contacts
-        share = self.model.mass * GRAVITY / max(contacts[0] + contacts[1], 1)
+    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
+        """Feet that swing get their task; those that bear load their planned share of the weight, mid-sole."""
+        self._contacts = contacts, load
+        self.builder.set_load(load)
+        bearing = [load[foot] if contacts[foot] else 0.0 for foot in range(2)]
+        total = max(sum(bearing), 1e-6)
+        weight = self.model.mass * GRAVITY
         for foot, task in enumerate(self._feet):
             task.set_active(not contacts[foot])
             x_min, x_max, y_min, y_max = self.model.feet[foot].rectangle
-            force = share if contacts[foot] else 0.0
+            force = weight * (bearing[foot] / total)
             moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
             self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0
 

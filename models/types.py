@@ -126,6 +126,11 @@ class Reference:
         sole_velocities: Wanted spatial velocity of each sole, world-aligned at the sole (2, 6) [m/s, rad/s].
         sole_accelerations: Wanted acceleration of each sole, world-aligned at the sole (2, 6) [m/s^2, rad/s^2].
         contacts: Whether each foot is planned to bear load.
+        load: How far each foot in contact may be loaded, as a share of its largest normal force; their ratio is how
+            the weight is to be shared (2,) [-].
+        dcm: DCM in W, x and y (2,) [m]; None where the CoM itself is the reference (standing).
+        dcm_velocity: Its rate (2,) [m/s]; None where ``dcm`` is.
+        heading_rate: Wanted angular velocity of base and torso about the vertical [rad/s].
     """
 
     com: Vector
@@ -141,6 +146,10 @@ class Reference:
     sole_velocities: Matrix
     sole_accelerations: Matrix
     contacts: tuple[bool, bool] = (True, True)
+    load: tuple[float, float] = (1.0, 1.0)
+    dcm: Vector | None = None
+    dcm_velocity: Vector | None = None
+    heading_rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -134,6 +134,7 @@ class QPBuilder:
         self._indices = np.concatenate([core, np.setdiff1d(np.arange(model.nv), core)]).astype(np.int64)
         upper = model.nv - CORE
         weight_force = model.mass * GRAVITY
+        self._force_min, self._force_max = force_min, force_max
         self._wrench_scale = weight_force
         cones = []
         for foot in model.feet:
@@ -157,6 +158,13 @@ class QPBuilder:
         for task, end, size in zip(self.tasks, np.cumsum(dimensions), dimensions, strict=True):
             span = slice(int(end) - size, int(end))
             self._rows.append((task, stack["jacobian"][span], stack["target"][span], stack["weight"][span]))
+
+    def set_load(self, load: tuple[float, float]) -> None:
+        """Share of its largest normal force that each sole may bear from now on (2,) [-]."""
+        for foot in range(2):
+            # The normal force is the cone's last row; twice the least force keeps a foot that is let go feasible.
+            force = max(load[foot] * self._force_max, 2.0 * self._force_min)
+            self.robot["cone_upper"][foot, -1] = force / self._wrench_scale
 
     def build(self, terms: Terms, reference: Reference, limits: QPLimits) -> QP:
         """Fill the QP of this tick.

@@ -16,7 +16,9 @@ from models.types import Matrix, Reference, Vector
 class OrientationTask(Task):
     r"""Turn the base or the torso to a wanted orientation; everything in the moving frame.
 
-    .. math:: \dot\omega^* = k_p \log(R^T R_{ref}) - k_d\, \omega
+    .. math:: \dot\omega^* = k_p \log(R^T R_{ref}) + k_d (R^T \omega_{ref} - \omega)
+
+    with the wanted angular velocity about the vertical only (the heading rate of a walk).
 
     Attributes:
         kp: (3,) [1/s^2].
@@ -61,6 +63,8 @@ class OrientationTask(Task):
             rotation, wanted, rate = terms.base_rotation, reference.base_orientation, terms.v[3:6]
         else:
             rotation, wanted, rate = terms.torso.pose, reference.torso_orientation, terms.torso.twist[3:]
+        if reference.heading_rate != 0.0:
+            rate = rate - reference.heading_rate * rotation[2, :3]
         orientation_feedback(rotation, wanted, rate, self.kp, self.kd, self._error, self._acceleration)
         return self._acceleration
 
@@ -68,3 +72,6 @@ class OrientationTask(Task):
         """Rows of the stack, in one compiled call."""
         block, wanted = terms.block, reference.base_orientation if self._is_base else reference.torso_orientation
         orientation_rows(self._is_base, block.data, block.layout, wanted, self.kp, self.kd, jacobian, target)
+        if reference.heading_rate != 0.0:
+            rotation = terms.base_rotation if self._is_base else terms.torso.pose
+            target += self.kd * reference.heading_rate * rotation[2, :3]

@@ -141,3 +141,48 @@ def test_estop_damps_from_any_active_mode_and_leaves_off_alone(law: Supervisor) 
     assert law.mode is Mode.DAMP
     assert law.faults == ("emergency stop",)
     assert law.take_motion() is None
+
+
+@pytest.fixture
+def walker(g1: RobotModel) -> Supervisor:
+    supervisor = Supervisor(g1, gait=True)
+    supervisor.set_preflight(())
+    assert supervisor.request(Mode.STAND).accepted
+    return supervisor
+
+
+def test_walk_and_its_words(walker: Supervisor) -> None:
+    assert walker.text("walk").accepted
+    assert walker.mode is Mode.WALK
+    assert walker.take_velocity() is None
+    assert walker.text("backward").accepted
+    assert walker.take_velocity() == (-walker.config.text_speed, 0.0, 0.0)
+    assert walker.take_velocity() is None
+    assert walker.text("spin").accepted
+    assert walker.take_velocity() == (0.0, 0.0, walker.config.text_spin)
+    assert "request 'stand' first" in walker.text("wave").reason
+
+
+def test_stop_ends_the_walk_once_the_robot_stands_still(walker: Supervisor) -> None:
+    walker.text("forward")
+    walker.take_velocity()
+    assert walker.text("stop").accepted
+    assert walker.take_velocity() == (0.0, 0.0, 0.0)
+    assert walker.update(replace(WELL, gait_active=True), 1.0) is Mode.WALK
+    assert walker.update(WELL, 1.01) is Mode.STAND
+
+
+def test_a_new_word_before_the_standstill_goes_on_walking(walker: Supervisor) -> None:
+    walker.text("forward")
+    walker.request(Mode.STAND)
+    assert walker.text("left").accepted
+    assert walker.update(WELL, 1.0) is Mode.WALK
+    assert walker.take_velocity() == (0.0, walker.config.text_side_speed, 0.0)
+
+
+def test_walking_is_refused_from_damp_and_a_fault_ends_it(walker: Supervisor) -> None:
+    walker.text("forward")
+    walker.fault("tipped over")
+    assert walker.mode is Mode.DAMP
+    assert walker.take_velocity() is None
+    assert not walker.text("walk").accepted

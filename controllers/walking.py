@@ -1,0 +1,146 @@
+"""Walking: DCM feedback on a gait's reference, executed by the whole-body QP."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from controllers.kernels_balance import balance_feedback
+from controllers.qp.terms import GRAVITY
+from controllers.whole_body import WholeBodyController
+from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
+from models.config import STRICT, default_config
+from models.robot_model import RobotModel
+from models.types import ControlResult, Reference, RobotState
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class WalkingConfig:
+    """DCM feedback while walking.
+
+    Attributes:
+        dcm_gain: Feedback of the DCM error [-].
+        polygon_margin: Distance the commanded CoP keeps from the edge of the support polygon [m].
+        momentum_margin: Distance of the DCM *error's* CoP from the edge at which momentum starts to help [m].
+        momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
+        momentum_reach_max: Farthest commanded CMP beyond the edge [m].
+    """
+
+    dcm_gain: Positive
+    polygon_margin: NonNegative
+    momentum_margin: Annotated[float, Field()]
+    momentum_gain: NonNegative
+    momentum_reach_max: NonNegative
+
+
+class WalkingController:
+    r"""Tracks a reference with a contact schedule.
+
+    .. math::
+        p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad \ddot c_{xy} = \omega^2 (c - \bar p)
+
+    with ``p_bar`` brought into the soles that the reference has in contact: one sole in single support.
+
+    Args:
+        model: The robot.
+        config: Feedback; the packaged default when None.
+        whole_body: Gains of the QP; the packaged ones for walking when None.
+
+    Attributes:
+        reference: What the last tick tracked.
+        capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
+    """
+
+    def __init__(
+        self, model: RobotModel, config: WalkingConfig | None = None, whole_body: WholeBodyConfig | None = None
+    ) -> None:
+        self.model = model
+        self.config = config = config or default_config(WalkingConfig, "controllers", "walking")
+        self.whole_body = WholeBodyController(
+            model, whole_body or default_config(WholeBodyConfig, "controllers", "whole_body_walking")
+        )
+        com = self.whole_body.config.com
+        self._corners = np.array([foot.corners for foot in model.feet])  # (2, 4, 3)
+        self._one_sole = [np.array([foot.corners, foot.corners]) for foot in model.feet]
+        self._gains = np.array(
+            [
+                config.dcm_gain,
+                config.polygon_margin,
+                config.momentum_margin,
+                config.momentum_gain,
+                config.momentum_reach_max,
+                com.kp,
+                com.kd,
+            ]
+        )
+        self._dcm, self._cmp = np.zeros(2), np.zeros(2)
+        self._position, self._velocity = np.zeros(3), np.zeros(3)
+        self._acceleration = np.zeros(3)
+        self.reference: Reference
+        self.capture_margin = 0.0
+
+    def reset(self, state: RobotState) -> None:
+        """Forget the last command and start over from a measured state."""
+        self.whole_body.reset(state.q[7:])
+
+    def step(self, state: RobotState, reference: Reference, dt: float) -> ControlResult:
+        """One tick.
+
+        Args:
+            state: Estimated state.
+            reference: What to track; its ``dcm`` and ``dcm_velocity`` are given.
+            dt: Time since the last tick [s].
+        """
+        self.reference = reference
+        terms = self.whole_body.terms
+        terms.update(state)
+        self._feed_back(reference)
+        command, status = self.whole_body.step(state, reference)
+        return ControlResult(
+            command=command,
+            status=status,
+            residual=self.whole_body.solution.residual,
+            acceleration=self.whole_body.acceleration.copy(),
+            wrenches=self.whole_body.wrenches.copy(),
+            com=terms.com.copy(),
+            dcm=self._dcm.copy(),
+            zmp=self._cmp.copy(),
+            solve_time=self.whole_body.solution.time,
+        )
+
+    def _feed_back(self, reference: Reference) -> None:
+        terms = self.whole_body.terms
+        left, right = terms.soles
+        contacts = reference.contacts
+        if contacts[0] == contacts[1]:
+            first, second, corners = left.pose, right.pose, self._corners
+        else:
+            stance = 0 if contacts[0] else 1
+            first = second = terms.soles[stance].pose
+            corners = self._one_sole[stance]
+        bearing = [i for i in range(2) if contacts[i]] or [0, 1]
+        ground = sum(float(reference.sole_positions[i, 2]) for i in bearing) / len(bearing)
+        omega = np.sqrt(GRAVITY / max(terms.com[2] - ground, 0.1))
+        # The kernel speaks of CoM references: this one has the wanted DCM and drift.
+        self._velocity[:2] = reference.dcm_velocity
+        self._position[:2] = reference.dcm - self._velocity[:2] / omega
+        self._position[2], self._velocity[2] = reference.com[2], reference.com_velocity[2]
+        self.capture_margin = balance_feedback(
+            terms.com,
+            terms.com_velocity,
+            self._position,
+            self._velocity,
+            ground,
+            GRAVITY,
+            first,
+            second,
+            corners,
+            self._gains,
+            self._dcm,
+            self._cmp,
+            self._acceleration,
+        )
+        self.whole_body.com_task.override = self._acceleration

@@ -1,0 +1,1 @@
+"""Walking: footsteps, DCM reference, step adjustment, swing feet, and the state machine over them."""

@@ -1,0 +1,218 @@
+"""Schema of ``config/gait.yaml``: lengths are those of a robot with the reference leg and scale with the leg."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.resources import files
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, default_config
+from models.robot_model import RobotModel
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class TimingConfig:
+    """When feet lift and land [s].
+
+    Attributes:
+        single: Nominal single support.
+        single_min: Shortest single support.
+        single_max: Longest single support.
+        double: Double support between two steps.
+        start: First shift of the weight, from standing.
+        finish: Return of the weight to the middle after the last step.
+        adjust_period: Between two step adjustments.
+        landing_from: Share of the single support after which a measured contact ends it [-].
+        late_max: Longest wait for a late contact before the swing foot counts as lost.
+    """
+
+    single: Positive
+    single_min: Positive
+    single_max: Positive
+    double: Positive
+    start: Positive
+    finish: Positive
+    adjust_period: Positive
+    landing_from: Share
+    late_max: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ReachConfig:
+    """Where feet may be put.
+
+    Attributes:
+        width: Nominal lateral distance of the soles [m].
+        width_min: Least lateral distance of the soles [m].
+        width_max: Largest lateral distance of the soles [m].
+        forward: Largest step ahead of the stance foot [m].
+        backward: Largest step behind the stance foot [m].
+        turn_out: Largest turn of a sole outwards from the stance sole [rad].
+        turn_in: Largest turn of a sole inwards [rad].
+    """
+
+    width: Positive
+    width_min: Positive
+    width_max: Positive
+    forward: Positive
+    backward: Positive
+    turn_out: Positive
+    turn_in: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class VelocityConfig:
+    """Limits of the command.
+
+    Attributes:
+        forward: [m/s].
+        backward: [m/s].
+        lateral: [m/s].
+        turn: [rad/s].
+        acceleration: Of the linear velocities [m/s^2].
+        turn_acceleration: [rad/s^2].
+    """
+
+    forward: Positive
+    backward: Positive
+    lateral: Positive
+    turn: Positive
+    acceleration: Positive
+    turn_acceleration: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SwingConfig:
+    """Swing foot.
+
+    Attributes:
+        clearance: Height of the sole at mid-swing [m].
+        apex: Share of the swing at which it is reached [-].
+        landing_velocity: Downward speed of the sole at the planned touchdown [m/s].
+        depth_max: How far below its target a late foot is lowered [m].
+        speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
+        freeze: Time before touchdown at which the target is frozen [s].
+    """
+
+    clearance: Positive
+    apex: Share
+    landing_velocity: NonNegative
+    depth_max: Positive
+    speed_max: Positive
+    freeze: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class AdjustmentConfig:
+    """Step adjustment.
+
+    Attributes:
+        position: Weight of the foothold's distance from the nominal one [1/m^2].
+        time: Weight of ``exp(omega T)``'s distance from the nominal one [-].
+        offset: Weight of the DCM offset's distance from the nominal one [1/m^2].
+        cop: Weight of the CoP offset over the rest of the step [1/m^2].
+        cop_share: Share of the sole that the CoP offset may use [-].
+    """
+
+    position: Positive
+    time: Positive
+    offset: Positive
+    cop: Positive
+    cop_share: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class GaitConfig:
+    """The gait.
+
+    Attributes:
+        leg: Hip height above the sole of the robot that the lengths are written for [m].
+        crouch: Walking lowers the CoM below that of standing by this [m].
+        height_rate: Fastest change of the wanted CoM height [m/s].
+        preview: Steps that the DCM recursion looks ahead.
+        settle_dcm: DCM distance from the middle at which a finished walk counts as standing [m].
+        settle_time: For this long [s].
+        step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
+        anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
+        anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
+        timing, reach, velocity, swing, adjustment: Parts.
+    """
+
+    leg: Positive
+    crouch: NonNegative
+    height_rate: Positive
+    preview: Annotated[int, Field(ge=1, le=12)]
+    settle_dcm: Positive
+    settle_time: NonNegative
+    step_share: Share
+    anchor_time: Positive
+    anchor_load: Share
+    timing: TimingConfig
+    reach: ReachConfig
+    velocity: VelocityConfig
+    swing: SwingConfig
+    adjustment: AdjustmentConfig
+
+    def __post_init__(self) -> None:
+        timing, reach = self.timing, self.reach
+        if not timing.single_min <= timing.single <= timing.single_max:
+            raise ValueError("timing: single_min <= single <= single_max does not hold")
+        if not reach.width_min <= reach.width <= reach.width_max:
+            raise ValueError("reach: width_min <= width <= width_max does not hold")
+
+
+def load_gait_config(model: RobotModel) -> GaitConfig:
+    """The packaged gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs."""
+    own = f"gait_{model.name}"
+    if (files("planners") / "config" / f"{own}.yaml").is_file():
+        return default_config(GaitConfig, "planners", own)
+    return scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model))
+
+
+def leg_length(model: RobotModel) -> float:
+    """Height of the hips above the soles in the 'stand' posture [m]."""
+    data = model.data()
+    import pinocchio as pin
+
+    pin.forwardKinematics(model.pin, data, model.standing_configuration())
+    hip = model.pin.supports[model.pin.frames[model.feet[0].frame_id].parentJoint][2]
+    return float(data.oMi[hip].translation[2])
+
+
+def scaled(config: GaitConfig, leg: float) -> GaitConfig:
+    """The gait of a robot with legs of another length: lengths scale with it, times with its root.
+
+    Speeds scale with the root too, widths stay: they are set by hips and soles, not by the leg's length.
+    """
+    length = leg / config.leg
+    time = length**0.5
+    timing, reach, velocity, swing = config.timing, config.reach, config.velocity, config.swing
+    return replace(
+        config,
+        leg=leg,
+        crouch=config.crouch * length,
+        timing=replace(
+            timing,
+            single=timing.single * time,
+            single_min=timing.single_min * time,
+            single_max=timing.single_max * time,
+            double=timing.double * time,
+            start=timing.start * time,
+            finish=timing.finish * time,
+        ),
+        reach=replace(reach, forward=reach.forward * length, backward=reach.backward * length),
+        velocity=replace(
+            velocity,
+            forward=velocity.forward * time,
+            backward=velocity.backward * time,
+            lateral=velocity.lateral * time,
+        ),
+        swing=replace(swing, clearance=swing.clearance * length, speed_max=swing.speed_max * time),
+    )

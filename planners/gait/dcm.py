@@ -1,0 +1,97 @@
+r"""DCM reference over footholds: closed forms of the linear inverted pendulum.
+
+Symbols: ``xi = c + c'/omega`` the divergent component of motion, ``p`` the ZMP, ``omega = sqrt(g / z)``. The pendulum
+obeys ``xi' = omega (xi - p)``. A step begins at the touchdown of the new stance foot with a double support of duration
+``T_d``, in which the ZMP moves at constant speed from the old foot's point to the new one's, then stays there for the
+single support ``T_s``; ``T = T_d + T_s``.
+
+References:
+    Englsberger, Ott, Albu-Schaeffer: Three-dimensional bipedal walking control based on divergent component of motion
+    (2015); Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation (2020).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.types import Vector
+
+
+def transfer_share(omega: float, double: float) -> float:
+    r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: how much of a ramp of the ZMP counts like a jump at its start.
+
+    .. math:: \xi(T) = p_i + e^{\omega T} (\xi_0 - p_{i-1} - \alpha (p_i - p_{i-1}))
+    """
+    x = omega * double
+    return (1.0 - math.exp(-x)) / x if x > 1e-9 else 1.0
+
+
+def touchdown_offset(
+    points: Sequence[Vector], omega: float, single: float, double: float, final: Vector | None = None
+) -> Vector:
+    r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds.
+
+    .. math:: b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1})
+
+    The recursion contracts by ``exp(omega T)`` a step, so what stands at the end of a preview of three or four steps
+    hardly matters; it is the DCM over the last foothold (capturable), or ``final`` where the walk ends.
+
+    Args:
+        points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... each (2,) [m].
+        omega: [1/s].
+        single: Single support T_s [s].
+        double: Double support T_d [s].
+        final: DCM at the last touchdown (2,) [m]; None to walk on.
+
+    Returns:
+        b at the touchdown on p_1 (2,) [m].
+    """
+    share = 1.0 - transfer_share(omega, double)
+    decay = math.exp(-omega * (single + double))
+    offset: Vector = np.zeros(2) if final is None else final - points[-1]
+    for i in range(len(points) - 2, 0, -1):
+        offset = decay * (offset + points[i + 1] - points[i]) - share * (points[i] - points[i - 1])
+    return offset
+
+
+def single_support(point: Vector, end: Vector, omega: float, left: float) -> tuple[Vector, Vector]:
+    """DCM and its rate, ``left`` seconds before it is to be at ``end``, with the ZMP on ``point``; all (2,)."""
+    dcm = point + math.exp(-omega * left) * (end - point)
+    return dcm, omega * (dcm - point)
+
+
+def double_support(
+    old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
+) -> tuple[Vector, Vector]:
+    """DCM and its rate during the transfer of the ZMP from ``old`` to ``new``.
+
+    Args:
+        old: ZMP point of the foot that is to be unloaded (2,) [m].
+        new: ZMP point of the new stance foot (2,) [m].
+        end: DCM at the end of the double support (2,) [m].
+        omega: [1/s].
+        elapsed: Time since touchdown [s].
+        duration: T_d [s].
+    """
+    rate = (new - old) / duration
+    zmp = old + rate * elapsed
+    slope = rate / omega
+    dcm = zmp + slope + math.exp(-omega * (duration - elapsed)) * (end - new - slope)
+    return dcm, omega * (dcm - zmp)
+
+
+def blend(
+    start: tuple[Vector, Vector], end: tuple[Vector, Vector], elapsed: float, duration: float
+) -> tuple[Vector, Vector]:
+    """Cubic between two DCM states (position, rate), each (2,): the shift before the first and after the last step."""
+    u = min(max(elapsed / duration, 0.0), 1.0)
+    h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
+    h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
+    dcm = h00 * start[0] + h10 * duration * start[1] + h01 * end[0] + h11 * duration * end[1]
+    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
+    d11 = u * (3.0 * u - 2.0)
+    rate = (d00 * start[0] - d00 * end[0]) / duration + d10 * start[1] + d11 * end[1]
+    return dcm, rate

@@ -1,0 +1,96 @@
+"""Walking in the loop: estimator on, sensor noise on, 2 ms delay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bridge.closed_loop import ClosedLoop
+from models.errors import CommandError
+from models.types import Mode, SolveStatus
+
+
+def yaw(quaternion: np.ndarray) -> float:
+    x, y, z, w = quaternion
+    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+def test_walks_forward_turns_and_stops() -> None:
+    loop = ClosedLoop("g1", seed=4)
+    with pytest.raises(CommandError, match="command 'walk' first"):
+        loop.set_velocity(0.3, 0.0, 0.0)
+    assert loop.command("walk").accepted
+    loop.run(0.5)
+    assert loop.gait.steps == 0 and not loop.gait.walking  # no velocity, no step
+    loop.set_velocity(0.3, 0.0, 0.0)
+    loop.run(2.0)
+    start, t = loop.truth.q[:3].copy(), loop.t
+    loop.run(6.0)
+    assert loop.mode is Mode.WALK and not loop.fallen
+    speed = (loop.truth.q[0] - start[0]) / (loop.t - t)
+    assert speed == pytest.approx(0.3, rel=0.1)
+    assert abs(loop.truth.q[1] - start[1]) < 0.15
+
+    loop.set_velocity(0.0, 0.0, 0.5)
+    before, turned = yaw(loop.truth.q[3:7]), 0.0
+    for _ in range(30):
+        loop.run(0.1)
+        now = yaw(loop.truth.q[3:7])
+        turned += (now - before + np.pi) % (2.0 * np.pi) - np.pi
+        before = now
+    assert not loop.fallen
+    assert turned == pytest.approx(1.5, rel=0.25)
+
+    steps = loop.gait.steps
+    assert loop.command("stop").accepted
+    loop.run(3.0)
+    assert loop.mode is Mode.STAND and not loop.fallen
+    assert loop.gait.steps - steps <= 2
+    place = loop.truth.q[:2].copy()
+    loop.run(5.0)
+    assert np.linalg.norm(loop.truth.q[:2] - place) < 0.01
+    assert np.abs(loop.truth.v[6:]).mean() < 0.02
+    assert loop.foot_slip.max() < 0.02
+    assert set(loop.log.statuses) == {SolveStatus.OPTIMAL}
+
+
+@pytest.mark.parametrize(
+    ("robot", "velocity"),
+    [("g1", (-0.25, 0.0, 0.0)), ("g1", (0.0, 0.2, 0.0)), ("g1", (0.5, 0.0, 0.0)), ("talos", (0.3, 0.0, 0.0))],
+)
+def test_walks_backward_sideways_and_faster(robot: str, velocity: tuple[float, float, float]) -> None:
+    loop = ClosedLoop(robot, seed=5, record=False)
+    loop.command("walk")
+    loop.set_velocity(*velocity)
+    loop.run(2.0)
+    start, t = loop.truth.q[:2].copy(), loop.t
+    loop.run(3.0)
+    assert not loop.fallen
+    moved = (loop.truth.q[:2] - start) / (loop.t - t)
+    assert moved == pytest.approx(velocity[:2], abs=0.08)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0)])
+def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, float]) -> None:
+    loop = ClosedLoop("g1", seed=1, record=False)
+    loop.command("walk")
+    loop.run(0.3)
+    force = loop.robot.mass * 0.6 / 0.1  # N: 0.6 m/s in 0.1 s
+    loop.apply_push((force * direction[0], force * direction[1], 0.0), 0.1)
+    loop.run(4.0)
+    assert not loop.fallen
+    assert 1 <= loop.gait.steps <= 6
+    assert not loop.gait.walking  # back to a standstill
+    assert np.abs(loop.truth.v[6:]).mean() < 0.05
+
+
+def test_a_walk_repeats_bit_for_bit() -> None:
+    def run() -> np.ndarray:
+        loop.command("forward")
+        loop.run(2.0)
+        return loop.truth.q.copy()
+
+    loop = ClosedLoop("g1", seed=6, record=False)
+    first = run()
+    loop.reset()
+    assert (run() == first).all()

@@ -1,0 +1,96 @@
+"""DCM reference: the closed forms against integration, and the recursion against what it promises."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from planners.gait import dcm
+
+OMEGA, SINGLE, DOUBLE = 3.85, 0.34, 0.08
+POINTS = [np.array(p) for p in ([0.0, -0.1], [0.15, 0.1], [0.3, -0.1], [0.42, 0.1], [0.5, -0.1])]
+
+
+def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 20000) -> np.ndarray:
+    """The pendulum ``xi' = omega (xi - p)`` through one double and one single support (midpoint rule)."""
+    xi, h = start.copy(), (SINGLE + DOUBLE) / steps
+    for i in range(steps):
+        share = min((i + 0.5) * h / DOUBLE, 1.0)
+        zmp = old + share * (new - old)
+        middle = xi + 0.5 * h * OMEGA * (xi - zmp)
+        xi = xi + h * OMEGA * (middle - zmp)
+    return xi
+
+
+def test_the_recursion_leads_from_step_to_step() -> None:
+    """Started at p_1 + b_1, the pendulum arrives at p_2 + b_2, and so on to the last foothold."""
+    final = 0.5 * (POINTS[-1] + POINTS[-2])
+    xi = POINTS[1] + dcm.touchdown_offset(POINTS, OMEGA, SINGLE, DOUBLE, final)
+    for i in range(1, len(POINTS) - 1):
+        xi = integrate(xi, POINTS[i - 1], POINTS[i])
+        wanted = POINTS[i + 1] + dcm.touchdown_offset(POINTS[i:], OMEGA, SINGLE, DOUBLE, final)
+        assert xi == pytest.approx(wanted, abs=1e-4)
+    assert xi == pytest.approx(final, abs=1e-4)
+
+
+def test_what_stands_at_the_end_of_the_preview_hardly_matters() -> None:
+    near = dcm.touchdown_offset(POINTS, OMEGA, SINGLE, DOUBLE, POINTS[-1])
+    far = dcm.touchdown_offset(POINTS, OMEGA, SINGLE, DOUBLE, POINTS[-1] + 0.1)
+    steps = len(POINTS) - 2
+    assert far - near == pytest.approx(0.1 * math.exp(-OMEGA * (SINGLE + DOUBLE) * steps))
+
+
+def test_double_support_ends_at_its_end_and_its_zmp_goes_from_foot_to_foot() -> None:
+    end = np.array([0.12, 0.02])
+    old, new = POINTS[0], POINTS[1]
+    assert dcm.double_support(old, new, end, OMEGA, DOUBLE, DOUBLE)[0] == pytest.approx(end)
+    for u in np.linspace(0.0, 1.0, 9):
+        xi, rate = dcm.double_support(old, new, end, OMEGA, u * DOUBLE, DOUBLE)
+        zmp = xi - rate / OMEGA
+        assert zmp == pytest.approx(old + u * (new - old), abs=1e-12)
+
+
+@pytest.mark.parametrize("t", [0.0, 0.03, 0.07])
+def test_rates_are_the_derivatives(t: float) -> None:
+    h, end = 1e-6, np.array([0.2, 0.05])
+    before = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, t, DOUBLE)
+    after = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, t + h, DOUBLE)
+    assert (after[0] - before[0]) / h == pytest.approx(before[1], abs=1e-4)
+    before = dcm.single_support(POINTS[1], end, OMEGA, 0.2 - t)
+    after = dcm.single_support(POINTS[1], end, OMEGA, 0.2 - t - h)
+    assert (after[0] - before[0]) / h == pytest.approx(before[1], abs=1e-4)
+    states = (POINTS[0], np.array([0.1, -0.2])), (POINTS[1], np.array([0.3, 0.1]))
+    first = dcm.blend(*states, t + 0.1, 0.5)
+    second = dcm.blend(*states, t + 0.1 + h, 0.5)
+    assert (second[0] - first[0]) / h == pytest.approx(first[1], abs=1e-4)
+
+
+def test_phases_join_without_a_jump_of_dcm_or_zmp() -> None:
+    """Single support of the old foot -> double support -> single support of the new foot."""
+    offset = dcm.touchdown_offset(POINTS, OMEGA, SINGLE, DOUBLE)
+    following = dcm.touchdown_offset(POINTS[1:], OMEGA, SINGLE, DOUBLE)
+    landing = POINTS[1] + offset
+    end = dcm.single_support(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)[0]
+    before = dcm.single_support(POINTS[0], landing, OMEGA, 0.0)
+    after = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, 0.0, DOUBLE)
+    assert after[0] == pytest.approx(before[0], abs=1e-12)
+    assert after[1] == pytest.approx(before[1], abs=1e-12)
+    before = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, DOUBLE, DOUBLE)
+    after = dcm.single_support(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)
+    assert after[0] == pytest.approx(before[0], abs=1e-12)
+    assert after[1] == pytest.approx(before[1], abs=1e-12)
+
+
+def test_a_blend_meets_both_ends() -> None:
+    start, end = (np.zeros(2), np.array([0.1, 0.0])), (np.array([0.0, -0.07]), np.array([0.0, 0.15]))
+    for t, state in ((0.0, start), (0.5, end)):
+        value, rate = dcm.blend(start, end, t, 0.5)
+        assert value == pytest.approx(state[0])
+        assert rate == pytest.approx(state[1])
+
+
+def test_a_sudden_transfer_counts_in_full() -> None:
+    assert dcm.transfer_share(OMEGA, 0.0) == 1.0
+    assert dcm.transfer_share(OMEGA, 1e-6) == pytest.approx(1.0, abs=1e-5)
