@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +25,7 @@ def _bench(name: str, robot: str, seeds: int, workers: int, json: Path | None, p
     from benchmarks.harness import Options, print_report, write_json
 
     console = Console()
-    module = importlib.import_module(f"benchmarks.{name}")
+    module = import_module(f"benchmarks.{name}")
     try:
         report = module.run(Options(robot=robot, seeds=seeds, workers=workers))
     except PoiseError as error:
@@ -42,49 +42,27 @@ def _bench(name: str, robot: str, seeds: int, workers: int, json: Path | None, p
     raise typer.Exit(0 if report.passed else 1)
 
 
-@app.command()
-def tick(
-    robot: Robot = "g1",
-    seeds: Seeds = 1,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-) -> None:
-    """Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls."""
-    _bench("tick", robot, seeds, workers, json, plot)
+def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
+    """Give the benchmark ``benchmarks/<name>.py`` a command with the options that all of them share.
+
+    Args:
+        name: Name of the module and of the command.
+        help_text: What ``--help`` says about it.
+        usual_seeds: How many seeds unless the user says otherwise.
+    """
+
+    @app.command(name, help=help_text)
+    def run(
+        robot: Robot = "g1",
+        seeds: Seeds = usual_seeds,
+        workers: Workers = 1,
+        json: JsonFile = None,
+        plot: PlotFolder = None,
+    ) -> None:
+        _bench(name, robot, seeds, workers, json, plot)
 
 
-@app.command()
-def push(
-    robot: Robot = "g1",
-    seeds: Seeds = 1,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-) -> None:
-    """Largest push at the pelvis taken without a step, in 8 directions, beside the ankle bound."""
-    _bench("push", robot, seeds, workers, json, plot)
-
-
-@app.command()
-def stand(
-    robot: Robot = "g1",
-    seeds: Seeds = 20,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-) -> None:
-    """A minute of quiet standing, and wave and squat while pushed, for every seed."""
-    _bench("stand", robot, seeds, workers, json, plot)
-
-
-@app.command()
-def latency(
-    robot: Robot = "g1",
-    seeds: Seeds = 1,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-) -> None:
-    """Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages."""
-    _bench("latency", robot, seeds, workers, json, plot)
+_add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
+_add_command("push", "Largest push at the pelvis taken without a step, in 8 directions, beside the ankle bound.")
+_add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
+_add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")

@@ -33,7 +33,7 @@ def _bench(passed: bool) -> SimpleNamespace:
 def test_a_bench_ends_with_its_verdict(
     passed: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(benchmarks.cli.importlib, "import_module", lambda name: _bench(passed))
+    monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(passed))
     options = ["--robot", "talos", "--seeds", "3", "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "p")]
     result = RUNNER.invoke(app, ["bench", "push", *options])
     assert result.exit_code == code, result.output
@@ -43,8 +43,28 @@ def test_a_bench_ends_with_its_verdict(
     assert (tmp_path / "p/push.png").is_file()
 
 
+@pytest.mark.parametrize(("name", "seeds"), [("tick", 1), ("push", 1), ("stand", 20), ("latency", 1)])
+def test_a_command_runs_its_own_module_with_its_usual_seeds(
+    name: str, seeds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def imported(module: str) -> SimpleNamespace:
+        bench = _bench(True)
+
+        def run(options: Options) -> Report:
+            asked.append((module, options.seeds))
+            return bench.run(options)
+
+        return SimpleNamespace(run=run, plot=bench.plot)
+
+    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
+    assert RUNNER.invoke(app, ["bench", name]).exit_code == 0
+    assert asked == [(f"benchmarks.{name}", seeds)]
+
+
 def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmarks.cli.importlib, "import_module", lambda name: _bench(True))
+    monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(True))
     result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])
     assert result.exit_code == 2 and "unknown robot 'nobody'" in result.output
 
