@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from controllers.supervisor_config import SupervisorConfig
 from models.types import SolveStatus, Vector
-
-if TYPE_CHECKING:
-    from controllers.supervisor import SupervisorConfig
 
 
 def tilt(quaternion: Vector) -> float:

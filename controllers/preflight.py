@@ -5,17 +5,14 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from controllers.health import tilt
+from controllers.supervisor_config import SupervisorConfig
 from models.errors import RobotModelError
+from models.robot_model import RobotModel
 from models.types import Vector
-
-if TYPE_CHECKING:
-    from controllers.supervisor import SupervisorConfig
-    from models.robot_model import RobotModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,17 +13,11 @@ It has no clock and no I/O: time comes in with ``update``. The node around it pu
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
-
-from pydantic import Field
-from pydantic.dataclasses import dataclass
-
-from models.config import STRICT, default_config
+from controllers.health import Health
+from controllers.supervisor_config import SupervisorConfig
+from models.config import default_config
+from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
-
-if TYPE_CHECKING:
-    from controllers.health import Health
-    from models.robot_model import RobotModel
 
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 """Text commands that need a gait planner; answered with the reason while there is none."""
@@ -33,27 +27,6 @@ Velocity = tuple[float, float, float]
 
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 """Modes in which the whole-body controller moves the joints."""
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
-class SupervisorConfig:
-    """Limits and vocabulary of the mode machine; every field is documented with its unit."""
-
-    motions: Annotated[tuple[str, ...], Field(description="Text commands that are planned as motions")]
-    fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
-    state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
-    controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
-    overruns_max: Annotated[int, Field(gt=0, le=10000, description="Ticks in a row over their budget that damp [1]")]
-    plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]
-    text_length_max: Annotated[int, Field(ge=16, le=4096, description="Longest text command read [characters]")]
-    rate_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of a rate [-]")]
-    mass_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of the mass [-]")]
-    limit_margin: Annotated[float, Field(ge=0, le=1, description="Accepted excess over a joint limit [rad]")]
-    text_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'forward' and 'backward' [m/s]")]
-    text_side_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'left' and 'right' [m/s]")]
-    text_turn: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'turn' [rad/s]")]
-    text_spin: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'spin' [rad/s]")]
-    preflight_tilt: Annotated[float, Field(gt=0, le=1.6, description="Largest base tilt at arming [rad]")]
 
 
 class Supervisor:

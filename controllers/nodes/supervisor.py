@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import SENSOR_TOPICS, PreflightProbe
 from controllers.preflight import attitude, preflight
-from controllers.supervisor import ACTIVE_MODES, Supervisor, SupervisorConfig
+from controllers.supervisor import ACTIVE_MODES, Supervisor
+from controllers.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
