@@ -13,13 +13,14 @@ from controllers.estimation.filter import InvariantFilter
 from controllers.estimation.guard import BAD_FEET, BAD_IMU, BAD_JOINTS, STALE, EstimatorHealth, SensorBuffer
 from controllers.estimation.kernels_kinematics import base_state
 from controllers.estimation.kinematics import SoleKinematics
+from controllers.estimation.odometry import odometry_covariance
 from models.config import default_config
 from models.errors import MessageError
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState, SensorData, Vector
+from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
 NOMINAL_STEP = 0.001
-"""Step of the call that compiles [s]."""
+"""Step of the call that compiles, and of the rate sample of a state that no step has led to [s]."""
 
 
 class StateEstimator:
@@ -68,6 +69,9 @@ class StateEstimator:
         self._level_due = True
         self._t = 0.0
         self._rate = np.zeros(3)
+        encoders = model.profile.sensors.encoders
+        joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2
+        self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -78,6 +82,7 @@ class StateEstimator:
         self.reset(hanging)
         self.step(replace(hanging, t=NOMINAL_STEP), NOMINAL_STEP)
         self.filter.measure_level()
+        self.odometry_covariance()
         self._ready = False
 
     @property
@@ -89,6 +94,21 @@ class StateEstimator:
     def accel_bias(self) -> Vector:
         """Estimated bias of the specific force, in the inertial unit's frame (3,) [m/s^2]."""
         return np.array(self.filter.biases[1])
+
+    def odometry_covariance(self) -> tuple[Matrix, Matrix]:
+        """Covariance of the last state's base, in the conventions of nav_msgs/Odometry.
+
+        Returns:
+            Of the pose in odom: x, y, z, then rotation about the fixed axes X, Y, Z (6, 6) [m, rad]; and of the twist
+            in base_link: linear, angular (6, 6) [m/s, rad/s]. New arrays; yaw, x and y of the pose grow with time.
+        """
+        pose, twist = np.empty((6, 6)), np.empty((6, 6))
+        kinematics = self._kinematics
+        odometry_covariance(
+            self.filter.rotation, self.filter.vectors[1], self.filter.covariance, kinematics.imu_rotation,
+            kinematics.imu_position, kinematics.imu_jacobian, self._variances, pose, twist,
+        )  # fmt: skip
+        return pose, twist
 
     def reset(self, sensors: SensorData) -> RobotState:
         """Start from one sample of the robot at rest: middle of the soles at x = y = 0, soles at z = 0, yaw 0.
@@ -111,6 +131,7 @@ class StateEstimator:
         self.filter.initialise(self._kinematics, self._buffer.imu[1])
         self.health = EstimatorHealth()
         self._t = sensors.t
+        self._variances[2] = self.config.imu.gyro_noise**2 / NOMINAL_STEP
         self._ready = True
         self._level_due = True
         return self._state()
@@ -155,6 +176,8 @@ class StateEstimator:
     def _predict(self, dt: float, missing: int) -> None:
         imu = self._buffer.imu
         coasting = missing & (STALE | BAD_IMU)
+        scale = self.config.imu.coast_factor if coasting else 1.0
+        self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
         np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
         self._rate *= 0.5
         self.filter.predict(
@@ -163,7 +186,7 @@ class StateEstimator:
             dt,
             self._contacts.densities,
             self._contacts.cops,
-            self.config.imu.coast_factor if coasting else 1.0,
+            scale,
         )
 
     def _at_rest(self) -> bool:
