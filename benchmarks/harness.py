@@ -30,14 +30,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from models.threads import use_one_thread
+
 Case = dict[str, Any]
 """One measured case: its inputs (seed, direction, ...) and what came out, as plain JSON values."""
 
 MEASURED_PACKAGES = ("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "qpsolvers", "numba", "numpy", "ros-rclpy")
 """Packages whose versions decide a figure."""
-
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Environment variables that keep every worker on one core."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,11 +162,6 @@ def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
     return {f"{name}_{part}": float(value) for part, value in tail.items()}
 
 
-def _start_worker() -> None:
-    for variable in THREAD_VARIABLES:
-        os.environ[variable] = "1"
-
-
 def run_cases(
     measure: Callable[..., Case],
     cases: Sequence[Mapping[str, Any]],
@@ -199,9 +193,8 @@ def run_cases(
                 results[index] = {**case, **measure(**case)}
                 progress.advance(task)
         else:
-            for variable in THREAD_VARIABLES:
-                os.environ.setdefault(variable, "1")
-            with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker) as pool:
+            use_one_thread()  # for the workers, which inherit it
+            with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
                 futures = {pool.submit(measure, **case): index for index, case in enumerate(cases)}
                 for future in as_completed(futures):
                     index = futures[future]

@@ -26,9 +26,9 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from bridge.stability import GRAVITY
 from bridge.support_polygon import distance_along, support_polygon
 from models.config import STRICT, default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 

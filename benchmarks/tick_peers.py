@@ -17,8 +17,8 @@ import pinocchio as pin
 import placo
 
 from controllers.balance import BalanceController
-from controllers.qp.terms import GRAVITY
 from controllers.whole_body_config import WholeBodyConfig
+from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector

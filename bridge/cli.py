@@ -13,12 +13,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from models.threads import use_one_thread
+
 if TYPE_CHECKING:
     from models.types import CommandReply
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 app = typer.Typer(

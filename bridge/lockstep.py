@@ -9,12 +9,13 @@ from typing import Protocol
 from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
 from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import ReleaseGate, average, hanging_command
+from bridge.start_up import ReleaseGate, hanging_command
 from bridge.walker import Walker
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
 from controllers.joint_servo import JointServo, ServoState
 from controllers.preflight import Evidence, preflight
+from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from models.calibration import Calibration, apply_calibration
 from models.errors import PoiseError
@@ -206,7 +207,7 @@ class Lockstep:
                 samples.append(sensors)
             self.servo.command(self._hang, sensors.t)
             self._drive(sensors)
-        return average(samples)
+        return mean_sample(samples)
 
     def step(self) -> None:
         """Run one tick."""

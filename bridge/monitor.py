@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.loop_config import LoopConfig
 from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import GRAVITY
+from models.constants import GRAVITY
 
 
 class PlantMonitor:

@@ -9,11 +9,9 @@ import pinocchio as pin
 
 from bridge.recording import Recording
 from bridge.support_polygon import margin, support_polygon
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
-
-GRAVITY = 9.81
-"""Standard acceleration of free fall, as the models have it [m/s^2]."""
 
 LOADED_FRACTION = 0.02
 """Part of the weight that the feet bear together below which the robot counts as in flight [-]."""

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pinocchio as pin
 
 from bridge.loop_config import LoopConfig
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
-
-GRAVITY = 9.81
-"""Standard acceleration of free fall, as the models have it [m/s^2]."""
 
 
 def hanging_command(model: RobotModel) -> JointCommand:
@@ -20,19 +16,6 @@ def hanging_command(model: RobotModel) -> JointCommand:
     q = model.standing_configuration("stand")
     gravity = pin.computeGeneralizedGravity(model.pin, model.data(), q)  # (nv,)
     return JointCommand(q=q[7:].copy(), v=np.zeros(model.nj), tau=gravity[6:].copy())
-
-
-def average(samples: Sequence[SensorData]) -> SensorData:
-    """Mean of each measurement, with the stamp of the last sample."""
-    return SensorData(
-        t=samples[-1].t,
-        q=np.mean([s.q for s in samples], axis=0),
-        v=np.mean([s.v for s in samples], axis=0),
-        tau=np.mean([s.tau for s in samples], axis=0),
-        gyro=np.mean([s.gyro for s in samples], axis=0),
-        accel=np.mean([s.accel for s in samples], axis=0),
-        wrenches=np.mean([s.wrenches for s in samples], axis=0),
-    )
 
 
 class ReleaseGate:

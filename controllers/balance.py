@@ -8,10 +8,10 @@ from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
 from controllers.qp.kernels_check import finite_state
-from controllers.qp.terms import GRAVITY
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
+from models.constants import GRAVITY
 from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory

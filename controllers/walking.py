@@ -9,10 +9,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.kernels_balance import balance_feedback
-from controllers.qp.terms import GRAVITY
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import ControlResult, Reference, RobotState
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from controllers.qp.build import QP, QPBuilder, QPLimits
 from controllers.qp.solve import QPSolver, Solution
-from controllers.qp.terms import GRAVITY, Terms
+from controllers.qp.terms import Terms
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
 from controllers.tasks.base import rows
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, Reference, RobotState, SolveStatus, Vector
 

@@ -20,6 +20,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from models.config import default_config
+from models.constants import GRAVITY
 from models.errors import ConfigError, RobotModelError
 from models.plant_config import PlantConfig
 from models.robot_model import RobotModel
@@ -189,7 +190,7 @@ def _set_options(spec: Any, timestep: float, config: PlantConfig) -> None:
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{config.integrator.upper()}")
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = config.friction_hardness
-    spec.option.gravity = [0.0, 0.0, -9.81]  # as in Pinocchio [m/s^2]
+    spec.option.gravity = [0.0, 0.0, -GRAVITY]
     # A diverged simulation must be seen, not silently set back to its start.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 

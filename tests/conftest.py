@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from models.threads import use_one_thread
+
 if TYPE_CHECKING:
     from models.robot_model import RobotModel
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from bridge.loop_config import LoopConfig
 from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import ReleaseGate, average, hanging_command
+from bridge.start_up import ReleaseGate, hanging_command
 from controllers.joint_servo import JointServo, ServoState
+from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES
 from models.errors import CommandError
 from models.types import JointCommand, JointTrajectory, Mode, SensorData
@@ -109,7 +110,7 @@ class DrivenRobot:
             self.step()
             if i >= count - last:
                 samples.append(self.plant.read())
-        return average(samples)
+        return mean_sample(samples)
 
     def step(self) -> None:
         """One period: drivers, physics, and the hold."""

@@ -8,8 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from models.errors import PoiseError
-from models.nodes.realtime import THREAD_VARIABLES
 from models.nodes.spin import SUPERVISED, log_variables
+from models.threads import THREAD_VARIABLES
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""

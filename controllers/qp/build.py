@@ -10,10 +10,11 @@ import numpy as np
 from controllers.memory import Block
 from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, STACK, fill_problem, recover
 from controllers.qp.kernels_feedback import LIMITS
-from controllers.qp.terms import GRAVITY, Terms
+from controllers.qp.terms import Terms
 from controllers.qp.wrench_cone import wrench_cone
 from controllers.tasks.base import Task
 from controllers.tasks.posture import PostureTask
+from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector

@@ -8,13 +8,11 @@ from numpy.typing import NDArray
 
 from controllers.memory import Block
 from controllers.qp.kernels_read import TERMS, read_terms
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 
 _WORLD = pin.Convention.WORLD
-
-GRAVITY = 9.81
-"""Standard magnitude used by Pinocchio's default model and by the plant [m/s^2]."""
 
 
 class FrameTerms:

@@ -13,9 +13,6 @@ from pathlib import Path
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_PDEATHSIG = 1
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Environment variables that hold numerical libraries to one thread; they must be set before numpy is imported."""
-
 
 def settle() -> None:
     """Collect garbage once, exempt all that lives from later collections, and turn automatic collection off."""

@@ -7,13 +7,14 @@ from enum import Enum
 
 import numpy as np
 
+from models.constants import GRAVITY
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState, Vector
 from planners.gait import dcm
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.footsteps import Foothold, wrap
-from planners.gait.measurement import GRAVITY, GaitMeasurement
+from planners.gait.measurement import GaitMeasurement
 from planners.gait.plan import StepPlan
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.swing import SwingFoot

@@ -7,12 +7,10 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import RobotState, Vector
 from planners.gait.footsteps import Foothold
-
-GRAVITY = 9.81
-"""Standard magnitude [m/s^2]."""
 
 
 class GaitMeasurement:

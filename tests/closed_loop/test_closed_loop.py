@@ -13,8 +13,8 @@ from bridge import lockstep
 from bridge.closed_loop import ClosedLoop
 from bridge.lockstep import Controller
 from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import average
 from controllers.balance import BalanceController
+from controllers.sample_assembler import mean_sample
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import (
@@ -257,11 +257,11 @@ def test_robot_that_fails_the_preflight_checks_does_not_stand(g1: RobotModel, mo
     knee = g1.joint_index("left_knee_joint")
 
     def bent(samples: Sequence[SensorData]) -> SensorData:
-        mean = average(samples)
+        mean = mean_sample(samples)
         mean.q[knee] = g1.q_upper[knee] + 0.2
         return mean
 
-    monkeypatch.setattr(lockstep, "average", bent)
+    monkeypatch.setattr(lockstep, "mean_sample", bent)
     with pytest.raises(PoiseError, match=r"g1 cannot stand: .*'left_knee_joint' measures"):
         ClosedLoop(g1)
 
