@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -44,6 +45,9 @@ REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
 """Where permitted, the processes of the tick run before everything else and keep their memory."""
 
+CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
+"""Nodes with the parameter ``calibration_dir``."""
+
 LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
 
 
@@ -59,6 +63,8 @@ class Graph:
         domain_id: ROS domain; that of the environment when None.
         network: Whether other machines may join.
         parameters: Further parameters by node.
+        calibration: Folder of the calibration files. When None, one of this graph's own, gone when it ends: a file of
+            the user's is for another robot than the simulated one.
         log: File for the processes' output; this process's output when None.
         say: Takes one line about each event.
 
@@ -78,9 +84,12 @@ class Graph:
         domain_id: int | None = None,
         network: bool = False,
         parameters: Parameters | None = None,
+        calibration: Path | None = None,
         log: Path | None = None,
         say: Callable[[str], object] = print,
     ) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="poise_calibration_") if calibration is None else None
+        folder = calibration if self._folder is None else Path(self._folder.name)
         self.mode = self.driver_state = ""
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
@@ -88,6 +97,8 @@ class Graph:
         control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
         self._specs = [BRIDGE, *control, PLANNER, SUPERVISOR]
         self._parameters = _parameters(self._specs, robot, lockstep, parameters or {})
+        for name in CALIBRATED_NODES:
+            self._parameters[name].setdefault("calibration_dir", str(folder))
         self._processes: list[GraphProcess] = []
         self._output: IO[bytes] | None = None
 
@@ -119,6 +130,8 @@ class Graph:
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         try_shutdown()
+        if self._folder is not None:
+            self._folder.cleanup()
 
     @property
     def pids(self) -> dict[str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,20 @@ class Calibration:
     def none(cls, model: RobotModel) -> Calibration:
         """The calibration of a robot that was never calibrated: it corrects nothing."""
         return cls(model.name, np.zeros(3), np.zeros(3), np.zeros(model.nj), np.zeros((2, 6)), np.ones(2))
+
+    def without_joints(self) -> Calibration:
+        """What is left to correct when the joint drivers have corrected their encoders themselves."""
+        return replace(self, encoder_offsets=np.zeros_like(self.encoder_offsets))
+
+
+def correct_encoders(sensors: SensorData, offsets: Vector) -> SensorData:
+    """The part of ``apply_calibration`` that the joint drivers do: a new sample with q = q_m - o_q, the rest as it is.
+
+    Args:
+        sensors: As measured; not changed.
+        offsets: Measured minus true joint positions (nj,) [rad].
+    """
+    return replace(sensors, q=sensors.q - offsets)
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:

@@ -90,6 +90,8 @@ def calibration_directory() -> Path:
 class CalibrationStore:
     """Reads and writes ``<folder>/<robot>.yaml``; ``.1`` is the file before it, ``.2`` the one before that.
 
+    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``: two robots of a kind share none.
+
     A new file is written beside the old one, flushed to the disk, and renamed over it: whatever is interrupted, the
     name points to a whole file.
 
@@ -97,16 +99,21 @@ class CalibrationStore:
         model: The robot.
         directory: Folder; ``calibration_directory()`` when None. Made when first written to.
         limits: Plausible corrections; the packaged ``models/config/calibration.yaml`` when None.
+        namespace: ROS namespace of the robot, such as ``/left_cell/g1``; empty or ``/`` for none.
 
     Attributes:
         path: The present file.
     """
 
     def __init__(
-        self, model: RobotModel, directory: str | Path | None = None, limits: CalibrationLimits | None = None
+        self,
+        model: RobotModel,
+        directory: str | Path | None = None,
+        limits: CalibrationLimits | None = None,
+        namespace: str = "",
     ) -> None:
         folder = calibration_directory() if directory is None else Path(directory).expanduser()
-        self.path = folder / f"{model.name}.yaml"
+        self.path = folder / f"{'.'.join([model.name, *filter(None, namespace.split('/'))])}.yaml"
         self._model = model
         self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
 

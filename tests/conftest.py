@@ -34,6 +34,15 @@ def _load_robot(name: str) -> RobotModel:
     return RobotModel.load(name)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def calibration_dir(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """No test reads or writes the user's calibration files."""
+    folder = tmp_path_factory.mktemp("calibration")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("POISE_CALIBRATION_DIR", str(folder))
+        yield folder
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """Root of the checkout."""

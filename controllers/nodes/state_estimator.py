@@ -10,10 +10,10 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String, UInt8MultiArray
-from std_srvs.srv import Trigger
 
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
+from controllers.nodes.calibration_services import CalibrationServices
 from controllers.sample_assembler import SampleAssembler, mean_sample
 from models.config import default_config
 from models.errors import PoiseError
@@ -73,11 +73,11 @@ class StateEstimatorNode(PoiseNode):
             self.listen(WrenchStamped, topic, self._foot_callback(foot), qos, raw=True)
         self.listen(JointState, topics.JOINT_STATES, self._on_joints, qos, raw=True)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
-        for what in ("imu", "joints", "feet"):
-            self.serve(Trigger, f"calibrate/{what}", self._calibration_callback(what))
+        self._calibration = CalibrationServices(self, self.activate)
 
     def activate(self) -> None:
-        """Start from the next complete sample."""
+        """Start from the next complete sample, with the newest calibration."""
+        self._calibration.start()
         self._started = False
         self._first.clear()
         self._state = None
@@ -126,6 +126,7 @@ class StateEstimatorNode(PoiseNode):
 
     def _step(self, sensors: SensorData) -> None:
         stamp = self._assembler.stamp or 0
+        sensors = self._calibration.correct(sensors)
         if self._started:
             state = self._law.step(sensors, (stamp - self._last_stamp) / NANOSECONDS)
         else:
@@ -154,14 +155,6 @@ class StateEstimatorNode(PoiseNode):
         if message.data == topics.HELD and self._driver_state != topics.HELD and self._started:
             self.activate()
         self._driver_state = message.data
-
-    def _calibration_callback(self, what: str) -> Callable[[Any, Any], Any]:
-        def on_calibrate(request: Any, response: Any) -> Any:
-            response.success = False
-            response.message = f"calibrate/{what} is not available yet: this estimator takes the profile's calibration"
-            return response
-
-        return on_calibrate
 
 
 def main(args: list[str] | None = None) -> None:

@@ -15,6 +15,7 @@ CONTACTS = "contacts"
 JOINT_COMMAND = "joint_trajectory_controller/joint_trajectory"
 MODE = "mode"
 DRIVER_STATE = "driver_state"
+ENCODER_OFFSETS = "encoder_offsets"
 ROBOT_DESCRIPTION = "robot_description"
 CLOCK = "/clock"
 GROUND_TRUTH = "ground_truth/odom"
@@ -28,8 +29,8 @@ POSTURE = "balance_controller/posture"
 
 IMU_FRAME = "imu"
 
-HELD, ACTIVE, DAMPED, OFF = "held", "active", "damped", "off"
-"""Words of ``driver_state``: held in place by the simulator, or what the joint drivers do."""
+HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off"
+"""Words of ``driver_state``: held in place by the simulator, hanging in the air, or what the joint drivers do."""
 
 MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
 """First word of ``motion/state`` and ``motion/plan_state``; the reason follows ``refused: ``."""

@@ -1,0 +1,60 @@
+"""The calibration file of a node's robot: where it lies, and what was refused of it, in log and diagnostics."""
+
+from __future__ import annotations
+
+from models.calibration import Calibration
+from models.calibration_store import CalibrationStore
+from models.nodes.base import PoiseNode
+from models.nodes.parameters import describe
+
+NO_FILE = "none"
+"""Value of the parameter ``calibration_dir`` with which nothing is read."""
+
+
+class CalibrationFile:
+    """Reads the calibration that takes effect when a node starts, and says which.
+
+    The parameter ``calibration_dir`` names the folder: empty for that of ``models.calibration_store``, ``none`` for no
+    calibration. The file is named after the robot and the node's namespace.
+
+    Args:
+        node: Its diagnostics get ``calibration`` and, after a refusal, ``calibration refused``.
+        default: Of the parameter.
+    """
+
+    def __init__(self, node: PoiseNode, default: str = "") -> None:
+        self._node = node
+        text = describe(f"Folder of the calibration files; empty for the usual one, '{NO_FILE}' to read none")
+        if not node.has_parameter("calibration_dir"):
+            node.declare_parameter("calibration_dir", default, text)
+        self._folder = str(node.get_parameter("calibration_dir").value)
+
+    @property
+    def store(self) -> CalibrationStore | None:
+        """The files; None when none is to be read.
+
+        Raises:
+            ConfigError: There is no folder for them.
+        """
+        if self._folder == NO_FILE:
+            return None
+        return CalibrationStore(self._node.model, self._folder or None, namespace=self._node.get_namespace())
+
+    def read(self) -> Calibration:
+        """The newest usable calibration; each file that is refused is named.
+
+        Raises:
+            ConfigError: There is no folder for the files.
+        """
+        store, node = self.store, self._node
+        if store is None:
+            node.values["calibration"] = "none is read"
+            return Calibration.none(node.model)
+        found, refused = store.load()
+        node.values["calibration"] = ", ".join(f"{what} of {stamp}" for what, stamp in found.stamps) or "none"
+        node.values.pop("calibration refused", None)
+        if refused:
+            node.values["calibration refused"] = "; ".join(refused)
+            node.refuse("calibration file", "; ".join(refused))
+        node.get_logger().info(f"calibration: {node.values['calibration']} ({store.path})")
+        return found
