@@ -18,19 +18,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.ros.environment import graph_environment, join_graph
+from bridge.ros.layout import BRIDGE, node_parameters, process_specs
 from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
-from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, stop_all
+from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import make_executor
-
-BRIDGE = ProcessSpec("bridge.nodes.mujoco_bridge", ("mujoco_bridge",))
-CONTROL = ProcessSpec("controllers.nodes.control", ("balance_controller", "state_estimator"))
-ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
-CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
-PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
-SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
 START_TIMEOUT = 300.0
 """Longest wait for a node to answer while it starts; the first start on a machine compiles [s]."""
@@ -40,15 +34,6 @@ SETTLE_TIME = 0.2
 
 RESTARTS_MAX = 5
 """Restarts of one process after which the launcher gives up."""
-
-REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
-REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
-"""Where permitted, the processes of the tick run before everything else and keep their memory."""
-
-CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
-"""Nodes with the parameter ``calibration_dir``."""
-
-LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
 
 
 class Graph:
@@ -88,17 +73,16 @@ class Graph:
         log: Path | None = None,
         say: Callable[[str], object] = print,
     ) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="poise_calibration_") if calibration is None else None
-        folder = calibration if self._folder is None else Path(self._folder.name)
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        if calibration is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="poise_calibration_")
+            calibration = Path(self._folder.name)
         self.mode = self.driver_state = ""
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
         self._domain_id, self._network = domain_id, network
-        control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
-        self._specs = [BRIDGE, *control, PLANNER, SUPERVISOR]
-        self._parameters = _parameters(self._specs, robot, lockstep, parameters or {})
-        for name in CALIBRATED_NODES:
-            self._parameters[name].setdefault("calibration_dir", str(folder))
+        self._specs = process_specs(merged=merged)
+        self._parameters = node_parameters(self._specs, robot, lockstep, calibration, parameters or {})
         self._processes: list[GraphProcess] = []
         self._output: IO[bytes] | None = None
 
@@ -312,21 +296,3 @@ def up(
     for module, exit_code in bad.items():
         say(f"{module} ended with code {exit_code}")
     return 1 if bad else code
-
-
-def _parameters(
-    specs: list[ProcessSpec], robot: str, lockstep: bool, extra: Parameters
-) -> dict[str, dict[str, object]]:
-    """Parameters of every node: the robot, lockstep where it matters, and the caller's."""
-    names = [name for spec in specs for name in spec.nodes]
-    unknown = [name for name in extra if name not in names]
-    if unknown:
-        raise PoiseError(f"parameters for unknown nodes: {', '.join(unknown)}; known: {', '.join(names)}")
-    result: dict[str, dict[str, object]] = {}
-    for name in names:
-        realtime = REALTIME if name in REALTIME_NODES and not lockstep else {}
-        result[name] = {"robot": robot, **realtime, **extra.get(name, {})}
-    if lockstep:
-        for name in LOCKSTEP_NODES:
-            result[name]["lockstep"] = True
-    return result

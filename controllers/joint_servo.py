@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from enum import Enum
 from math import inf
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from controllers.torque_limiter import TorqueLimiter
 from models.config import STRICT, default_config
 from models.errors import PoiseError
+from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointCommand, JointTrajectory, Vector
-
-if TYPE_CHECKING:
-    from models.robot_model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -46,17 +45,13 @@ class JointServo:
     """Joint PD with feed-forward and every protection of a motor driver.
 
     tau = kp (q_d - q) + kd (v_d - v) + tau_d, where (q_d, v_d, tau_d) (3, nj) is the last accepted set-point, held
-    until the next, or the sample of the trajectory being executed. In this order, tau (nj,) [N.m] is then
-
-    - limited to tau_max; torque towards a joint limit fades out over the last ``position_margin`` before it, torque
-      that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
-    - limited to a change of tau_rate_max dt since the last step.
+    until the next, or the sample of the trajectory being executed. tau (nj,) [N.m] then passes the limits of
+    ``controllers/torque_limiter.py``.
 
     After ``arm`` the set-points are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
     set-point in force, so nothing jumps. A set-point that is not finite or of the wrong size is refused, counted, and
     the previous one kept. When no set-point was accepted for ``command_timeout`` (after the end of a trajectory), the
-    driver damps: tau fades from its last value to -damping_scale kd v. That state holds until ``arm``. A joint whose
-    measurement is not finite gets zero torque.
+    driver damps: tau fades from its last value to -damping_scale kd v. That state holds until ``arm``.
 
     Args:
         model: Robot; gives kp, kd and the limits, all (nj,).
@@ -66,7 +61,6 @@ class JointServo:
         state: What the drivers do.
         refused: Set-points refused because they were not finite or of the wrong size.
         timeouts: Times that the driver damped because no set-point came.
-        sensor_faults: Steps with a measurement that was not finite.
 
     Assumptions:
         ``step`` is called at the rate of the drivers with times that do not decrease.
@@ -77,21 +71,18 @@ class JointServo:
         self.state = ServoState.OFF
         self.refused = 0
         self.timeouts = 0
-        self.sensor_faults = 0
         self._model = model
         nj = model.nj
         self._kp, self._kd = model.kp, model.kd
         self._damping = -self.config.damping_scale * model.kd
-        self._tau_max, self._tau_min = model.tau_max, -model.tau_max
         self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
         self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
-        self._set_bounds(model)
+        self._limiter = TorqueLimiter(model, self.config.position_margin, self.config.velocity_margin)
         self._setpoint = np.zeros((3, nj))
         self._incoming = np.zeros((3, nj))
         self._faded = np.zeros((3, nj))
-        self._tau, self._target, self._work = np.zeros(nj), np.zeros(nj), np.zeros(nj)
+        self._target, self._work = np.zeros(nj), np.zeros(nj)
         self._tau_at_fault = np.zeros(nj)
-        self._step_max, self._step_min, self._step_dt = np.zeros(nj), np.zeros(nj), 0.0
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
         self._measured_once = self._fading = False
@@ -101,16 +92,10 @@ class JointServo:
         self._deadline = inf
         self._fault_time: float | None = None
 
-    def _set_bounds(self, model: RobotModel) -> None:
-        """Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)."""
-        nj, margin = model.nj, self.config.position_margin
-        half = np.maximum(0.5 * (model.q_upper - model.q_lower) - margin, np.finfo(np.float64).eps)
-        self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
-        self._inverse_half = 1.0 / np.array([half, model.v_max])
-        self._fade_rate = np.array([np.full(nj, 1.0 / margin), 1.0 / (self.config.velocity_margin * model.v_max)])
-        self._fade_high = np.array([model.q_upper, (1.0 + self.config.velocity_margin) * model.v_max])
-        self._fade_low = np.array([model.q_lower, -(1.0 + self.config.velocity_margin) * model.v_max])
-        self._measured, self._box = np.zeros((2, nj)), np.zeros((2, nj))
+    @property
+    def sensor_faults(self) -> int:
+        """Steps with a measurement that was not finite."""
+        return self._limiter.sensor_faults
 
     @property
     def setpoint(self) -> JointCommand:
@@ -140,7 +125,7 @@ class JointServo:
         """Go to damping and stay there until ``arm``."""
         if self.state is not ServoState.DAMPED:
             self.state = ServoState.DAMPED
-            self._tau_at_fault[:] = self._tau
+            self._tau_at_fault[:] = self._limiter.tau
             self._fault_time = None
 
     def off(self) -> None:
@@ -159,7 +144,7 @@ class JointServo:
         """
         if self.state is not ServoState.ACTIVE:
             return False
-        shape = self._tau.shape
+        shape = self._target.shape
         new = self._incoming
         if cmd.q.shape != shape or cmd.v.shape != shape or cmd.tau.shape != shape:
             self.refused += 1
@@ -233,7 +218,7 @@ class JointServo:
             self._damp(t, v, target)
         else:
             target.fill(0.0)
-        return self._limit(q, v, dt, target)
+        return self._limiter.limit(q, v, dt, target)
 
     def _track(self, t: float, q: Vector, v: Vector, target: Vector) -> None:
         """PD and feed-forward about the set-point in force."""
@@ -277,36 +262,3 @@ class JointServo:
             s = (t - self._fault_time) / ramp
             target *= s
             target += (1.0 - s) * self._tau_at_fault
-
-    def _limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
-        """Torque, joint-limit, velocity and torque-rate limits, in that order; updates and returns the torque."""
-        tau, work, box, measured = self._tau, self._work, self._box, self._measured
-        measured[0], measured[1] = q, v
-        np.subtract(measured, self._centre, out=box)
-        box *= self._inverse_half
-        np.abs(box, out=box)
-        if box.max() <= 1.0:
-            np.minimum(target, self._tau_max, out=target)
-            np.maximum(target, self._tau_min, out=target)
-        else:
-            self._fade(target)
-        if dt != self._step_dt:
-            np.multiply(self._model.tau_rate_max, dt, out=self._step_max)
-            np.negative(self._step_max, out=self._step_min)
-            self._step_dt = dt
-        np.subtract(target, tau, out=work)
-        np.minimum(work, self._step_max, out=work)
-        np.maximum(work, self._step_min, out=work)
-        tau += work
-        return tau
-
-    def _fade(self, target: Vector) -> None:
-        """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
-        up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
-        down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
-        np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
-        np.maximum(target, np.maximum(down, 0.0) * self._tau_min, out=target)
-        blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
-        if blind.any():
-            self.sensor_faults += 1
-            target[blind] = 0.0

@@ -11,9 +11,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from models.errors import ConfigError, JointNameError, RobotModelError
+from models.pinocchio_urdf import pinocchio_from_urdf
 from models.profile import Frame, Profile, Sole, load_profile
 from models.types import FOOT_NAMES, Matrix, Vector
-from models.urdf import read_urdf, resolve_uri
+from models.urdf import resolve_uri
 
 SOLE_FRAMES = ("l_sole", "r_sole")
 """REP-120 names of the sole frames, in the order of ``FOOT_NAMES``."""
@@ -259,22 +260,6 @@ class RobotModel:
         return _frozen(q)
 
 
-def pinocchio_from_urdf(urdf: Path) -> pin.Model:
-    """Check a URDF and build its Pinocchio model with a free-flying base.
-
-    Raises:
-        RobotModelError: The URDF is unusable (see ``read_urdf``), or a moving body has no mass or an impossible
-            inertia; file, joint or link, and cause are named.
-    """
-    read_urdf(urdf)
-    try:
-        model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
-    except Exception as error:  # Pinocchio raises several kinds, none of them narrower
-        raise RobotModelError(f"{urdf}: Pinocchio refuses it: {error}") from error
-    _check_bodies(model, urdf)
-    return model
-
-
 def _check_names(profile: Profile, joint_names: tuple[str, ...], urdf: Path) -> None:
     for name in joint_names:
         if name not in profile.joints:
@@ -282,17 +267,6 @@ def _check_names(profile: Profile, joint_names: tuple[str, ...], urdf: Path) -> 
     for name in profile.joints:
         if name not in joint_names:
             raise RobotModelError(f"{profile.source}: joints: '{name}' is not a moving joint of {urdf}")
-
-
-def _check_bodies(model: pin.Model, urdf: Path) -> None:
-    for joint, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
-        where = f"{urdf}: the body moved by joint '{joint}'" if joint != "root_joint" else f"{urdf}: the base"
-        if inertia.mass <= 0.0:
-            raise RobotModelError(f"{where} has no mass")
-        low, middle, high = np.linalg.eigvalsh(inertia.inertia)
-        if low <= 0.0 or low + middle < high * (1.0 - 1e-6):  # 1e-6: rounding of printed inertias
-            moments = f"{low:.3g}, {middle:.3g}, {high:.3g} kg.m^2"
-            raise RobotModelError(f"{where} has an impossible inertia: principal moments {moments}")
 
 
 def _sole_frame(sole: Sole) -> Frame:

@@ -23,10 +23,10 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.launch import REALTIME
 from bridge.pacing import Pacer
 from bridge.ros.environment import graph_environment, join_graph
 from bridge.ros.latency_probe import LatencyProbe
+from bridge.ros.layout import REALTIME
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from models.errors import ConfigError
-from models.mujoco_model import CAMERA, MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
+from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
+from models.mujoco_spec import CAMERA
 from models.robot_model import RobotModel
 
 EQUAL = 1e-8

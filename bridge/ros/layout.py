@@ -1,0 +1,65 @@
+"""Which nodes share a process in the graph, and with what parameters each one starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from bridge.ros.processes import Parameters, ProcessSpec
+from models.errors import PoiseError
+
+BRIDGE = ProcessSpec("bridge.nodes.mujoco_bridge", ("mujoco_bridge",))
+CONTROL = ProcessSpec("controllers.nodes.control", ("balance_controller", "state_estimator"))
+ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
+CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
+PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
+SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
+
+REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
+REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
+"""Where permitted, the processes of the tick run before everything else and keep their memory."""
+
+CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
+"""Nodes with the parameter ``calibration_dir``."""
+
+LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
+
+
+def process_specs(*, merged: bool) -> list[ProcessSpec]:
+    """Processes of the graph, the plant's first.
+
+    Args:
+        merged: Whether estimator and controller share a process.
+    """
+    control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
+    return [BRIDGE, *control, PLANNER, SUPERVISOR]
+
+
+def node_parameters(
+    specs: list[ProcessSpec], robot: str, lockstep: bool, calibrations: Path, extra: Parameters
+) -> dict[str, dict[str, object]]:
+    """Parameters of every node: the robot, lockstep where it matters, and the caller's.
+
+    Args:
+        specs: Processes of the graph.
+        robot: Profile, by name or path.
+        lockstep: Whether the plant waits for the command of each tick.
+        calibrations: Folder of the calibration files.
+        extra: Further parameters by node; they go before all others.
+
+    Raises:
+        PoiseError: A node is unknown; the known ones are listed.
+    """
+    names = [name for spec in specs for name in spec.nodes]
+    unknown = [name for name in extra if name not in names]
+    if unknown:
+        raise PoiseError(f"parameters for unknown nodes: {', '.join(unknown)}; known: {', '.join(names)}")
+    result: dict[str, dict[str, object]] = {}
+    for name in names:
+        realtime = REALTIME if name in REALTIME_NODES and not lockstep else {}
+        calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
+        result[name] = {"robot": robot, **realtime, **calibrated, **extra.get(name, {})}
+    if lockstep:
+        for name in LOCKSTEP_NODES:
+            result[name]["lockstep"] = True
+    return result

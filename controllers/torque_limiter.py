@@ -1,0 +1,88 @@
+"""Last guard between a law and the motors: torque, joint range, speed and torque-rate limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.robot_model import RobotModel
+from models.types import Vector
+
+
+class TorqueLimiter:
+    """Brings wanted torques to what motors and joints bear.
+
+    In this order, tau (nj,) [N.m] is
+
+    - limited to tau_max; torque towards a joint limit fades out over the last ``position_margin`` before it, torque
+      that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
+    - zero at a joint whose measurement, or whose wanted torque, is not finite;
+    - limited to a change of tau_rate_max dt since the last call.
+
+    Args:
+        model: Robot; gives the limits, all (nj,).
+        position_margin: Distance from a joint limit over which the torque towards it fades [rad].
+        velocity_margin: Share of the velocity limit beyond it over which the torque fades [1].
+
+    Attributes:
+        tau: Torques of the last call (nj,) [N.m].
+        sensor_faults: Calls with a measurement or torque that was not finite.
+    """
+
+    def __init__(self, model: RobotModel, position_margin: float, velocity_margin: float) -> None:
+        nj = model.nj
+        self.tau = np.zeros(nj)
+        self.sensor_faults = 0
+        self._work = np.zeros(nj)
+        self._tau_max, self._tau_min, self._tau_rate_max = model.tau_max, -model.tau_max, model.tau_rate_max
+        self._step_max, self._step_min, self._step_dt = np.zeros(nj), np.zeros(nj), 0.0
+        # Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)
+        half = np.maximum(0.5 * (model.q_upper - model.q_lower) - position_margin, np.finfo(np.float64).eps)
+        self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
+        self._inverse_half = 1.0 / np.array([half, model.v_max])
+        self._fade_rate = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
+        self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
+        self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
+        self._measured, self._box = np.zeros((2, nj)), np.zeros((2, nj))
+
+    def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
+        """Limit the torques of one driver period.
+
+        Args:
+            q: Measured joint positions (nj,) [rad].
+            v: Measured joint velocities (nj,) [rad/s].
+            dt: Time since the last call [s].
+            target: Wanted torques (nj,) [N.m]; overwritten.
+
+        Returns:
+            ``tau``, overwritten by the next call.
+        """
+        tau, work, box, measured = self.tau, self._work, self._box, self._measured
+        measured[0], measured[1] = q, v
+        np.subtract(measured, self._centre, out=box)
+        box *= self._inverse_half
+        np.abs(box, out=box)
+        if box.max() <= 1.0:
+            np.minimum(target, self._tau_max, out=target)
+            np.maximum(target, self._tau_min, out=target)
+        else:
+            self._fade(target)
+        if dt != self._step_dt:
+            np.multiply(self._tau_rate_max, dt, out=self._step_max)
+            np.negative(self._step_max, out=self._step_min)
+            self._step_dt = dt
+        np.subtract(target, tau, out=work)
+        np.minimum(work, self._step_max, out=work)
+        np.maximum(work, self._step_min, out=work)
+        tau += work
+        return tau
+
+    def _fade(self, target: Vector) -> None:
+        """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
+        up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
+        down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
+        np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
+        np.maximum(target, np.maximum(down, 0.0) * self._tau_min, out=target)
+        blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
+        if blind.any():
+            self.sensor_faults += 1
+            target[blind] = 0.0

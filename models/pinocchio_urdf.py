@@ -1,0 +1,38 @@
+"""Pinocchio's model of a URDF, checked for bodies that cannot be simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from models.errors import RobotModelError
+from models.urdf import read_urdf
+
+
+def pinocchio_from_urdf(urdf: Path) -> pin.Model:
+    """Check a URDF and build its Pinocchio model with a free-flying base.
+
+    Raises:
+        RobotModelError: The URDF is unusable (see ``read_urdf``), or a moving body has no mass or an impossible
+            inertia; file, joint or link, and cause are named.
+    """
+    read_urdf(urdf)
+    try:
+        model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+    except Exception as error:  # Pinocchio raises several kinds, none of them narrower
+        raise RobotModelError(f"{urdf}: Pinocchio refuses it: {error}") from error
+    _check_bodies(model, urdf)
+    return model
+
+
+def _check_bodies(model: pin.Model, urdf: Path) -> None:
+    for joint, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
+        where = f"{urdf}: the body moved by joint '{joint}'" if joint != "root_joint" else f"{urdf}: the base"
+        if inertia.mass <= 0.0:
+            raise RobotModelError(f"{where} has no mass")
+        low, middle, high = np.linalg.eigvalsh(inertia.inertia)
+        if low <= 0.0 or low + middle < high * (1.0 - 1e-6):  # 1e-6: rounding of printed inertias
+            moments = f"{low:.3g}, {middle:.3g}, {high:.3g} kg.m^2"
+            raise RobotModelError(f"{where} has an impossible inertia: principal moments {moments}")
