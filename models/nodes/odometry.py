@@ -11,10 +11,13 @@ from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 from models.errors import MessageError
 from models.nodes.cdr import Markers, Template, stamp_of
 from models.nodes.messages import decode, require_finite
-from models.types import FOOT_NAMES, ContactState, RobotState, Vector
+from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
 
 QUATERNION_TOLERANCE = 1e-3
 """Accepted deviation of a quaternion's norm from 1 [-]."""
+
+_COVARIANCE = 36
+"""Elements of a covariance of six quantities."""
 
 
 class OdometryCodec:
@@ -22,19 +25,29 @@ class OdometryCodec:
 
     def __init__(self, frame_id: str = "odom", child_frame_id: str = "base_link") -> None:
         marks = Markers()
-        slots = [marks.take(7), marks.take(6)]
+        slots = [marks.take(7), marks.take(_COVARIANCE), marks.take(6), marks.take(_COVARIANCE)]
         message = Odometry(child_frame_id=child_frame_id)
+        message.pose.covariance, message.twist.covariance = slots[1], slots[3]
         message.header.frame_id = frame_id
         p, o = message.pose.pose.position, message.pose.pose.orientation
         p.x, p.y, p.z, o.x, o.y, o.z, o.w = slots[0].tolist()
         linear, angular = message.twist.twist.linear, message.twist.twist.angular
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = slots[1].tolist()
+        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = slots[2].tolist()
         self._frames = (frame_id, child_frame_id)
         self._template = Template(message, slots)
+        self._covariance = np.zeros((2, _COVARIANCE))
+
+    def set_covariance(self, pose: Matrix, twist: Matrix) -> None:
+        """Covariances to encode from now on (6, 6): of the pose, with rotation about fixed axes, and of the twist.
+
+        Until then they are 0, which means unknown; a truth has none.
+        """
+        self._covariance[:] = pose.ravel(), twist.ravel()
 
     def encode(self, stamp: int, state: RobotState) -> bytes:
         """Serialised message from a stamp [ns] and a state."""
-        return self._template.pack(stamp, (state.q[:7], state.v[:6]))
+        pose, twist = self._covariance
+        return self._template.pack(stamp, (state.q[:7], pose, state.v[:6], twist))
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
         """Stamp [ns], pose (7,) (position, quaternion xyzw) and twist in the base frame (6,).
@@ -45,7 +58,7 @@ class OdometryCodec:
         values = self._template.unpack(data)
         if values is None:
             values = self._decode_slowly(decode(data, Odometry))
-        pose, twist = values
+        pose, _, twist, _ = values
         require_finite("pose", pose)
         require_finite("twist", twist)
         norm = float(np.linalg.norm(pose[3:]))
@@ -59,7 +72,8 @@ class OdometryCodec:
             raise MessageError(f"frames are {frames}, expected {self._frames}")
         p, o = message.pose.pose.position, message.pose.pose.orientation
         v, w = message.twist.twist.linear, message.twist.twist.angular
-        return [np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w]), np.array([v.x, v.y, v.z, w.x, w.y, w.z])]
+        pose, twist = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w]), np.array([v.x, v.y, v.z, w.x, w.y, w.z])
+        return [pose, np.array(message.pose.covariance), twist, np.array(message.twist.covariance)]
 
 
 def contacts_to_message(contacts: tuple[ContactState, ContactState]) -> UInt8MultiArray:

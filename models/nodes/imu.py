@@ -1,0 +1,72 @@
+"""sensor_msgs/Imu with orientation: ``imu/data`` of REP-145."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from sensor_msgs.msg import Imu
+
+from models.errors import MessageError
+from models.nodes.cdr import Markers, Template, stamp_of
+from models.nodes.messages import decode, require_finite
+from models.types import Matrix, Vector
+
+_AXES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """What the inertial unit says once its biases are taken off and its orientation is known.
+
+    Attributes:
+        orientation: Of the unit in ``odom``, quaternion xyzw (4,).
+        covariance: Of the orientation, rotation about the fixed axes of ``odom`` (3, 3) [rad^2].
+        gyro: Angular velocity in the unit's frame (3,) [rad/s].
+        accel: Specific force in the unit's frame (3,) [m/s^2].
+    """
+
+    orientation: Vector
+    covariance: Matrix
+    gyro: Vector
+    accel: Vector
+
+
+class OrientedImuCodec:
+    """``ImuSample`` as message; the covariances of rate and force stay 0, which means unknown."""
+
+    def __init__(self, frame_id: str) -> None:
+        marks = Markers()
+        slots = [marks.take(4), marks.take(_AXES * _AXES), marks.take(_AXES), marks.take(_AXES)]
+        message = Imu(orientation_covariance=slots[1])
+        message.header.frame_id = frame_id
+        o = message.orientation
+        o.x, o.y, o.z, o.w = slots[0].tolist()
+        for vector, slot in ((message.angular_velocity, slots[2]), (message.linear_acceleration, slots[3])):
+            vector.x, vector.y, vector.z = slot.tolist()
+        self._template = Template(message, slots)
+
+    def encode(self, stamp: int, sample: ImuSample) -> bytes:
+        """Serialised message from a stamp [ns] and a sample."""
+        return self._template.pack(
+            stamp, (sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel)
+        )
+
+    def decode(self, data: bytes) -> tuple[int, ImuSample]:
+        """Stamp [ns] and sample.
+
+        Raises:
+            MessageError: No such message, no orientation in it, NaN or infinity.
+        """
+        values = self._template.unpack(data)
+        if values is None:
+            message = decode(data, Imu)
+            o, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
+            covariance = np.array(message.orientation_covariance)
+            values = [np.array([o.x, o.y, o.z, o.w]), covariance, *(np.array([v.x, v.y, v.z]) for v in (w, a))]
+        fields = ("orientation", "orientation_covariance", "angular_velocity", "linear_acceleration")
+        for field, value in zip(fields, values, strict=True):
+            require_finite(field, value)
+        if values[1][0] < 0.0:
+            raise MessageError("orientation_covariance: there is no orientation")
+        return stamp_of(data), ImuSample(values[0], values[1].reshape(_AXES, _AXES), values[2], values[3])
