@@ -253,6 +253,7 @@ class Lockstep:
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.controller.motion_active,
             gait_active=before is Mode.WALK and not self.walker.standing,
+            coasting=0.0 if self._use_truth else self._estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)
         if mode is Mode.DAMP and self.servo.state is ServoState.ACTIVE:

@@ -36,6 +36,7 @@ class Health:
         motion_active: Whether the controller is following a motion.
         overruns: Ticks in a row in which the controller took longer than its time budget.
         gait_active: Whether the robot walks, or has not yet come to a standstill.
+        coasting: How long the state has been estimated without samples of the inertial unit or the joints [s].
     """
 
     state_stamp: float
@@ -46,6 +47,7 @@ class Health:
     motion_active: bool = False
     overruns: int = 0
     gait_active: bool = False
+    coasting: float = 0.0
 
     def problems(self, config: SupervisorConfig, t: float) -> list[str]:
         """Faults that end standing, most telling first; empty when healthy.
@@ -62,6 +64,11 @@ class Health:
             found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")
         if t - self.state_stamp > config.state_timeout:
             found.append(f"state estimate older than {config.state_timeout:.3f} s")
+        if not self.coasting <= config.coasting_max:
+            found.append(
+                f"no usable samples of the IMU (or the joints) for {self.coasting:.3f} s, "
+                f"more than {config.coasting_max:.3f} s"
+            )
         if t - self.command_stamp > config.controller_timeout:
             found.append(f"whole-body command older than {config.controller_timeout:.3f} s")
         if self.drivers_damped:

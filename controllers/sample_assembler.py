@@ -20,7 +20,8 @@ class SampleAssembler:
 
     A tick is complete when every source has given a sample of the joints' stamp. When the next joint sample comes
     before that, the newest samples of the other sources are used instead if they are young enough: a source may be
-    slower than the joints, or lose a message.
+    slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
+    bridges for a while.
 
     Args:
         max_age_ns: Oldest usable sample of another source [ns].
@@ -31,7 +32,9 @@ class SampleAssembler:
 
     Attributes:
         incomplete: Ticks made of samples with different stamps.
-        dropped: Ticks given up because a source was too old.
+        silent: Ticks with a source whose newest sample was too old.
+        dropped: Ticks given up because a source had not given any sample yet.
+        whole: Whether the newest tick has finite values of every source.
     """
 
     def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False) -> None:
@@ -46,8 +49,8 @@ class SampleAssembler:
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
         self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
-        self.incomplete = 0
-        self.dropped = 0
+        self.incomplete = self.silent = self.dropped = 0
+        self.whole = True
 
     @property
     def stamp(self) -> int | None:
@@ -100,22 +103,27 @@ class SampleAssembler:
         stamp = self._stamps[JOINTS]
         if self._joints is None or stamp is None or stamp == self._emitted:
             return None
+        silent: list[int] = []
         if any(other != stamp for other in self._stamps):
             if not mixed:
                 return None
-            if _too_old(self._stamps, stamp, self._max_age):
+            if None in self._stamps:
                 self.dropped += 1
                 return None
-            self.incomplete += 1
+            silent = [i for i, other in enumerate(self._stamps) if other is not None and stamp - other > self._max_age]
+            self.silent += bool(silent)
+            self.incomplete += not silent
         self._emitted = stamp
-        return SensorData(stamp * 1e-9, *self._joints, *self._imu, np.array(self._wrenches))
+        self.whole = not silent
+        wrenches = np.array(self._wrenches)
+        for foot in range(len(FOOT_NAMES)):
+            if IMU + 1 + foot in silent:
+                wrenches[foot] = np.nan
+        gyro, accel = (np.full(3, np.nan), np.full(3, np.nan)) if IMU in silent else self._imu
+        return SensorData(stamp * 1e-9, *self._joints, gyro, accel, wrenches)
 
 
 def mean_sample(samples: Sequence[SensorData]) -> SensorData:
     """Mean of every measurement, with the stamp of the last sample: a quieter start for an estimator at rest."""
     fields = ("q", "v", "tau", "gyro", "accel", "wrenches")
     return SensorData(samples[-1].t, *(np.mean([getattr(s, name) for s in samples], axis=0) for name in fields))
-
-
-def _too_old(stamps: Sequence[int | None], now: int, max_age: int) -> bool:
-    return any(stamp is None or now - stamp > max_age for stamp in stamps)

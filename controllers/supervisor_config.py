@@ -17,6 +17,7 @@ class SupervisorConfig:
     motions: Annotated[tuple[str, ...], Field(description="Text commands that are planned as motions")]
     fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
     state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
+    coasting_max: Annotated[float, Field(gt=0, le=1.0, description="Longest drop-out of the IMU or the joints [s]")]
     controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
     overruns_max: Annotated[int, Field(gt=0, le=10000, description="Ticks in a row over their budget that damp [1]")]
     plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]

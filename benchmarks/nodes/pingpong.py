@@ -50,7 +50,7 @@ START_TIMEOUT = 30.0
 
 def _sensor_topics() -> list[tuple[type, str]]:
     feet = [(WrenchStamped, topic) for topic in topics.FOOT_WRENCHES]
-    return [(Imu, topics.IMU), *feet, (JointState, topics.JOINT_STATES)]
+    return [(Imu, topics.IMU_RAW), *feet, (JointState, topics.JOINT_STATES)]
 
 
 def echo(robot: str, priority: int) -> None:

@@ -25,7 +25,7 @@ class SensorPublisher:
         qos = sensor(reliable=reliable)
         self._imu_codec, self._joint_codec = ImuCodec(topics.IMU_FRAME), JointStateCodec(node.model)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
-        self._imu = node.announce(Imu, topics.IMU, qos)
+        self._imu = node.announce(Imu, topics.IMU_RAW, qos)
         self._feet = [node.announce(WrenchStamped, topic, qos) for topic in topics.FOOT_WRENCHES]
         self._joints = node.announce(JointState, topics.JOINT_STATES, qos)
 

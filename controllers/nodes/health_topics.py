@@ -44,6 +44,7 @@ class HealthTopics:
         self._now = self._odom_stamp = self._command_stamp = self._started = 0
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
         self._overruns = 0
+        self._coasting_since: int | None = None
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
@@ -83,6 +84,7 @@ class HealthTopics:
             drivers_damped=armed and driver_state == topics.DAMPED,
             motion_active=self._motion_active,
             overruns=self._overruns,
+            coasting=0.0 if self._coasting_since is None else (self._now - self._coasting_since) / NANOSECONDS,
         )
 
     def _on_description(self, message: String) -> None:
@@ -112,6 +114,19 @@ class HealthTopics:
         for status in message.status:
             if status.name.endswith("/balance_controller"):
                 self._judge(status.message, {item.key: item.value for item in status.values})
+            elif status.name.endswith("/state_estimator"):
+                self._hear_estimator({item.key: item.value for item in status.values})
+
+    def _hear_estimator(self, values: dict[str, str]) -> None:
+        """Since when the estimator coasts. A stamp that is none counts from now: it may be a drop-out."""
+        since = values.get(topics.COASTING, "")
+        if not since:
+            self._coasting_since = None
+        elif since.isdecimal():
+            self._coasting_since = int(since)
+        else:
+            self._node.refuse("/diagnostics", f"state_estimator: {topics.COASTING}: '{since[:32]}'")
+            self._coasting_since = self._coasting_since or self._now
 
     def _judge(self, status: str, values: dict[str, str]) -> None:
         """Read the controller's report; a status that is not known is no good news."""

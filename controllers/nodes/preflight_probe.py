@@ -23,7 +23,7 @@ from models.types import Vector
 QUEUE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Deep enough that a busy supervisor does not take its own losses for those of the sensors."""
 
-SENSOR_TOPICS = (topics.JOINT_STATES, topics.IMU, *topics.FOOT_WRENCHES)
+SENSOR_TOPICS = (topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES)
 
 
 class PreflightProbe:
@@ -67,7 +67,7 @@ class PreflightProbe:
             self._subscriptions.append(self._node.create_subscription(kind, topic, on_message, QUEUE, raw=True))
 
         listen(JointState, topics.JOINT_STATES, self._take_joints)
-        listen(Imu, topics.IMU, lambda data: self._imu_codec.decode(data)[0])
+        listen(Imu, topics.IMU_RAW, lambda data: self._imu_codec.decode(data)[0])
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             listen(WrenchStamped, topic, self._foot_decoder(foot))
         listen(Odometry, topics.ODOM, self._take_odom)

@@ -48,9 +48,7 @@ class OrientedImuCodec:
 
     def encode(self, stamp: int, sample: ImuSample) -> bytes:
         """Serialised message from a stamp [ns] and a sample."""
-        return self._template.pack(
-            stamp, (sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel)
-        )
+        return self._template.pack(stamp, (sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel))
 
     def decode(self, data: bytes) -> tuple[int, ImuSample]:
         """Stamp [ns] and sample.

@@ -1,4 +1,4 @@
-"""tf2_msgs/TFMessage: the installed message where there is one, otherwise a type support put together without a compiler.
+"""tf2_msgs/TFMessage: the installed message, or where there is none a type support made without a compiler.
 
 The wheels of ROS 2 carry the generators of messages but not ``tf2_msgs``, and what the generators write needs a
 compiler and Python's headers, which a fresh machine lacks. Publishing serialised bytes needs much less than a message
@@ -92,7 +92,7 @@ class _TypeSupport:
     def _support(self, identifier: bytes, data: Any) -> c.Support:
         """One type support; all of them lead to the same implementations, hash and description."""
         pointers = (self._hash, self._description, self._sources)
-        gives = [c.Give(lambda _, address=addressof(each): address) for each in pointers]
+        gives = [_giver(addressof(each)) for each in pointers]
         support = c.Support(identifier, addressof(data), c.Find(self._find), *gives)
         support.kept = data
         return support
@@ -131,6 +131,11 @@ class _TypeSupport:
         count = texts.size + 1
         self._sources = c.Sources((c.Source * count)(own, *texts.data[: texts.size]), count, count)
         self._hash = c.Hash(1, (c_uint8 * 32)(*type_hash(self._description)))
+
+
+def _giver(address: int) -> Any:
+    """C function that returns an address."""
+    return c.Give(lambda _: address)
 
 
 def _donor(identifier: bytes) -> c.Support:

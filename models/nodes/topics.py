@@ -8,7 +8,8 @@ from models.nodes.parameters import describe
 from models.types import FOOT_NAMES
 
 JOINT_STATES = "joint_states"
-IMU = "imu/data_raw"
+IMU_RAW = "imu/data_raw"
+IMU_DATA = "imu/data"
 FOOT_WRENCHES = tuple(f"foot/{name}/wrench" for name in FOOT_NAMES)
 ODOM = "odom"
 CONTACTS = "contacts"
@@ -27,6 +28,9 @@ MOTION_TRAJECTORY = "motion/joint_trajectory"
 MOTION_STATE = "motion/state"
 POSTURE = "balance_controller/posture"
 
+TF, TF_STATIC = "/tf", "/tf_static"
+
+ODOM_FRAME, BASE_FRAME, FOOTPRINT_FRAME = "odom", "base_link", "base_footprint"
 IMU_FRAME = "imu"
 
 HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off"
@@ -37,6 +41,9 @@ MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
 
 OVERRUNS = "ticks over budget in a row"
 """Key of the controller's diagnostics that the supervisor reads."""
+
+COASTING = "coasting since [ns]"
+"""Key of the estimator's diagnostics that the supervisor reads: stamp of the last usable sample; empty: all is well."""
 
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""

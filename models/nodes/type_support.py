@@ -25,6 +25,8 @@ class Field(Structure):
 
 
 class Fields(Structure):
+    """``rosidl_runtime_c__type_description__Field__Sequence``."""
+
     _fields_ = (("data", POINTER(Field)), ("size", c_size_t), ("capacity", c_size_t))
 
 
@@ -35,6 +37,8 @@ class Type(Structure):
 
 
 class Types(Structure):
+    """``rosidl_runtime_c__type_description__IndividualTypeDescription__Sequence``."""
+
     _fields_ = (("data", POINTER(Type)), ("size", c_size_t), ("capacity", c_size_t))
 
 
@@ -51,6 +55,8 @@ class Source(Structure):
 
 
 class Sources(Structure):
+    """``rosidl_runtime_c__type_description__TypeSource__Sequence``."""
+
     _fields_ = (("data", POINTER(Source)), ("size", c_size_t), ("capacity", c_size_t))
 
 

@@ -41,7 +41,7 @@ def test_a_sample_before_activation_is_passed_over(bench: Any, g1: RobotModel) -
     bench.spin(0.3)
     node.trigger_activate()
     for size in (0, 6, 11):  # shorter than a stamp: refused, and the process lives
-        node._on_joints(codec.encode(0, zero, zero, zero)[:size])
+        node._samples.on_joints(codec.encode(0, zero, zero, zero)[:size])
     assert node.counters[f"refused {topics.JOINT_STATES}"] == 3
     assert states == []
 

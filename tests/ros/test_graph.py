@@ -103,10 +103,10 @@ def test_malformed_joint_states(eyes: Eyes, undisturbed: None, g1: RobotModel, h
     eyes.refusal("state_estimator", topics.JOINT_STATES, lambda: eyes.states.publish(message), culprit)
 
 
-@pytest.mark.parametrize("topic", [topics.IMU, *topics.FOOT_WRENCHES])
+@pytest.mark.parametrize("topic", [topics.IMU_RAW, *topics.FOOT_WRENCHES])
 def test_inertial_and_foot_samples_that_are_no_numbers(eyes: Eyes, undisturbed: None, topic: str) -> None:
     bad = np.array([0.0, math.nan, 0.0])
-    if topic == topics.IMU:
+    if topic == topics.IMU_RAW:
         kind, data = Imu, ImuCodec(topics.IMU_FRAME).encode(10**15, bad, np.zeros(3))
     else:
         frame = SOLE_FRAMES[topics.FOOT_WRENCHES.index(topic)]

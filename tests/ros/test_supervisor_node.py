@@ -170,6 +170,33 @@ def test_what_the_controller_reports_damps(
     assert node.counters["refused /diagnostics"] == (status == "splendid")
 
 
+def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, world: World, g1: RobotModel) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+
+    def report(since: str) -> None:
+        told = DiagnosticStatus(name="/state_estimator", values=[KeyValue(key=topics.COASTING, value=since)])
+        reports.publish(DiagnosticArray(status=[told]))
+
+    def now() -> str:
+        return str(10_000_000 * world.tick)
+
+    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
+    report(str(10_000_000 * world.tick + 10**9))  # it begins in a second: not yet a drop-out
+    bench.spin(0.2)
+    report("")
+    bench.spin(0.3)
+    assert world.modes == ["stand"]
+    report(now())
+    bench.wait(lambda: world.modes[-1] == "damp")
+    assert "no usable samples of the IMU" in world.call("mode/stand")[1]
+    assert node.counters["refused /diagnostics"] == 0
+    report("a while ago")
+    bench.wait(lambda: node.counters["refused /diagnostics"] == 1)
+
+
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
     world.drivers(topics.DAMPED)
     bench.add(SupervisorNode)

@@ -78,7 +78,7 @@ def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> Non
         graph.send("wave")
         until("motion")
         until("stand")
-        assert {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU, topics.MODE)} <= asked
+        assert {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU_RAW, topics.MODE)} <= asked
         assert readers == set()
         assert f"/{topics.GROUND_TRUTH}" not in asked
         for module, pid in graph.pids.items():

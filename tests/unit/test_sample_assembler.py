@@ -61,15 +61,38 @@ def test_strict_waits_for_the_complete_set() -> None:
         assert _add(assembler, "joints", stamp) is None
 
 
-def test_too_old_sample_is_not_used() -> None:
+@pytest.mark.parametrize("silent", ["imu", "0", "1"])
+def test_values_of_a_silent_source_are_no_numbers(silent: str) -> None:
     assembler = _assembler()
-    for source in ("imu", "0", "1", "joints"):
+    sources, sample = ("imu", "0", "1"), None
+    for source in (*sources, "joints"):
         _add(assembler, source, MS)
-    for stamp in range(2 * MS, 20 * MS, MS):
+    for stamp in range(2 * MS, 21 * MS, MS):
+        for source in sources:
+            if source != silent:
+                _add(assembler, source, stamp)
+        emitted = _add(assembler, "joints", stamp)
+        sample = sample if emitted is None else emitted
+    assert sample is not None
+    assert sample.t > 0.018  # the ticks go on, one in two
+    assert (assembler.incomplete, assembler.silent, assembler.dropped) == (2, 7, 0)
+    assert not assembler.whole
+    values = {"imu": np.concatenate([sample.gyro, sample.accel]), "0": sample.wrenches[0], "1": sample.wrenches[1]}
+    assert {source for source in sources if np.isnan(values[source]).all()} == {silent}
+    assert all(np.isfinite(values[source]).all() for source in sources if source != silent)
+    for source in (*sources, "joints"):
+        sample = _add(assembler, source, 21 * MS)
+    assert sample is not None
+    assert assembler.whole
+    assert np.isfinite(sample.wrenches).all()
+
+
+def test_nothing_before_every_source_has_spoken() -> None:
+    assembler = _assembler()
+    for stamp in range(MS, 10 * MS, MS):
         for source in ("0", "1"):
             _add(assembler, source, stamp)
-        sample = _add(assembler, "joints", stamp)
-    assert sample is None
+        assert _add(assembler, "joints", stamp) is None
     assert assembler.dropped > 0
 
 

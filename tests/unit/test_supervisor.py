@@ -186,3 +186,9 @@ def test_walking_is_refused_from_damp_and_a_fault_ends_it(walker: Supervisor) ->
     assert walker.mode is Mode.DAMP
     assert walker.take_velocity() is None
     assert not walker.text("walk").accepted
+
+
+def test_a_drop_out_longer_than_the_limit_damps_and_names_the_imu(standing: Supervisor) -> None:
+    assert standing.update(replace(WELL, coasting=0.049), 1.0) is Mode.STAND
+    assert standing.update(replace(WELL, coasting=0.051), 1.0) is Mode.DAMP
+    assert standing.faults == ("no usable samples of the IMU (or the joints) for 0.051 s, more than 0.050 s",)

@@ -1,0 +1,183 @@
+"""What the estimator's node publishes beside the state: covariance, orientation, transforms; and how it coasts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+
+from controllers.nodes.state_estimator import StateEstimatorNode
+from models.constants import GRAVITY
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.imu import OrientedImuCodec
+from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.tf_type import tf_message_type
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import RobotState
+from tests.ros.test_transforms import decode as decode_transforms
+from tests.ros.test_transforms import pose
+
+pytestmark = pytest.mark.ros
+
+MS = 1_000_000
+START = 20
+"""Samples averaged for the start."""
+
+
+class Estimated:
+    """A node fed with the samples of a robot that stands still, one tick a millisecond of its stamps."""
+
+    def __init__(self, bench: Any, model: RobotModel, **parameters: object) -> None:
+        self.bench, self.model, self.stamp = bench, model, 0
+        self.states: list[tuple[RobotState, int]] = []
+
+        def make(**kwargs: Any) -> StateEstimatorNode:
+            return StateEstimatorNode(lambda state, stamp: self.states.append((state, stamp)), **kwargs)
+
+        self.node = bench.add(make, start_samples=START, **parameters)
+        self._joints, self._imu = JointStateCodec(model), ImuCodec(topics.IMU_FRAME)
+        self._feet = [WrenchCodec(frame) for frame in SOLE_FRAMES]
+        self.configuration = model.standing_configuration()
+        data = model.data()
+        pin.framesForwardKinematics(model.pin, data, self.configuration)
+        self.imu = data.oMf[model.frame_id("imu")].rotation
+
+    def tick(self, count: int = 1, *, imu: bool = True) -> None:
+        """Feed the samples of so many ticks, with or without the inertial unit."""
+        samples, zero = self.node._samples, np.zeros(self.model.nj)
+        for _ in range(count):
+            self.stamp += MS
+            if imu:
+                samples._on_imu(self._imu.encode(self.stamp, np.zeros(3), self.imu.T @ [0.0, 0.0, GRAVITY]))
+            for foot, codec in enumerate(self._feet):
+                wrench = np.array([0.0, 0.0, 0.5 * self.model.mass * GRAVITY, 0.0, 0.0, 0.0])
+                samples._foot_callback(foot)(codec.encode(self.stamp, wrench))
+            samples.on_joints(self._joints.encode(self.stamp, self.configuration[7:], zero, zero))
+
+
+def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> None:
+    heard: dict[str, list[bytes]] = {}
+    for kind, topic, qos in (
+        (Odometry, topics.ODOM, SENSOR),
+        (Imu, topics.IMU_DATA, SENSOR),
+        (tf_message_type(), topics.TF, EVENT),
+        (tf_message_type(), topics.TF_STATIC, LATCHED),
+    ):
+        heard[topic] = []
+        bench.world.create_subscription(kind, topic, heard[topic].append, qos, raw=True)
+    robot_ = Estimated(bench, robot, robot=robot.name)
+    for publisher in (robot_.node._estimates._odom, robot_.node._estimates._imu, robot_.node._estimates._tf):
+        bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
+    robot_.tick(START + 200)
+    bench.wait(lambda: all(heard.values()))
+
+    odometry = deserialize_message(heard[topics.ODOM][-1], Odometry)
+    covariance, twist = (np.reshape(each.covariance, (6, 6)) for each in (odometry.pose, odometry.twist))
+    for matrix in (covariance, twist):
+        np.testing.assert_array_equal(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() > 0.0
+    assert covariance[3, 3] < 0.02**2  # roll [rad^2]
+
+    _, sample = OrientedImuCodec(topics.IMU_FRAME).decode(heard[topics.IMU_DATA][-1])
+    rotation = pin.Quaternion(np.array(sample.orientation)).matrix()
+    assert np.linalg.norm(pin.log3(rotation.T @ robot_.imu)) < 0.02  # [rad]
+    assert 0.0 < sample.covariance[0, 0] < 0.02**2
+    assert sample.accel == pytest.approx(robot_.imu.T @ [0.0, 0.0, GRAVITY], abs=0.05)
+
+    base, footprint = decode_transforms(heard[topics.TF][-1]).transforms
+    assert (base.header.frame_id, base.child_frame_id) == ("odom", "base_link")
+    assert (footprint.header.frame_id, footprint.child_frame_id) == ("base_link", "base_footprint")
+    np.testing.assert_allclose(pose(base), robot_.configuration[:7], atol=0.01)
+    where = pin.XYZQUATToSE3(np.array(pose(base))) * pin.XYZQUATToSE3(np.array(pose(footprint)))
+    np.testing.assert_allclose(where.translation, 0.0, atol=0.01)  # the soles stand on z = 0
+    np.testing.assert_allclose(where.rotation, np.eye(3), atol=1e-3)
+    assert {each.child_frame_id for each in decode_transforms(heard[topics.TF_STATIC][0]).transforms} >= set(
+        SOLE_FRAMES
+    )
+
+
+def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Estimated(bench, g1, odom_rate=200.0, imu_rate=100.0, tf_rate=50.0, covariance_rate=20.0)
+    robot.tick(START)
+    estimates, law = robot.node._estimates, robot.node._law
+    counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_tf"), 0)
+    for name in counts:
+
+        def count(data: object, name: str = name) -> None:
+            counts[name] += 1
+
+        monkeypatch.setattr(getattr(estimates, name), "publish", count)
+    computed: list[int] = []
+    covariance = law.odometry_covariance
+    monkeypatch.setattr(law, "odometry_covariance", lambda: (computed.append(1), covariance())[1])
+    robot.tick(1000)
+    assert counts == {"_odom": 200, "_contacts": 200, "_imu": 100, "_tf": 50}
+    assert len(computed) == 20
+    assert len(robot.states) == 1001
+
+
+def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: RobotModel) -> None:
+    reports: list[dict[str, str]] = []
+
+    def hear(array: DiagnosticArray) -> None:
+        for status in array.status:
+            reports.append({"message": status.message, **{item.key: item.value for item in status.values}})
+
+    bench.world.create_subscription(DiagnosticArray, "/diagnostics", hear, EVENT)
+    robot = Estimated(bench, g1, diagnostics_period=10.0)
+    bench.spin(0.3)
+    robot.tick(START + 100)
+    last_good = robot.stamp
+    reports.clear()
+    height = robot.states[-1][0].q[2]
+    robot.states.clear()
+    robot.tick(30, imu=False)
+    bench.wait(lambda: reports)
+    assert 13 <= len(robot.states) <= 16  # one tick in two, as always when a sensor is late
+    since = int(reports[0][topics.COASTING])
+    assert last_good <= since <= last_good + 6 * MS  # a sample serves for up to 5 ms
+    reports.clear()
+    robot.tick(10)
+    bench.wait(lambda: reports)
+    assert reports[0][topics.COASTING] == ""
+    assert int(reports[0]["invalid imu"]) > 5
+    assert reports[0]["drop-outs"] == "1"
+    assert int(reports[0]["ticks with a silent sensor"]) > 5
+    assert robot.states[-1][0].q[2] == pytest.approx(height, abs=0.002)
+    robot.tick(5, imu=False)
+    assert robot.node.counters["drop-outs"] == 1  # short enough to wait for the timer
+
+
+def test_a_start_without_the_imu_waits(bench: Any, g1: RobotModel) -> None:
+    robot = Estimated(bench, g1)
+    robot.tick(START - 5)
+    robot.tick(20, imu=False)  # the first two late ones still count
+    robot.tick(START - 2)
+    assert robot.states == []
+    robot.tick(3)
+    assert robot.states
+
+
+def test_without_the_type_of_tf_the_rest_goes_on(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise MessageError("tf2_msgs is not installed")
+
+    monkeypatch.setattr("controllers.nodes.estimate_topics.tf_message_type", refuse)
+    robot = Estimated(bench, g1)
+    robot.tick(START + 100)
+    assert robot.states
+    assert "tf2_msgs is not installed" in robot.node.values[topics.TF]
+
+
+def test_imu_data_without_orientation_is_refused() -> None:
+    raw = ImuCodec(topics.IMU_FRAME).encode(1, np.zeros(3), np.zeros(3))
+    with pytest.raises(MessageError, match="no orientation"):
+        OrientedImuCodec(topics.IMU_FRAME).decode(raw)
