@@ -10,7 +10,7 @@ from models.calibration import Calibration
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
-from planners.calibration_motions import calibration_motions
+from planners.calibration_motions import calibration_motions, variant
 from planners.motion import MotionPlanner
 
 
@@ -101,8 +101,7 @@ class Calibrator:
     def _move(self, motion: str) -> str:
         """Run a motion to its end; returns what went wrong."""
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
-        own = f"{motion}_{self._robot.name}"
-        motion = own if own in self._planner.names else motion
+        motion = variant(motion, self._robot.name, self._planner.names)
         controller = self._lockstep.controller
         try:
             trajectory = self._planner.plan(motion, start_q=controller.reference.posture)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from models.threads import use_one_thread
@@ -29,6 +30,9 @@ app = typer.Typer(
 )
 for _entry in entry_points(group="poise.commands"):
     app.add_typer(_entry.load(), name=_entry.name)
+
+CALIBRATION_TIMEOUT = 400.0
+"""Longest wait for a calibration [s]; the estimator gives up before."""
 
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
 
@@ -58,6 +62,11 @@ def _told() -> Iterator[None]:
 def _print_reply(reply: CommandReply) -> int:
     """Print the answer of the robot; returns the exit status."""
     Console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
+    if reply.details:
+        table = Table("quantity", "value")
+        for name, value in reply.details.items():
+            table.add_row(escape(name), f"{value:.6g}")
+        Console().print(table)
     return 0 if reply.accepted else 1
 
 
@@ -95,12 +104,31 @@ def up(
     network: Annotated[bool, typer.Option(help="Let other machines join; loopback only otherwise.")] = False,
     merged: Annotated[bool, typer.Option(help="Estimator and controller in one process.")] = True,
     lockstep: Annotated[bool, typer.Option(help="The plant waits for the command of every tick.")] = False,
+    sensor_errors: Annotated[
+        str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
+    ] = "",
+    calibration: Annotated[
+        Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
+    ] = None,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     _need_ros()
     from bridge.launch import up as launch
+    from bridge.sensor_errors import read_sensor_errors
 
-    raise typer.Exit(launch(robot, duration=duration, network=network, merged=merged, lockstep=lockstep))
+    with _told():
+        read_sensor_errors(sensor_errors)
+    parameters = {"mujoco_bridge": {"sensor_errors": sensor_errors}} if sensor_errors else {}
+    code = launch(
+        robot,
+        duration=duration,
+        network=network,
+        merged=merged,
+        lockstep=lockstep,
+        parameters=parameters,
+        calibration=calibration,
+    )
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -135,18 +163,31 @@ def mode(
 
 @app.command()
 def calibrate(
-    what: Annotated[str, typer.Argument(help="imu, joints or feet.")],
+    what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
 ) -> None:
-    """Ask the running estimator to calibrate its sensors and print its answer."""
-    known = ("imu", "joints", "feet")
+    """Have the running robot calibrate its sensors, show what is kept, or return to the file before it."""
+    known = ("imu", "joints", "feet", "show", "rollback")
     if what not in known:
         raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
     _need_ros()
     from bridge.ros.client import Client
 
     with _told(), Client(network=network) as client:
-        raise typer.Exit(_print_reply(client.trigger(f"calibrate/{what}", timeout=30.0)))
+        raise typer.Exit(_print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
+
+
+@app.command()
+def hang(
+    down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Have a crane lift the simulated robot, held or off, so that its feet are in the air."""
+    _need_ros()
+    from bridge.ros.client import Client
+
+    with _told(), Client(network=network) as client:
+        raise typer.Exit(_print_reply(client.switch("hang", not down)))
 
 
 @app.command()

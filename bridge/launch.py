@@ -235,6 +235,7 @@ def up(
     network: bool = False,
     merged: bool = True,
     parameters: Parameters | None = None,
+    calibration: Path | None = None,
     log: Path | None = None,
     quiet: bool = False,
 ) -> int:
@@ -248,6 +249,7 @@ def up(
         network: Whether other machines may join; the graph is reachable on loopback only otherwise.
         merged: Whether estimator and controller share a process.
         parameters: Further parameters by node.
+        calibration: Folder of the calibration files; one that is gone afterwards when None.
         log: File for the processes' output; the terminal when None.
         quiet: Whether to say nothing.
 
@@ -276,6 +278,7 @@ def up(
             domain_id=domain_id,
             network=network,
             parameters=parameters,
+            calibration=calibration,
             log=log,
             say=say,
         )

@@ -150,7 +150,7 @@ class Lockstep:
             raise PoiseError(f"{plant.robot.name} cannot stand: {reply.reason}")
         self.monitor.reset()
         gate = ReleaseGate(plant.robot, config)
-        while not gate.update(self._sense(), plant.period):
+        while not gate.update(plant.load, plant.period):
             if gate.waited > config.settle_limit or self.supervisor.mode is not Mode.STAND:
                 why = "; ".join(self.supervisor.faults) or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
                 raise PoiseError(f"{plant.robot.name} cannot be let go after {gate.waited:.1f} s: {why}")

@@ -208,6 +208,11 @@ class MujocoPlant:
         return self.mujoco.foot_wrenches(self.data)
 
     @property
+    def load(self) -> float:
+        """Exact normal force on both soles [N]."""
+        return float(self.wrenches[:, 2].sum())
+
+    @property
     def com(self) -> Vector:
         """Exact CoM of robot and payload in W (3,) [m]."""
         return np.array(self.data.subtree_com[self.mujoco.base_body])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.config import parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -67,7 +69,31 @@ class SensorErrors:
             return self.array("encoder_offsets", (model.nj,))
         result = np.zeros(model.nj)
         for joint, value in self.encoder_offsets.items():
-            result[model.joint_index(joint)] = value
+            try:
+                result[model.joint_index(joint)] = float(value)
+            except (TypeError, ValueError) as error:
+                raise ConfigError(f"sensor_errors.encoder_offsets.{joint}: {value!r} is not a number") from error
         if not np.isfinite(result).all():
             raise ConfigError("sensor_errors.encoder_offsets: not finite")
         return result
+
+
+def read_sensor_errors(text: str) -> SensorErrors | None:
+    """Sensor errors of a YAML file, or of YAML itself, such as ``{gyro_bias: [0.05, 0, 0], force_offsets: 15}``.
+
+    Args:
+        text: The mapping, or path of a file that holds it; empty for no errors.
+
+    Raises:
+        ConfigError: It is no such mapping, or names an error that does not exist. Values are checked by their user.
+    """
+    if not text.strip():
+        return None
+    inline = text.lstrip().startswith("{")
+    data = parse_yaml(text, "sensor_errors") if inline else read_yaml(Path(text))
+    known = [entry.name for entry in fields(SensorErrors)]
+    unknown = [str(key) for key in data if key not in known]
+    if unknown:
+        source = "sensor_errors" if inline else text
+        raise ConfigError(f"{source}: unknown key '{unknown[0]}'; known: {', '.join(known)}")
+    return SensorErrors(**data)

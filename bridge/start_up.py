@@ -8,7 +8,7 @@ import pinocchio as pin
 from bridge.loop_config import LoopConfig
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import JointCommand, SensorData
+from models.types import JointCommand
 
 
 def hanging_command(model: RobotModel) -> JointCommand:
@@ -22,7 +22,8 @@ class ReleaseGate:
     """Says when the feet of a held robot carry it, so that letting go changes nothing.
 
     Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
-    at least ``settle_time`` has passed.
+    at least ``settle_time`` has passed. The load is the true one: a crane knows what it carries, and what the robot's
+    own foot sensors make of it is for the robot to deal with.
 
     Args:
         model: Robot.
@@ -41,11 +42,11 @@ class ReleaseGate:
         self._config = config
         self._sum, self._window = 0.0, 0.0
 
-    def update(self, sensors: SensorData, dt: float) -> bool:
-        """Take one measurement, ``dt`` [s] after the last; returns whether the robot may be let go."""
+    def update(self, load: float, dt: float) -> bool:
+        """Take one load [N], ``dt`` [s] after the last; returns whether the robot may be let go."""
         self.waited += dt
         self._window += dt
-        self._sum += dt * float(sensors.wrenches[0, 2] + sensors.wrenches[1, 2])
+        self._sum += dt * load
         if self._window < self._config.load_window:
             return False
         self.load = self._sum / self._window

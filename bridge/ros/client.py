@@ -15,11 +15,12 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import join_graph
 from models.errors import CommandError
 from models.nodes import topics
+from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.types import CommandReply
 
@@ -159,24 +160,35 @@ class Client:
             return CommandReply(False, self._last_refusal)
         return CommandReply(True, f"sent; mode {self.mode or 'unknown'}")
 
-    def trigger(self, service: str, timeout: float = 5.0) -> CommandReply:
+    def trigger(self, service: str, timeout: float = 5.0, answer_timeout: float | None = None) -> CommandReply:
         """Call a service of type std_srvs/Trigger.
 
         Args:
             service: Its name.
             timeout: Longest wait for the service and for its answer, each [s].
+            answer_timeout: Longest wait for the answer, where it takes longer [s].
+
+        Returns:
+            Its answer; numbers in it become details.
 
         Raises:
             CommandError: The service is absent or does not answer.
         """
-        client = self._node.create_client(Trigger, service)
+        return self._call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout)
+
+    def switch(self, service: str, on: bool, timeout: float = 10.0) -> CommandReply:
+        """Call a service of type std_srvs/SetBool; otherwise as ``trigger``."""
+        return self._call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
+
+    def _call(self, kind: type, service: str, request: Any, timeout: float, answer_timeout: float) -> CommandReply:
+        client = self._node.create_client(kind, service)
         try:
             if not self.wait(client.service_is_ready, timeout):
                 raise CommandError(f"service {service} is absent: is the robot up? (poise up)")
-            future: Any = client.call_async(Trigger.Request())
-            if not self.wait(future.done, timeout):
-                raise CommandError(f"service {service} did not answer within {timeout:.0f} s")
+            future: Any = client.call_async(request)
+            if not self.wait(future.done, answer_timeout):
+                raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")
             answer = future.result()
-            return CommandReply(bool(answer.success), str(answer.message) or "done")
+            return text_to_reply(bool(answer.success), str(answer.message))
         finally:
             self._node.destroy_client(client)

@@ -8,36 +8,45 @@ from bridge.start_up import ReleaseGate, hanging_command
 from controllers.joint_servo import JointServo, ServoState
 from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES
+from models.calibration import correct_encoders
 from models.errors import CommandError
-from models.types import JointCommand, JointTrajectory, Mode, SensorData
+from models.types import JointCommand, JointTrajectory, Mode, SensorData, Vector
 
-HELD = "held"
-"""Driver state of a robot that the simulator holds; the others are those of ``ServoState``."""
+HELD, HANGING = "held", "hanging"
+"""Driver states of a robot that the simulator holds, on the floor or in the air; the others are of ``ServoState``."""
 
 
 class DrivenRobot:
     """Plant and joint servo in step, with the hold at the start.
 
     Held, the drivers carry the joints against gravity. When the mode lets the robot move and commands arrive, they
-    execute those; when both feet carry the weight, the weld lets go.
+    execute those; when both feet carry the weight, the weld lets go. Hanging, nothing moves it until it is let down.
 
     Args:
         plant: Simulated robot.
         config: Times and tolerances of the start.
         servo: Driver law; that with the packaged configuration when None.
+
+    Attributes:
+        encoder_offsets: What the drivers subtract from their encoders (nj,) [rad]; None for nothing. To be changed
+            just before ``reset`` only: joints that are suddenly read otherwise are pulled there.
     """
 
     def __init__(self, plant: MujocoPlant, config: LoopConfig, servo: JointServo | None = None) -> None:
         self.plant = plant
         self.servo = servo or JointServo(plant.robot)
         self._config = config
-        self._hanging = hanging_command(plant.robot)
+        self._at_rest = hanging_command(plant.robot)
         self._mode = Mode.OFF
+        self.encoder_offsets: Vector | None = None
         self.reset()
 
-    def reset(self) -> None:
-        """Back to the start: standing posture, held, no mode."""
+    def reset(self, *, hanging: bool = False) -> None:
+        """Back to the start: standing posture, held on the floor or hanging above it, no mode."""
         self.plant.reset()
+        self._hanging = hanging
+        if hanging:
+            self.plant.hoist(self._config.hoist_height)
         self.servo.arm()
         self._mode = Mode.OFF
         self._commanded = False
@@ -45,8 +54,20 @@ class DrivenRobot:
 
     @property
     def state(self) -> str:
-        """``held``, or what the drivers do: ``active``, ``damped`` or ``off``."""
-        return HELD if self.plant.held else self.servo.state.value
+        """``held``, ``hanging``, or what the drivers do: ``active``, ``damped`` or ``off``."""
+        if not self.plant.held:
+            return self.servo.state.value
+        return HANGING if self._hanging else HELD
+
+    @property
+    def movable(self) -> bool:
+        """Whether the crane may take the robot: held with no mode, hanging, or off."""
+        return self._mode is Mode.OFF and (self.plant.held or self.servo.state is ServoState.OFF)
+
+    def read(self) -> SensorData:
+        """This tick's sensors, the encoders corrected by the drivers."""
+        raw = self.plant.read()
+        return raw if self.encoder_offsets is None else correct_encoders(raw, self.encoder_offsets)
 
     @property
     def awaits_command(self) -> bool:
@@ -57,8 +78,10 @@ class DrivenRobot:
         """Follow the supervisor: arm, damp or switch off the drivers. A held robot stays held and carried.
 
         Raises:
-            CommandError: Off, while the drivers are active: the robot would drop.
+            CommandError: Off, while the drivers are active: the robot would drop. A mode to move in, while it hangs.
         """
+        if self._hanging and mode in ACTIVE_MODES:
+            raise CommandError(f"mode '{mode.value}' refused: the robot hangs in the air")
         if mode is Mode.OFF and not self.plant.held and self.servo.state is ServoState.ACTIVE:
             raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
         before, self._mode = self._mode, mode
@@ -97,7 +120,7 @@ class DrivenRobot:
         self._commanded |= taken
         return taken
 
-    def hang(self) -> SensorData:
+    def settle(self) -> SensorData:
         """Let the held robot settle for ``hang_time``.
 
         Returns:
@@ -109,17 +132,17 @@ class DrivenRobot:
         for i in range(count):
             self.step()
             if i >= count - last:
-                samples.append(self.plant.read())
+                samples.append(self.read())
         return mean_sample(samples)
 
     def step(self) -> None:
         """One period: drivers, physics, and the hold."""
         plant, servo = self.plant, self.servo
-        sensors, dt = plant.read(), plant.period
+        sensors, dt = self.read(), plant.period
         if plant.held and not self._commanded:
-            servo.command(self._hanging, plant.t)
+            servo.command(self._at_rest, plant.t)
         plant.write(servo.step(plant.t, sensors.q, sensors.v, dt))
         plant.step()
-        if self._gate is not None and self._gate.update(plant.read(), dt):
+        if self._gate is not None and self._gate.update(plant.load, dt):
             plant.hold(False)
             self._gate = None

@@ -20,20 +20,21 @@ from models.types import Vector
 
 
 class PlantServices:
-    """Services ``pause`` (SetBool), ``reset`` (Trigger), ``push`` (Trigger), and the topic ``push`` (WrenchStamped).
+    """Services ``pause``, ``hang`` (SetBool), ``reset``, ``push`` (Trigger), and the topic ``push`` (WrenchStamped).
 
     The service pushes as the parameters ``push.*`` say. The topic pushes the body named by ``header.frame_id`` with the
-    message's force, given in the world, for ``push.duration``.
+    message's force, given in the world, for ``push.duration``. ``hang`` has a crane lift the robot off the floor, or
+    puts it back to its start, while it is held or its drivers are off.
 
     Args:
         node: Node that offers them.
         driven: Robot to push.
-        restart: Puts the robot back to its start.
+        restart: Puts the robot back to its start, or (True) into the air.
         pause: Stops (True) or resumes simulated time.
     """
 
     def __init__(
-        self, node: PoiseNode, driven: DrivenRobot, restart: Callable[[], None], pause: Callable[[bool], None]
+        self, node: PoiseNode, driven: DrivenRobot, restart: Callable[[bool], None], pause: Callable[[bool], None]
     ) -> None:
         self._node, self._driven, self._restart, self._pause = node, driven, restart, pause
         if not node.has_parameter("push.body"):
@@ -45,6 +46,7 @@ class PlantServices:
             node.declare_parameter("push.body", "base_link", text)
         node.listen(WrenchStamped, topics.PUSH, self._on_push, EVENT)
         node.serve(SetBool, "pause", self._on_pause)
+        node.serve(SetBool, "hang", self._on_hang)
         node.serve(Trigger, "reset", self._on_reset)
         node.serve(Trigger, "push", self._on_push_service)
 
@@ -75,7 +77,24 @@ class PlantServices:
         response.success, response.message = True, "paused" if request.data else "running"
         return response
 
+    def _on_hang(self, request: Any, response: Any) -> Any:
+        hangs = self._driven.state == topics.HANGING
+        if request.data == hangs:
+            response.success, response.message = True, f"the robot {'hangs' if hangs else 'does not hang'} already"
+            return response
+        if not self._driven.movable:
+            response.success = False
+            response.message = f"hang refused: the drivers are '{self._driven.state}'; request mode damp, then off"
+            return response
+        return self._start_over(request.data, "the robot hangs, feet in the air", response)
+
     def _on_reset(self, request: Any, response: Any) -> Any:
-        self._restart()
-        response.success, response.message = True, "the robot is back at its start, held"
+        return self._start_over(False, "", response)
+
+    def _start_over(self, hanging: bool, told: str, response: Any) -> Any:
+        try:
+            self._restart(hanging)
+            response.success, response.message = True, told if hanging else "the robot is back at its start, held"
+        except PoiseError as error:
+            response.success, response.message = False, str(error)
         return response

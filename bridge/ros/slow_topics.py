@@ -1,21 +1,23 @@
-"""What the simulated robot publishes beside its sensors: time, truth, the state of its drivers, its description."""
+"""What the simulated robot publishes beside its sensors: time, truth, state and offsets of its drivers, description."""
 
 from __future__ import annotations
 
+import numpy as np
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from bridge.ros.driven_robot import DrivenRobot
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import set_stamp
+from models.nodes.messages import JointStateCodec, set_stamp
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import LATCHED, SENSOR
 
 
 class SlowTopics:
-    """Publishers of ``/clock``, ``ground_truth/odom``, ``driver_state`` and ``robot_description``.
+    """Publishers of ``/clock``, ``ground_truth/odom``, ``driver_state``, ``encoder_offsets``, ``robot_description``.
 
     Args:
         node: Node that publishes.
@@ -24,16 +26,25 @@ class SlowTopics:
 
     def __init__(self, node: PoiseNode, driven: DrivenRobot) -> None:
         self._driven, self._said = driven, ""
-        self._codec = OdometryCodec()
+        self._codec, self._joint_codec = OdometryCodec(), JointStateCodec(node.model)
+        self._zero = np.zeros(node.model.nj)
         self._time = node.announce(Clock, topics.CLOCK, SENSOR)
         self._truth = node.announce(Odometry, topics.GROUND_TRUTH, SENSOR)
         self._state = node.announce(String, topics.DRIVER_STATE, LATCHED)
+        self._offsets = node.announce(JointState, topics.ENCODER_OFFSETS, LATCHED)
         self._description = node.announce(String, topics.ROBOT_DESCRIPTION, LATCHED)
 
-    def publish_latched(self, description: str) -> None:
-        """Publish the description and the state; to be called once the node is active."""
+    def publish_latched(self, description: str, stamp: int) -> None:
+        """Publish description, encoder offsets and state; to be called once the node is active, at a stamp [ns]."""
         self._said = ""
         self._description.publish(String(data=description))
+        self.publish_start(stamp)
+
+    def publish_start(self, stamp: int) -> None:
+        """Publish what the drivers begin with at a stamp [ns]: the offsets that they subtract, and their state."""
+        offsets = self._driven.encoder_offsets
+        offsets = self._zero if offsets is None else offsets
+        self._offsets.publish(self._joint_codec.encode(stamp, offsets, self._zero, self._zero))
         self.publish_state()
 
     def publish_time(self, stamp: int) -> None:

@@ -89,6 +89,16 @@ class FeetConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class ProcedureConfig:
+    """How long a calibration over the graph waits for the others, on the machine's clock."""
+
+    silence: Annotated[float, Field(gt=0.0, description="longest time without a complete sample [s]")]
+    plan: Annotated[float, Field(gt=0.0, description="longest wait for a requested motion to begin [s]")]
+    motion: Annotated[float, Field(gt=0.0, description="longest motion [s]")]
+    word: Annotated[float, Field(gt=0.0, description="longest wait for the word that a motion is done [s]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class CalibrationConfig:
     """Everything the calibrations are tuned by."""
 
@@ -102,3 +112,4 @@ class CalibrationConfig:
     chain: ChainConfig
     posture: PostureConfig
     feet: FeetConfig
+    procedure: ProcedureConfig

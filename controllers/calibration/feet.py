@@ -28,6 +28,7 @@ def calibrate_feet(
 
     f_ik: measured normal force of foot i in window k [N]; m: mass of the robot as the model has it. Both gains are
     told apart only when the load has moved from one foot to the other by ``min_shift``; otherwise both get the same.
+    New offsets set the gains back to 1: those were found with the old ones.
 
     Args:
         windows: Raw samples, averaged.
@@ -98,7 +99,8 @@ def _offsets(
         channels = zip(("fx", "fy", "fz", "tx", "ty", "tz"), row, strict=True)
         details |= {f"{foot}_{channel}": float(value) for channel, value in channels}
     text = f"offsets in the air, the largest force {np.abs(offsets[:, :3]).max():.2f} N"
-    return accept(text, details, replace(base, wrench_offsets=offsets))
+    # gains that were found with other offsets made up for the difference
+    return accept(text, details, replace(base, wrench_offsets=offsets, force_gains=np.ones(len(FOOT_NAMES))))
 
 
 def _gains(

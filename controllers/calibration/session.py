@@ -1,6 +1,9 @@
-"""One calibration at a time: start, samples in, answer out. A node or a closed loop drives it."""
+"""One calibration at a time: start, samples in, answer out. A closed loop drives it, or ``CalibrationProcedure``."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +13,7 @@ from controllers.calibration.feet import calibrate_feet
 from controllers.calibration.imu import calibrate_imu
 from controllers.calibration.known_posture import calibrate_in_jig
 from controllers.calibration.outcome import Outcome, refuse
-from controllers.calibration.windows import WindowAverager
+from controllers.calibration.windows import Window, WindowAverager
 from models.calibration import Calibration
 from models.calibration_limits import CalibrationLimits, implausible
 from models.config import default_config
@@ -19,6 +22,27 @@ from models.types import CommandReply, SensorData
 
 WHATS = ("imu", "joints", "feet")
 """What can be calibrated."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationJob:
+    """Everything that the numbers follow from, so that another process can work them out.
+
+    Attributes:
+        what: 'imu', 'joints' or 'feet'.
+        windows: What was measured.
+        unusable: Samples that were left out.
+        base: Present calibration; the result replaces the part that was calibrated.
+        config: Bounds.
+        limits: Plausible corrections.
+    """
+
+    what: str
+    windows: tuple[Window, ...]
+    unusable: int
+    base: Calibration
+    config: CalibrationConfig
+    limits: CalibrationLimits
 
 
 class CalibrationSession:
@@ -43,7 +67,6 @@ class CalibrationSession:
         self.config = config or default_config(CalibrationConfig, "controllers", "calibration")
         self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
         self._averager = WindowAverager(model, self.config.window)
-        self._weight = model.mass * self.config.gravity
         self.what = ""
 
     @property
@@ -71,6 +94,24 @@ class CalibrationSession:
         if self.what:
             self._averager.add(sensors)
 
+    def clear(self) -> None:
+        """Forget the samples, not what is being calibrated."""
+        self._averager.clear()
+
+    def job(self, base: Calibration) -> CalibrationJob:
+        """End the calibration, leaving its numbers to ``solve``.
+
+        Args:
+            base: Present calibration; the result replaces the part that was calibrated.
+
+        Returns:
+            What ``solve`` needs.
+        """
+        windows, unusable = tuple(self._averager.windows), self._averager.unusable
+        job = CalibrationJob(self.what, windows, unusable, base, self.config, self._limits)
+        self.cancel()
+        return job
+
     def finish(self, base: Calibration) -> Outcome:
         """End the calibration.
 
@@ -82,32 +123,48 @@ class CalibrationSession:
         """
         if not self.what:
             return refuse("nothing is being calibrated: start first", {})
-        outcome = self._solve(base)
-        outcome.reply.details["samples_unusable"] = float(self._averager.unusable)
-        self.cancel()
-        if outcome.calibration is not None:
-            problem = implausible(outcome.calibration, self._model, self._limits)
-            if problem:
-                return refuse(f"implausible: {problem}", outcome.reply.details)
-        return outcome
+        return solve(self.job(base), self._model)
 
-    def _solve(self, base: Calibration) -> Outcome:
-        windows, model, config = self._averager.windows, self._model, self.config
-        if not windows:
-            unusable = self._averager.unusable
-            return refuse(f"too few samples: no window of {config.window:g} s was filled ({unusable} unusable)", {})
-        if self.what == "imu":
-            return calibrate_imu(windows, model, base, config)
-        if self.what == "feet":
-            return calibrate_feet(windows, model, base, config)
-        load = float(np.mean([w.loads.sum() for w in windows]))
-        if load < config.feet.air_load * self._weight:
-            return calibrate_in_jig(windows, model, base, config, self._limits.encoder_offset)
-        if load > config.feet.stand_load * self._weight:
-            return calibrate_closed_chain(windows, model, base, config)
-        reason = (
-            f"the feet carry {load:.0f} N: neither standing on both soles (above "
-            f"{config.feet.stand_load * self._weight:.0f} N) nor in the jig (below "
-            f"{config.feet.air_load * self._weight:.0f} N)"
-        )
-        return refuse(reason, {"load": load, "weight": self._weight})
+
+def solve(job: CalibrationJob, model: RobotModel) -> Outcome:
+    """Work out a calibration; takes seconds for ``joints``.
+
+    Args:
+        job: What was measured.
+        model: The robot.
+
+    Returns:
+        The new calibration without a time stamp, or the reason of the refusal; numbers in both cases.
+    """
+    outcome = _solve(job, model)
+    outcome.reply.details["samples_unusable"] = float(job.unusable)
+    if outcome.calibration is not None:
+        problem = implausible(outcome.calibration, model, job.limits)
+        if problem:
+            return refuse(f"implausible: {problem}", outcome.reply.details)
+    return outcome
+
+
+def _solve(job: CalibrationJob, model: RobotModel) -> Outcome:
+    windows, config, base = job.windows, job.config, job.base
+    if not windows:
+        return refuse(f"too few samples: no window of {config.window:g} s was filled ({job.unusable} unusable)", {})
+    if job.what == "imu":
+        return calibrate_imu(windows, model, base, config)
+    if job.what == "feet":
+        return calibrate_feet(windows, model, base, config)
+    load, weight = _load(windows), model.mass * config.gravity
+    if load < config.feet.air_load * weight:
+        return calibrate_in_jig(windows, model, base, config, job.limits.encoder_offset)
+    if load > config.feet.stand_load * weight:
+        return calibrate_closed_chain(windows, model, base, config)
+    reason = (
+        f"the feet carry {load:.0f} N: neither standing on both soles (above "
+        f"{config.feet.stand_load * weight:.0f} N) nor in the jig (below {config.feet.air_load * weight:.0f} N)"
+    )
+    return refuse(reason, {"load": load, "weight": weight})
+
+
+def _load(windows: Sequence[Window]) -> float:
+    """Mean normal force on both feet [N]."""
+    return float(np.mean([window.loads.sum() for window in windows]))

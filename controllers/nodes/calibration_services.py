@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from controllers.calibration.session import WHATS
-from models.calibration import Calibration, apply_calibration
-from models.errors import PoiseError
+from controllers.nodes.calibration_run import CalibrationRun
+from models.calibration import Calibration, apply_calibration, correct_encoders
+from models.calibration_store import CalibrationStore
+from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.calibration_file import CalibrationFile
+from models.nodes.calibration_text import calibration_to_reply, reply_to_text
 from models.nodes.messages import JointStateCodec
 from models.nodes.qos import LATCHED
-from models.types import SensorData, Vector
+from models.types import CommandReply, SensorData, Vector
 
 
 class CalibrationServices:
     """Corrects inertial unit and feet; the joints' part is the drivers', whose encoders everybody shares.
+
+    Services (std_srvs/Trigger): those of ``CalibrationRun``, ``calibrate/show`` and ``calibrate/rollback``.
 
     Args:
         node: Node that estimates; to be built in its ``configure``.
@@ -30,13 +35,13 @@ class CalibrationServices:
 
     def __init__(self, node: PoiseNode, start_over: Callable[[], None]) -> None:
         self._node, self._start_over = node, start_over
-        self._file = CalibrationFile(node)
-        self._codec = JointStateCodec(node.model)
+        self._file, self._codec = CalibrationFile(node), JointStateCodec(node.model)
+        self._run = CalibrationRun(node, self._file)
         self._applied: Calibration | None = None
         self._encoder_offsets: Vector | None = None
         node.listen(JointState, topics.ENCODER_OFFSETS, self._on_encoder_offsets, LATCHED, raw=True)
-        for what in WHATS:
-            node.serve(Trigger, f"calibrate/{what}", self._callback(what))
+        node.serve(Trigger, "calibrate/show", partial(self._on_file, lambda store: store.load()[0]))
+        node.serve(Trigger, "calibrate/rollback", partial(self._on_file, CalibrationStore.rollback))
 
     def start(self) -> None:
         """Take the newest calibration: the estimator starts, or starts over.
@@ -47,8 +52,23 @@ class CalibrationServices:
         self._applied = self._file.read().without_joints()
 
     def correct(self, sensors: SensorData) -> SensorData:
-        """The sample as the estimator is to see it."""
+        """The sample as the estimator is to see it; a calibration that runs gets it as measured."""
+        if self._run.what:
+            offsets = self._encoder_offsets
+            self._run.add(None if offsets is None else correct_encoders(sensors, -offsets))
         return sensors if self._applied is None else apply_calibration(sensors, self._applied)
+
+    def _on_file(self, act: Callable[[CalibrationStore], Calibration], request: Any, response: Any) -> Any:
+        """Answer with the numbers of a file."""
+        try:
+            store = self._file.store
+            if store is None:
+                raise ConfigError("calibration_dir is 'none'")
+            reply = calibration_to_reply(act(store), self._node.model, f"in effect at the next start ({store.path})")
+        except PoiseError as error:
+            reply = CommandReply(False, str(error))
+        response.success, response.message = reply.accepted, reply_to_text(reply)
+        return response
 
     def _on_encoder_offsets(self, data: bytes) -> None:
         """Note what the drivers subtract; positions that are suddenly read otherwise are no motion."""
@@ -60,11 +80,3 @@ class CalibrationServices:
         before, self._encoder_offsets = self._encoder_offsets, offsets
         if before is not None and not np.array_equal(before, offsets) and self._node.active:
             self._start_over()
-
-    def _callback(self, what: str) -> Callable[[Any, Any], Any]:
-        def on_calibrate(request: Any, response: Any) -> Any:
-            response.success = False
-            response.message = f"calibrate/{what} is not available yet: this estimator takes the profile's calibration"
-            return response
-
-        return on_calibrate

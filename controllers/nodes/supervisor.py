@@ -99,6 +99,7 @@ class SupervisorNode(PoiseNode):
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
             findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
+            findings = (*self._hanging(), *findings)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -106,6 +107,10 @@ class SupervisorNode(PoiseNode):
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
                 self._say("auto_stand", self._request_mode(Mode.STAND))
         self._publish_mode()
+
+    def _hanging(self) -> tuple[str, ...]:
+        """Nothing stands on a floor that it does not touch."""
+        return ("the robot hangs in the air: let it down first",) if self._driver_state == topics.HANGING else ()
 
     def _watch(self) -> None:
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
@@ -175,6 +180,9 @@ class SupervisorNode(PoiseNode):
         before, self._driver_state = self._driver_state, message.data
         if message.data == topics.HELD and before not in ("", topics.HELD):
             self._law.reset()
+        elif message.data == topics.HANGING:
+            self._law.reset()
+            self._law.set_preflight(self._hanging())
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())

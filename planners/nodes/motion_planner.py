@@ -18,6 +18,7 @@ from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import run
 from models.types import Vector
+from planners.calibration_motions import calibration_motions, variant
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
 
@@ -35,7 +36,7 @@ class MotionPlannerNode(PoiseNode):
 
     def configure(self) -> None:
         """Build the law and the topics."""
-        self._law = MotionPlanner(self.model, self._config)
+        self._law = MotionPlanner(self.model, self._config, extra=calibration_motions())
         self._codec = JointStateCodec(self.model)
         self._posture: Vector | None = None
         self._trajectory = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
@@ -61,7 +62,8 @@ class MotionPlannerNode(PoiseNode):
         try:
             if self._posture is None:
                 raise MessageError("no posture of the controller has arrived to start from")
-            trajectory = self._law.plan(message.data.partition(" ")[0], start_q=self._posture)
+            motion = variant(message.data.partition(" ")[0], self.model.name, self._law.names)
+            trajectory = self._law.plan(motion, start_q=self._posture)
         except PoiseError as error:
             self.refuse(topics.MOTION_REQUEST, error)
             self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {message.data}: {error}"))

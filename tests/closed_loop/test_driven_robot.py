@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from bridge.loop_config import LoopConfig
 from bridge.mujoco_plant import MujocoPlant
 from bridge.ros.driven_robot import DrivenRobot
+from bridge.sensor_errors import SensorErrors
 from controllers.joint_servo import ServoState
 from models.config import default_config
 from models.errors import CommandError
@@ -29,3 +31,41 @@ def test_active_drivers_are_switched_off_through_damp_only(driven: DrivenRobot) 
     driven.set_mode(Mode.DAMP)
     driven.set_mode(Mode.OFF)
     assert driven.servo.state is ServoState.OFF
+
+
+def test_encoder_offsets_are_corrected_for_drivers_and_readers_alike(g1: RobotModel) -> None:
+    """A robot whose encoders are off by what the drivers subtract behaves as one whose encoders are right."""
+    config = default_config(LoopConfig, "bridge", "closed_loop")
+    plain = DrivenRobot(MujocoPlant(g1, sensor_noise=False), config)
+    offsets = np.random.default_rng(0).uniform(-0.03, 0.03, g1.nj)
+    off = DrivenRobot(MujocoPlant(g1, sensor_noise=False, sensor_errors=SensorErrors(encoder_offsets=offsets)), config)
+    off.encoder_offsets = offsets
+    off.reset()
+    settled = [robot.settle() for robot in (plain, off)]
+    np.testing.assert_allclose(off.plant.truth.q, plain.plant.truth.q, atol=1e-9)
+    np.testing.assert_allclose(settled[1].q, settled[0].q, atol=1e-9)
+    np.testing.assert_allclose(off.plant.read().q - off.read().q, offsets, atol=1e-12)
+    off.encoder_offsets = None
+    off.reset()
+    off.settle()
+    assert np.abs(off.plant.truth.q - plain.plant.truth.q).max() > 0.01  # [rad]
+
+
+def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: DrivenRobot) -> None:
+    assert driven.movable and driven.state == "held"
+    driven.reset(hanging=True)
+    driven.settle()
+    assert driven.movable and driven.state == "hanging"
+    assert np.abs(driven.plant.wrenches[:, 2]).max() < 1.0
+    with pytest.raises(CommandError, match="'stand' refused: the robot hangs"):
+        driven.set_mode(Mode.STAND)
+    assert not driven.awaits_command
+    driven.reset()
+    assert driven.state == "held"
+    driven.set_mode(Mode.STAND)
+    assert driven.awaits_command and not driven.movable
+    driven.plant.hold(False)
+    driven.set_mode(Mode.DAMP)
+    assert not driven.movable
+    driven.set_mode(Mode.OFF)
+    assert driven.movable

@@ -27,7 +27,7 @@ MS = 1_000_000
 def bridge(bench: Any, tmp_path: Path) -> MujocoBridge:
     """In mode stand, at tick 100 of which every one has been published."""
     node: MujocoBridge = bench.add(MujocoBridge, latency_file=tmp_path / "latency.npz")
-    node._on_mode(String(data="stand"))
+    node.commands.on_mode(String(data="stand"))
     for node.tick in range(1, 101):
         node.publish_tick(0.0)
     return node
@@ -35,7 +35,9 @@ def bridge(bench: Any, tmp_path: Path) -> MujocoBridge:
 
 def _send(bridge: MujocoBridge, g1: RobotModel, tick: int, q: float = 0.0) -> None:
     zero = np.zeros(g1.nj)
-    bridge._on_command(JointCommandCodec(g1).encode(tick * MS, JointCommand(g1.posture("stand") + q, zero, zero)))
+    bridge.commands.on_command(
+        JointCommandCodec(g1).encode(tick * MS, JointCommand(g1.posture("stand") + q, zero, zero))
+    )
 
 
 def test_commands_that_answer_old_sensors_are_refused(bridge: MujocoBridge, g1: RobotModel) -> None:
@@ -44,7 +46,7 @@ def test_commands_that_answer_old_sensors_are_refused(bridge: MujocoBridge, g1: 
     assert "79000000 ns is 21000000 ns old" in bridge.values["last refusal"]
     _send(bridge, g1, 80)  # 20 ms: just young enough
     assert bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1
-    assert bridge._command_stamp == 80 * MS
+    assert bridge.commands.stamp == 80 * MS
 
 
 def test_only_accepted_commands_count_as_answers(bridge: MujocoBridge, g1: RobotModel) -> None:
@@ -118,7 +120,7 @@ def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotMode
     bench.wait(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(_message(g1, how))
     if not culprit:
-        bench.wait(lambda: bridge._command_stamp == 100 * MS)
+        bench.wait(lambda: bridge.commands.stamp == 100 * MS)
         setpoint = bridge._driven.servo.setpoint
         np.testing.assert_array_equal(setpoint.q, np.clip(g1.posture("stand") + 0.001, g1.q_lower, g1.q_upper))
         np.testing.assert_array_equal(setpoint.v, 0.01)
@@ -126,12 +128,12 @@ def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotMode
         return
     bench.wait(lambda: bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1)
     assert culprit in bridge.values["last refusal"]
-    assert bridge._command_stamp == 99 * MS
+    assert bridge.commands.stamp == 99 * MS
     np.testing.assert_array_equal(bridge._driven.servo.setpoint.q, before.q)
 
 
 def test_unknown_modes_are_refused_by_name(bridge: MujocoBridge) -> None:
-    bridge._on_mode(String(data="fly"))
+    bridge.commands.on_mode(String(data="fly"))
     assert bridge.counters[f"refused {topics.MODE}"] == 1
     assert "unknown mode 'fly'" in bridge.values["last refusal"]
     assert bridge._driven.awaits_command

@@ -31,12 +31,12 @@ pytestmark = pytest.mark.ros
 
 TOPICS = (
     *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
-    *("contacts", "mode", "diagnostics", "robot_description", "humanoid_commands"),
+    *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     "joint_trajectory_controller/joint_trajectory",
 )
 SERVICES = (
     *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
-    *("calibrate/imu", "calibrate/joints", "calibrate/feet"),
+    *("calibrate/imu", "calibrate/joints", "calibrate/feet", "calibrate/show", "calibrate/rollback", "hang"),
 )
 
 
@@ -55,9 +55,9 @@ def test_services_answer_with_the_reason(eyes: Eyes, undisturbed: None) -> None:
     accepted, reason = eyes.graph.call("mode/off")
     assert not accepted
     assert "request 'damp' first" in reason
-    accepted, reason = eyes.graph.call("calibrate/imu")
+    accepted, reason = eyes.graph.call("calibrate/rollback")
     assert not accepted
-    assert "not available yet" in reason
+    assert "no previous calibration" in reason
 
 
 @pytest.mark.parametrize(

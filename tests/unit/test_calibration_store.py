@@ -205,3 +205,13 @@ def test_folder_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_
     assert calibration_directory() == tmp_path / "state" / "poise" / "calibration"
     monkeypatch.setenv(DIRECTORY_VARIABLE, str(tmp_path / "mine"))
     assert calibration_directory() == tmp_path / "mine"
+
+
+def test_robots_in_different_namespaces_share_no_file(g1: RobotModel, tmp_path: Path) -> None:
+    names = ("", "/", "/cell", "/cell/two")
+    stores = [CalibrationStore(g1, tmp_path, namespace=name) for name in names]
+    assert [store.path.name for store in stores] == ["g1.yaml", "g1.yaml", "g1.cell.yaml", "g1.cell.two.yaml"]
+    stores[2].save(sample(g1, 1), now=NOW)
+    stores[2].save(sample(g1, 2), now=NOW)
+    assert same(stores[3].load()[0], Calibration.none(g1)) and same(stores[0].load()[0], Calibration.none(g1))
+    assert same(stores[2].load()[0], sample(g1, 2))
