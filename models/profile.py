@@ -140,6 +140,7 @@ class FootSensor:
     torque_range: Annotated[float | None, Field(gt=0.0, description="full scale; none: unlimited [N.m]")] = None
     force_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N]")] = 0.0
     torque_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N.m]")] = 0.0
+    fitted: Annotated[bool, Field(description="whether the robot has these sensors; without, they read nan")] = True
 
     def __post_init__(self) -> None:
         if self.crosstalk > 0.0 and (self.force_range is None or self.torque_range is None):

@@ -107,6 +107,43 @@ class RobotState:
 
 
 @dataclass(frozen=True, slots=True)
+class PushEstimate:
+    """What acts on the robot besides gravity and the ground, as the force observer has it.
+
+    Attributes:
+        force: In W; zero inside the dead-band (3,) [N].
+        moment: About the CoM, in W; zero inside the dead-band of the force (3,) [N.m].
+        active: Whether a push is detected.
+        impulse: Integral of the force since the push began; kept until the force is back in the dead-band and the
+            push is over (3,) [N.s].
+    """
+
+    force: Vector
+    moment: Vector
+    active: bool
+    impulse: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class CentroidalState:
+    """The robot as one body, in W.
+
+    Attributes:
+        com: Centre of mass (3,) [m].
+        com_velocity: (3,) [m/s].
+        angular_momentum: About the CoM (3,) [kg.m^2/s].
+        dcm: Divergent component of motion above the lower sole, x and y (2,) [m].
+        zmp: Zero-moment point of the low-passed sole wrenches, at the height of the lower sole, x and y (2,) [m].
+    """
+
+    com: Vector
+    com_velocity: Vector
+    angular_momentum: Vector
+    dcm: Vector
+    zmp: Vector
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
     """What the whole-body controller is to track at one instant.
 

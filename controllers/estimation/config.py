@@ -59,6 +59,41 @@ class ContactConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class FootSensorConfig:
+    """Foot sensors against leg torques; loads are shares of the weight."""
+
+    load_error: Annotated[float, Field(gt=0.0, lt=1.0, description="difference of the loads that contradicts [-]")]
+    sum_error: Annotated[float, Field(gt=0.0, lt=1.0, description="of both legs' torques against the motion [-]")]
+    fault_time: Annotated[float, Field(gt=0.0, description="contradicted or missing before a sensor is out [s]")]
+    scheduled_time: Annotated[float, Field(gt=0.0, description="the same where the schedule sides with torques [s]")]
+    recover_time: Annotated[float, Field(gt=0.0, description="of agreement before it is back [s]")]
+    swing_load: Annotated[float, Field(gt=0.0, lt=1.0, description="load by torques of a foot in the air, at most [-]")]
+    stance_load: Annotated[float, Field(gt=0.0, lt=1.0, description="load by torques of a bearing foot, at least [-]")]
+    unscheduled: Annotated[
+        float, Field(ge=1.0, description="factor on stance_load of a foot that the schedule has in the air [-]")
+    ]
+    flat_trust: Annotated[
+        float, Field(gt=0.0, le=1.0, description="factor on the confidence in a CoP from torques or saturated [-]")
+    ]
+    saturation: Annotated[float, Field(gt=0.0, le=1.0, description="share of full scale taken for saturated [-]")]
+
+    def __post_init__(self) -> None:
+        if not self.swing_load < self.stance_load:
+            raise ValueError(f"swing_load {self.swing_load} < stance_load {self.stance_load} required")
+        if not self.scheduled_time <= self.fault_time:
+            raise ValueError(f"scheduled_time {self.scheduled_time} <= fault_time {self.fault_time} required")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SlipConfig:
+    """Slip of a bearing foot."""
+
+    time: Annotated[float, Field(gt=0.0, description="innovation over the gate before a foot slips [s]")]
+    recover_time: Annotated[float, Field(gt=0.0, description="innovation below the gate before it stands again [s]")]
+    density: Annotated[float, Field(gt=0.0, description="random walk of a slipping sole's position [m/sqrt(s)]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class FootNoise:
     """Random walk of a foot, interpolated geometrically between its states by the contact's confidence."""
 
@@ -93,6 +128,29 @@ class InitialConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class ObserverConfig:
+    """Momentum observer; forces as shares of the weight."""
+
+    push_cutoff: Annotated[float, Field(gt=0.0, description="cut-off of the push [Hz]")]
+    joint_cutoff: Annotated[float, Field(gt=0.0, description="cut-off of joint torques and sole wrenches [Hz]")]
+    damping: Annotated[float, Field(gt=0.0, description="lever below which a leg does not tell a force [m]")]
+    moment_arm: Annotated[float, Field(gt=0.0, description="lever that makes moments comparable with forces [m]")]
+    friction_speed: Annotated[float, Field(gt=0.0, description="speed at which dry friction is nearly full [rad/s]")]
+    dead_band: Annotated[float, Field(ge=0.0, lt=1.0, description="force that is reported as none [-]")]
+    detect_on: Annotated[float, Field(gt=0.0, description="force above which a push begins [-]")]
+    detect_off: Annotated[float, Field(gt=0.0, description="force below which it ends [-]")]
+    on_time: Annotated[float, Field(ge=0.0, description="time above detect_on before it counts [s]")]
+    off_time: Annotated[float, Field(ge=0.0, description="time below detect_off before it is over [s]")]
+    offset_time: Annotated[float, Field(gt=0.0, description="time constant of the offset learnt in the dead-band [s]")]
+
+    def __post_init__(self) -> None:
+        if not self.dead_band <= self.detect_off < self.detect_on:
+            raise ValueError(
+                f"dead_band {self.dead_band} <= detect_off {self.detect_off} < detect_on {self.detect_on} required"
+            )
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class EstimatorConfig:
     """Everything the state estimator is tuned by."""
 
@@ -103,6 +161,9 @@ class EstimatorConfig:
     imu: InertialNoise
     kinematics: KinematicNoise
     contact: ContactConfig
+    foot_sensors: FootSensorConfig
+    slip: SlipConfig
     foot: FootNoise
     rest: RestConfig
     initial: InitialConfig
+    observer: ObserverConfig

@@ -10,14 +10,27 @@ import numpy as np
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.contact import ContactDetector
 from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.guard import BAD_FEET, BAD_IMU, BAD_JOINTS, STALE, EstimatorHealth, SensorBuffer
+from controllers.estimation.foot_sensors import UNKNOWN, FootSensorMonitor
+from controllers.estimation.guard import (
+    BAD_FEET,
+    BAD_IMU,
+    BAD_JOINTS,
+    BAD_TORQUES,
+    SATURATED_FEET,
+    SATURATED_IMU,
+    STALE,
+    EstimatorHealth,
+    SensorBuffer,
+)
 from controllers.estimation.kernels_kinematics import base_state
 from controllers.estimation.kinematics import SoleKinematics
+from controllers.estimation.observer import ForceObserver
 from controllers.estimation.odometry import odometry_covariance
+from controllers.estimation.slip import SlipMonitor
 from models.config import default_config
 from models.errors import MessageError
 from models.robot_model import RobotModel
-from models.types import ContactState, Matrix, RobotState, SensorData, Vector
+from models.types import CentroidalState, ContactState, Matrix, PushEstimate, RobotState, SensorData, Vector
 
 NOMINAL_STEP = 0.001
 """Step of the call that compiles, and of the rate sample of a state that no step has led to [s]."""
@@ -61,10 +74,16 @@ class StateEstimator:
             position=kinematics.position,
             orientation=kinematics.orientation,
         )
-        self._contacts = ContactDetector(model, self.config.contact, self.config.foot, self.config.gravity)
-        self.filter = InvariantFilter(self.config)
+        config, sensors = self.config, model.profile.sensors
+        self._contacts = ContactDetector(model, config.contact, config.foot_sensors, config.foot, config.gravity)
+        self.observer = ForceObserver(model, config.observer, config.gravity)
+        self._feet = FootSensorMonitor(config.foot_sensors, self.observer.weight, sensors.feet.fitted)
+        self._slip = SlipMonitor(config.slip, config.gate)
+        self.filter = InvariantFilter(config)
         self.health = EstimatorHealth()
-        self._buffer = SensorBuffer(model.nj)
+        self._buffer = SensorBuffer(model.nj, sensors, config.foot_sensors.saturation)
+        self._expected = np.full(2, UNKNOWN)
+        self._unobserved = 0.0
         self._ready = False
         self._level_due = True
         self._t = 0.0
@@ -110,6 +129,16 @@ class StateEstimator:
         )  # fmt: skip
         return pose, twist
 
+    @property
+    def push(self) -> PushEstimate:
+        """What pushes the robot now."""
+        return self.observer.push
+
+    @property
+    def centroidal(self) -> CentroidalState:
+        """CoM, DCM, ZMP and angular momentum of the last state."""
+        return self.observer.centroidal
+
     def reset(self, sensors: SensorData) -> RobotState:
         """Start from one sample of the robot at rest: middle of the soles at x = y = 0, soles at z = 0, yaw 0.
 
@@ -127,21 +156,28 @@ class StateEstimator:
         if abs(share - 1.0) > self.config.rest.accel_at_reset:
             raise MessageError(f"sensors.accel: {share:.2f} times gravity, so the robot is not at rest")
         self._kinematics.update(self._buffer.joints[0])
-        self._contacts.reset(self._buffer.wrenches)
         self.filter.initialise(self._kinematics, self._buffer.imu[1])
         self.health = EstimatorHealth()
         self._t = sensors.t
         self._variances[2] = self.config.imu.gyro_noise**2 / NOMINAL_STEP
         self._ready = True
         self._level_due = True
-        return self._state()
+        self._unobserved = 0.0
+        q, v = self._configuration()
+        self.observer.reset(q, v, self._buffer.joints[2], self._buffer.wrenches)
+        self._feet.reset(self._buffer.feet, self._buffer.wrenches, self.observer.estimated)
+        self._contacts.reset(self._feet.used, self._feet.fault)
+        self._slip.reset()
+        self.health.foot_sensors = self._feet.states
+        return self._state(q, v)
 
-    def step(self, sensors: SensorData, dt: float) -> RobotState:
+    def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
         """Advance by one sample.
 
         Args:
             sensors: The newest sample, which may be unusable; arrays as large as at ``reset``.
             dt: Time since the sample of the previous call [s].
+            expected: Which feet the gait schedule has on the ground; None without a schedule.
 
         Returns:
             The state at that sample, or, when it is stale, propagated to the time it was due at.
@@ -155,28 +191,46 @@ class StateEstimator:
         health.steps += 1
         if not 0.0 < dt < math.inf:
             health.stale += 1
-            return self._state()
+            return self._state(*self._configuration())
         missing = buffer.accept(sensors)
+        if not self._feet.fitted:
+            missing &= ~(BAD_FEET | SATURATED_FEET)
         health.count(missing, dt)
         self._t = self._t + dt if missing & STALE else sensors.t
-        if not missing & (STALE | BAD_FEET):
-            self._contacts.update(buffer.wrenches, dt)
+        if not missing & STALE:
+            self._feel(dt, not missing & BAD_TORQUES, expected)
         self._predict(dt, missing)
         if not missing & (STALE | BAD_JOINTS):
             self._kinematics.update(buffer.joints[0])
             health.rejected += self.filter.measure_soles(self._kinematics)
             health.gated += int(np.count_nonzero(self.filter.innovation > self.config.gate))
-        if not missing and self._at_rest():
+        if not missing & ~BAD_FEET and self._at_rest():
             health.rejected += self.filter.measure_rest()
         if self._level_due and self._contacts.confidence.min() >= 1.0:
             health.rejected += self.filter.measure_level()
             self._level_due = False
-        return self._state()
+        q, v = self._configuration()
+        self._observe(q, v, dt, missing)
+        return self._state(q, v)
+
+    def _feel(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
+        """Which feet bear, and which of their sensors can be believed."""
+        feet, contacts, health = self._feet, self._contacts, self.health
+        if expected is None:
+            self._expected[:] = UNKNOWN
+        else:
+            self._expected[:] = expected
+        feet.update(self._buffer.feet, self._buffer.wrenches, self.observer, torques_good, self._expected, dt)
+        contacts.update(feet.used, self._buffer.feet, feet.fault, self._expected, dt)
+        self._slip.update(self.filter.innovation, contacts.confidence[:, 0], dt, contacts.densities)
+        health.foot_sensors = feet.states
+        health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
+        health.slips = int(self._slip.counts[0]), int(self._slip.counts[1])
 
     def _predict(self, dt: float, missing: int) -> None:
         imu = self._buffer.imu
         coasting = missing & (STALE | BAD_IMU)
-        scale = self.config.imu.coast_factor if coasting else 1.0
+        scale = self.config.imu.coast_factor if coasting or missing & SATURATED_IMU else 1.0
         self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
         np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
         self._rate *= 0.5
@@ -189,6 +243,16 @@ class StateEstimator:
             scale,
         )
 
+    def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
+        """Advance the force observer; over missing samples it takes one longer step afterwards."""
+        if missing & (STALE | BAD_JOINTS):
+            self._unobserved += dt
+            return
+        self.observer.update(
+            q, v, self._buffer.joints[2], self._feet.used, self._buffer.wrenches, dt + self._unobserved
+        )
+        self._unobserved = 0.0
+
     def _at_rest(self) -> bool:
         """No foot bears and the inertial unit feels gravity alone: the robot hangs, or the simulator holds it."""
         if self._contacts.active.any():
@@ -198,7 +262,8 @@ class StateEstimator:
         quiet = float(rate @ rate) < rest.gyro**2
         return quiet and abs(math.sqrt(float(force @ force)) - self.config.gravity) < rest.accel
 
-    def _state(self) -> RobotState:
+    def _configuration(self) -> tuple[Vector, Vector]:
+        """Configuration (nq,) and velocity (nv,) of the filter's estimate, in new arrays."""
         buffer, kinematics = self._buffer, self._kinematics
         q = np.empty(self._model.nq)
         v = np.empty(self._model.nv)
@@ -206,13 +271,16 @@ class StateEstimator:
             self.filter.rotation, self.filter.vectors, self.filter.biases, buffer.imu, buffer.joints,
             kinematics.imu_rotation, kinematics.imu_position, kinematics.imu_jacobian, kinematics.imu_columns, q, v,
         )  # fmt: skip
-        wrenches = buffer.wrenches.copy()
+        return q, v
+
+    def _state(self, q: Vector, v: Vector) -> RobotState:
+        wrenches = self._feet.used.copy()
         active = self._contacts.active
         return RobotState(
             t=self._t,
             q=q,
             v=v,
-            tau=buffer.joints[2].copy(),
+            tau=self._buffer.joints[2].copy(),
             contacts=(
                 ContactState(bool(active[0]), wrenches[0]),
                 ContactState(bool(active[1]), wrenches[1]),

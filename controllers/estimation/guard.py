@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.estimation.foot_sensors import NOT_FINITE, SATURATED, FootSensorState
 from models.compiled import njit
 from models.errors import MessageError
+from models.profile import Sensors
 from models.types import SensorData
 
 Array = NDArray[np.float64]
@@ -19,6 +21,9 @@ BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
 
 STALE = 16
 """Bit of ``SensorBuffer.accept``: the sample is not newer than the last one."""
+
+SATURATED_IMU, SATURATED_FEET = 32, 64
+"""Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less."""
 
 
 @dataclass(slots=True)
@@ -31,9 +36,14 @@ class EstimatorHealth:
         invalid_joints: Samples with a joint position or velocity that was not finite; kinematics left out.
         invalid_torques: Samples with a joint torque that was not finite; the last good ones were passed on.
         invalid_imu: Samples with a rate or specific force that was not finite; the last good one was held.
-        invalid_feet: Samples with a wrench that was not finite; the last contacts were held.
+        invalid_feet: Samples with a wrench that was not finite; the last one was held, then the leg torques' took over.
+        saturated_imu: Samples with a rate or specific force at full scale; taken with more noise.
+        saturated_feet: Samples with a wrench at full scale; its centre of pressure taken for less.
         rejected: Measurement updates refused because their innovation was not finite or not positive definite.
         gated: Sole measurements weighed down because they contradicted the prediction (a slip, or a bad sensor).
+        slips: Slips of the left and the right foot.
+        sensor_faults: How often the left and the right foot's sensor has failed.
+        foot_sensors: What is thought of the left and the right foot's sensor now.
         coasting: How long the inertial unit or the joints have been missing [s]; 0 when all is well.
     """
 
@@ -43,8 +53,13 @@ class EstimatorHealth:
     invalid_torques: int = 0
     invalid_imu: int = 0
     invalid_feet: int = 0
+    saturated_imu: int = 0
+    saturated_feet: int = 0
     rejected: int = 0
     gated: int = 0
+    slips: tuple[int, int] = (0, 0)
+    sensor_faults: tuple[int, int] = (0, 0)
+    foot_sensors: tuple[FootSensorState, FootSensorState] = (FootSensorState.SOUND, FootSensorState.SOUND)
     coasting: float = 0.0
 
     def count(self, missing: int, dt: float) -> None:
@@ -54,6 +69,8 @@ class EstimatorHealth:
         self.invalid_torques += (missing & BAD_TORQUES) > 0
         self.invalid_imu += (missing & BAD_IMU) > 0
         self.invalid_feet += (missing & BAD_FEET) > 0
+        self.saturated_imu += (missing & SATURATED_IMU) > 0
+        self.saturated_feet += (missing & SATURATED_FEET) > 0
         self.coasting = self.coasting + dt if missing & (STALE | BAD_JOINTS | BAD_IMU) else 0.0
 
 
@@ -66,12 +83,19 @@ class SensorBuffer:
         imu: Rate, specific force (2, 3) [rad/s, m/s^2].
         previous_rate: Rate one step earlier (3,) [rad/s].
         wrenches: (2, 6) [N, N.m].
+        feet: State of each foot's newest sample: 0 sound, ``NOT_FINITE`` or ``SATURATED`` (2,).
 
     Args:
         nj: Number of joints.
+        sensors: Full scales.
+        saturation: Share of full scale taken for saturated [-].
     """
 
-    def __init__(self, nj: int) -> None:
+    def __init__(self, nj: int, sensors: Sensors, saturation: float) -> None:
+        imu, feet = sensors.imu, sensors.feet
+        scales = [imu.gyro_range, imu.accel_range, feet.force_range or math.inf, feet.torque_range or math.inf]
+        self._scales = saturation * np.array(scales)
+        self.feet = np.zeros(2)
         self.t = -math.inf
         self.joints = np.zeros((3, nj))
         self.imu = np.zeros((2, 3))
@@ -85,7 +109,7 @@ class SensorBuffer:
         """Start from one sample.
 
         Raises:
-            MessageError: A value is not finite or an array has the wrong size; names it.
+            MessageError: A value is not finite or an array has the wrong size; names it. Wrenches may be missing.
         """
         nj = self.joints.shape[1]
         shapes = {"q": (nj,), "v": (nj,), "tau": (nj,), "gyro": (3,), "accel": (3,), "wrenches": (2, 6)}
@@ -93,11 +117,12 @@ class SensorBuffer:
             value = np.asarray(getattr(sensors, name))
             if value.shape != shape:
                 raise MessageError(f"sensors.{name}: shape {value.shape}, expected {shape}")
-            if not np.isfinite(value).all():
+            if name != "wrenches" and not np.isfinite(value).all():
                 raise MessageError(f"sensors.{name}: not finite")
         if not math.isfinite(sensors.t):
             raise MessageError("sensors.t: not finite")
         self.t = -math.inf
+        self.wrenches[:] = 0.0
         self.accept(sensors)
         self.previous_rate[:] = self.imu[0]
 
@@ -121,8 +146,8 @@ class SensorBuffer:
         self._new_wrenches[:] = sensors.wrenches
         return int(
             _accept(
-                self._new_joints, self._new_imu, self._new_wrenches,
-                self.joints, self.imu, self.previous_rate, self.wrenches,
+                self._new_joints, self._new_imu, self._new_wrenches, self._scales,
+                self.joints, self.imu, self.previous_rate, self.wrenches, self.feet,
             )
         )  # fmt: skip
 
@@ -141,14 +166,22 @@ def _copy_finite(new: Array, good: Array) -> bool:
 
 
 @njit(cache=True)
+def _saturated(values: Array, scale: float) -> bool:
+    """Whether one of three axes is at full scale."""
+    return bool(max(abs(values[0]), abs(values[1]), abs(values[2])) >= scale)
+
+
+@njit(cache=True)
 def _accept(
     new_joints: Array,
     new_imu: Array,
     new_wrenches: Array,
+    scales: Array,
     joints: Array,
     imu: Array,
     previous_rate: Array,
     wrenches: Array,
+    feet: Array,
 ) -> int:
     """``SensorBuffer.accept`` on matrices."""
     bad = 0
@@ -160,6 +193,17 @@ def _accept(
         previous_rate[i] = imu[0, i]
     if not _copy_finite(new_imu, imu):
         bad += BAD_IMU
-    if not _copy_finite(new_wrenches, wrenches):
+    elif _saturated(imu[0], scales[0]) or _saturated(imu[1], scales[1]):
+        bad += SATURATED_IMU
+    invalid = saturated = False
+    for foot in range(2):
+        feet[foot] = 0.0
+        if not _copy_finite(new_wrenches[foot : foot + 1], wrenches[foot : foot + 1]):
+            feet[foot], invalid = NOT_FINITE, True
+        elif _saturated(wrenches[foot, 0:3], scales[2]) or _saturated(wrenches[foot, 3:6], scales[3]):
+            feet[foot], saturated = SATURATED, True
+    if invalid:
         bad += BAD_FEET
+    if saturated:
+        bad += SATURATED_FEET
     return bad
