@@ -169,7 +169,7 @@ class StateEstimator:
         self._contacts.reset(self._feet.used, self._feet.fault)
         self._slip.reset()
         self.health.foot_sensors = self._feet.states
-        return self._state(q, v)
+        return self._state_of(q, v)
 
     def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
         """Advance by one sample.
@@ -191,7 +191,7 @@ class StateEstimator:
         health.steps += 1
         if not 0.0 < dt < math.inf:
             health.stale += 1
-            return self._state(*self._configuration())
+            return self._state()
         missing = buffer.accept(sensors)
         if not self._feet.fitted:
             missing &= ~(BAD_FEET | SATURATED_FEET)
@@ -211,7 +211,7 @@ class StateEstimator:
             self._level_due = False
         q, v = self._configuration()
         self._observe(q, v, dt, missing)
-        return self._state(q, v)
+        return self._state_of(q, v)
 
     def _feel(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
         """Which feet bear, and which of their sensors can be believed."""
@@ -273,7 +273,10 @@ class StateEstimator:
         )  # fmt: skip
         return q, v
 
-    def _state(self, q: Vector, v: Vector) -> RobotState:
+    def _state(self) -> RobotState:
+        return self._state_of(*self._configuration())
+
+    def _state_of(self, q: Vector, v: Vector) -> RobotState:
         wrenches = self._feet.used.copy()
         active = self._contacts.active
         return RobotState(

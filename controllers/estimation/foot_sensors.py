@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ NOT_FINITE, SATURATED = 1.0, 2.0
 """State of a foot's sample, in the buffer; 0 is sound."""
 
 
-class FootSensorState(Enum):
+class FootSensorState(StrEnum):
     """What is thought of one foot's sensor."""
 
     SOUND = "sound"
@@ -29,6 +29,10 @@ class FootSensorState(Enum):
     """Nothing finite came for too long, or none is fitted."""
     CONTRADICTED = "contradicted"
     """It and the leg torques spoke of different loads for too long, and the torques fit the motion."""
+
+    def __repr__(self) -> str:
+        """The value alone: diagnostics print tuples of these."""
+        return self.value
 
 
 _STATES = (FootSensorState.SOUND, FootSensorState.ABSENT, FootSensorState.CONTRADICTED)
