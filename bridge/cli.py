@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bridge import log_cli
+from bridge.command_line import need_ros, told
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
     help="Whole-body control for humanoid robots over ROS 2.",
 )
+app.add_typer(log_cli.app, name="log")
 for _entry in entry_points(group="poise.commands"):
     app.add_typer(_entry.load(), name=_entry.name)
 
@@ -35,28 +36,6 @@ CALIBRATION_TIMEOUT = 400.0
 """Longest wait for a calibration [s]; the estimator gives up before."""
 
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
-
-
-def _need_ros() -> None:
-    """End with advice when there is no rclpy."""
-    try:
-        import rclpy  # noqa: F401
-    except ImportError as error:
-        advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
-        Console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
-        raise typer.Exit(2) from error
-
-
-@contextmanager
-def _told() -> Iterator[None]:
-    """Print an error of poise as one line and end with status 2."""
-    from models.errors import PoiseError
-
-    try:
-        yield
-    except PoiseError as error:
-        Console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
-        raise typer.Exit(2) from error
 
 
 def _print_reply(reply: CommandReply) -> int:
@@ -91,7 +70,7 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for report, plots, film strip and recording.")] = Path("out"),
 ) -> None:
     """Stand, wave, squat and take a push over ROS 2 in real time, and report how well."""
-    _need_ros()
+    need_ros()
     from bridge.demo import demo as play
 
     raise typer.Exit(play(robot, out))
@@ -112,11 +91,11 @@ def up(
     ] = None,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
-    _need_ros()
+    need_ros()
     from bridge.launch import up as launch
     from bridge.sensor_errors import read_sensor_errors
 
-    with _told():
+    with told():
         read_sensor_errors(sensor_errors)
     parameters = {"mujoco_bridge": {"sensor_errors": sensor_errors}} if sensor_errors else {}
     code = launch(
@@ -137,10 +116,10 @@ def send(
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
 ) -> None:
     """Send a text command to the running robot and say what became of it."""
-    _need_ros()
+    need_ros()
     from bridge.ros.client import Client
 
-    with _told(), Client(network=network) as client:
+    with told(), Client(network=network) as client:
         raise typer.Exit(_print_reply(client.command(text)))
 
 
@@ -154,10 +133,10 @@ def mode(
     services |= {word: word for word in ("estop", "reset_faults")}
     if name not in services:
         raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(services)}")
-    _need_ros()
+    need_ros()
     from bridge.ros.client import Client
 
-    with _told(), Client(network=network) as client:
+    with told(), Client(network=network) as client:
         raise typer.Exit(_print_reply(client.trigger(services[name])))
 
 
@@ -170,10 +149,10 @@ def calibrate(
     known = ("imu", "joints", "feet", "show", "rollback")
     if what not in known:
         raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
-    _need_ros()
+    need_ros()
     from bridge.ros.client import Client
 
-    with _told(), Client(network=network) as client:
+    with told(), Client(network=network) as client:
         raise typer.Exit(_print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
 
@@ -183,10 +162,10 @@ def hang(
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
 ) -> None:
     """Have a crane lift the simulated robot, held or off, so that its feet are in the air."""
-    _need_ros()
+    need_ros()
     from bridge.ros.client import Client
 
-    with _told(), Client(network=network) as client:
+    with told(), Client(network=network) as client:
         raise typer.Exit(_print_reply(client.switch("hang", not down)))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 
 from controllers.preflight import Evidence
@@ -17,11 +16,9 @@ from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import SENSOR_QUEUE
 from models.robot_model import SOLE_FRAMES
 from models.types import Vector
-
-QUEUE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Deep enough that a busy supervisor does not take its own losses for those of the sensors."""
 
 SENSOR_TOPICS = (topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES)
 
@@ -64,7 +61,7 @@ class PreflightProbe:
                 except PoiseError as error:
                     self._refusals[topic] = str(error)
 
-            self._subscriptions.append(self._node.create_subscription(kind, topic, on_message, QUEUE, raw=True))
+            self._subscriptions.append(self._node.create_subscription(kind, topic, on_message, SENSOR_QUEUE, raw=True))
 
         listen(JointState, topics.JOINT_STATES, self._take_joints)
         listen(Imu, topics.IMU_RAW, lambda data: self._imu_codec.decode(data)[0])

@@ -13,6 +13,14 @@ SENSOR = QoSProfile(
 )
 """Sensors and states: only the newest sample matters."""
 
+SENSOR_QUEUE = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Sensors for a listener that counts or logs: deep enough that a busy one does not lose samples by itself."""
+
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,

@@ -1,0 +1,31 @@
+"""What the commands of ``poise`` share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+from rich.console import Console
+
+
+def need_ros() -> None:
+    """End with advice when there is no rclpy."""
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
+        Console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
+        raise typer.Exit(2) from error
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Print an error of poise as one line and end with status 2."""
+    from models.errors import PoiseError
+
+    try:
+        yield
+    except PoiseError as error:
+        Console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from error
