@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 
+from models.compiled import njit
 from models.types import Matrix, Vector
 
 
+@njit(cache=True)
 def base_footprint(base: Vector, soles: Matrix) -> Vector:
     """Pose of the footprint in B: between the soles, level with the lower one, with the base's yaw.
 
@@ -19,21 +21,21 @@ def base_footprint(base: Vector, soles: Matrix) -> Vector:
     Returns:
         Position in B and quaternion xyzw (7,) [m].
     """
-    x, y, z, w = base[3:]
+    x, y, z, w = base[3], base[4], base[5], base[6]
+    px = 0.5 * (soles[0, 0] + soles[1, 0]) - base[0]
+    py = 0.5 * (soles[0, 1] + soles[1, 1]) - base[1]
+    pz = min(soles[0, 2], soles[1, 2]) - base[2]
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-    middle = 0.5 * (soles[0] + soles[1])
-    middle[2] = min(soles[0, 2], soles[1, 2])
     pose = np.empty(7)
-    pose[:3] = _turn_back(base[3:], middle - base[:3])
-    # conjugate(base) * (0, 0, s, c)
-    pose[3:] = -x * c - y * s, -y * c + x * s, w * s - z * c, w * c + z * s
+    # R' p = p + w t + t x n with t = 2 p x n, n = (x, y, z)
+    tx, ty, tz = 2.0 * (py * z - pz * y), 2.0 * (pz * x - px * z), 2.0 * (px * y - py * x)
+    pose[0] = px + w * tx + ty * z - tz * y
+    pose[1] = py + w * ty + tz * x - tx * z
+    pose[2] = pz + w * tz + tx * y - ty * x
+    # conjugate of the base's quaternion, times (0, 0, s, c)
+    pose[3] = -x * c - y * s
+    pose[4] = x * s - y * c
+    pose[5] = w * s - z * c
+    pose[6] = w * c + z * s
     return pose
-
-
-def _turn_back(quaternion: Vector, vector: Vector) -> Vector:
-    """``R' v`` for a quaternion xyzw (3,)."""
-    axis, w = -quaternion[:3], quaternion[3]
-    turn = 2.0 * np.cross(axis, vector)
-    rotated: Vector = vector + w * turn + np.cross(axis, turn)
-    return rotated

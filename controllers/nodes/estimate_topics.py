@@ -19,7 +19,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample, OrientedImuCodec
-from models.nodes.odometry import OdometryCodec, contacts_to_message
+from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
 from models.nodes.tf_type import tf_message_type
@@ -62,16 +62,20 @@ def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateR
 
 
 class _Due:
-    """Says when a period has passed on the stamps; at once after they went backward."""
+    """Divides the stamps into periods and says when another one has begun.
 
-    def __init__(self, period: int) -> None:
-        self._period, self._last = period, -period
+    Args:
+        period: [ns]; 0 for every stamp.
+        phase: When a period begins, as a share of it: what is published at the same rate shares no tick.
+    """
+
+    def __init__(self, period: int, phase: float = 0.0) -> None:
+        self._period, self._shift = max(period, 1), round(phase * period)
+        self._present = -1
 
     def __call__(self, stamp: int) -> bool:
-        if 0 <= stamp - self._last < self._period:
-            return False
-        self._last = stamp
-        return True
+        before, self._present = self._present, (stamp - self._shift) // self._period
+        return self._present != before
 
 
 class EstimateTopics:
@@ -87,8 +91,8 @@ class EstimateTopics:
     def __init__(self, node: PoiseNode, law: StateEstimator, rates: EstimateRates, *, lockstep: bool) -> None:
         self._node, self._law = node, law
         self._codec, self._imu_codec = OdometryCodec(), OrientedImuCodec(topics.IMU_FRAME)
-        self._odom_due, self._imu_due = _Due(rates.odom), _Due(rates.imu)
-        self._tf_due, self._covariance_due = _Due(rates.tf), _Due(rates.covariance)
+        self._odom_due, self._imu_due, self._tf_due = _Due(rates.odom), _Due(rates.imu, 0.3), _Due(rates.tf, 0.4)
+        self._covariance_due = _Due(rates.covariance)
         qos = sensor(reliable=lockstep)
         self._odom = node.announce(Odometry, topics.ODOM, qos)
         self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, qos)
@@ -96,6 +100,7 @@ class EstimateTopics:
         self._workspace = node.model.data()
         self._soles = [foot.frame_id for foot in node.model.feet]
         self._tf_codec = TransformsCodec(_MOVING_FRAMES)
+        base_footprint(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3)))  # compiles now, not in a tick
         self._tf = self._announce_transforms()
 
     def _announce_transforms(self) -> Any:
@@ -136,7 +141,7 @@ class EstimateTopics:
 
     def publish_odometry(self, state: RobotState, stamp: int) -> None:
         """Publish contacts and odometry; the controller in another process waits for the latter."""
-        self._contacts.publish(contacts_to_message(state.contacts))
+        self._contacts.publish(contacts_to_bytes(state.contacts))
         self._odom.publish(self._codec.encode(stamp, state))
 
     def _imu_sample(self, sensors: SensorData) -> ImuSample:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
 from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 
 from models.errors import MessageError
@@ -76,11 +78,16 @@ class OdometryCodec:
         return [pose, np.array(message.pose.covariance), twist, np.array(message.twist.covariance)]
 
 
-def contacts_to_message(contacts: tuple[ContactState, ContactState]) -> UInt8MultiArray:
-    """1 for each foot that bears load, in the order of ``FOOT_NAMES``, which label the layout."""
-    message = UInt8MultiArray(data=[int(contact.active) for contact in contacts])
+def contacts_to_bytes(contacts: tuple[ContactState, ContactState]) -> bytes:
+    """Serialised message: 1 for each foot that bears load, in the order of ``FOOT_NAMES``, which label the layout."""
+    return _contacts_bytes(tuple(bool(contact.active) for contact in contacts))
+
+
+@cache
+def _contacts_bytes(flags: tuple[bool, ...]) -> bytes:
+    message = UInt8MultiArray(data=[int(flag) for flag in flags])
     message.layout.dim = [MultiArrayDimension(label=name, size=1, stride=1) for name in FOOT_NAMES]
-    return message
+    return bytes(serialize_message(message))
 
 
 def contacts_from_message(message: UInt8MultiArray) -> tuple[bool, bool]:

@@ -31,6 +31,7 @@ pytestmark = pytest.mark.ros
 
 TOPICS = (
     *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
+    *("imu/data", "tf", "tf_static"),
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     "joint_trajectory_controller/joint_trajectory",
 )

@@ -16,7 +16,9 @@ import pinocchio as pin
 import pytest
 from mcap_ros2.reader import read_ros2_messages
 from sensor_msgs.msg import Imu
+from typer.testing import CliRunner
 
+from bridge.cli import app
 from bridge.imu_log import COLUMNS, CsvImuLog, McapImuLog
 from bridge.ros.imu_listener import ImuListener
 from models.errors import MessageError, PoiseError
@@ -150,6 +152,12 @@ def test_a_signal_completes_the_files(robot: Any, log: Any, tmp_path: Path, numb
     assert len(rows) > 50
     assert len(list(read_ros2_messages(str(tmp_path / "imu.mcap")))) == len(rows)
     assert sorted(each.name for each in tmp_path.glob("*imu*")) == ["imu.csv", "imu.mcap"]
+
+
+def test_a_log_needs_a_file() -> None:
+    result = CliRunner().invoke(app, ["log", "imu", "--seconds", "1"])
+    assert result.exit_code == 2
+    assert "name a file" in result.output
 
 
 def test_a_silent_robot_leaves_no_files(bench: Any, log: Any, tmp_path: Path) -> None:

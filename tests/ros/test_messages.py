@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import UInt8MultiArray
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from trajectory_msgs.msg import JointTrajectoryPoint
 
@@ -26,7 +28,7 @@ from models.nodes.messages import (
     trajectory_from_message,
     trajectory_to_message,
 )
-from models.nodes.odometry import OdometryCodec, contacts_from_message, contacts_to_message
+from models.nodes.odometry import OdometryCodec, contacts_from_message, contacts_to_bytes
 from models.robot_model import RobotModel
 from models.trajectory import validate_trajectory
 from models.types import ContactState, JointCommand, JointTrajectory, RobotState
@@ -240,11 +242,29 @@ def test_odometry_and_contacts_round_trip(g1: RobotModel) -> None:
     assert stamp == STAMP
     np.testing.assert_array_equal(pose, q[:7])
     np.testing.assert_array_equal(twist, v[:6])
-    message = contacts_to_message(feet)
+    message = deserialize_message(contacts_to_bytes(feet), UInt8MultiArray)
     assert contacts_from_message(message) == (True, False)
     message.layout.dim[0].label = "right"
     with pytest.raises(MessageError, match="labels"):
         contacts_from_message(message)
+
+
+def test_odometry_carries_the_covariance_it_was_given(g1: RobotModel) -> None:
+    foot = ContactState(True, np.zeros(6))
+    state = RobotState(1.0, g1.standing_configuration(), np.arange(g1.nv, dtype=float), np.zeros(g1.nj), (foot, foot))
+    codec = OdometryCodec()
+    message = deserialize_message(codec.encode(STAMP, state), Odometry)
+    assert not message.pose.covariance.any()
+    pose, twist = np.arange(36.0).reshape(6, 6), 100.0 + np.arange(36.0).reshape(6, 6)
+    codec.set_covariance(pose, twist)
+    message = deserialize_message(codec.encode(STAMP, state), Odometry)
+    np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), pose)
+    np.testing.assert_array_equal(np.reshape(message.twist.covariance, (6, 6)), twist)
+    np.testing.assert_array_equal(OdometryCodec().decode(codec.encode(STAMP, state))[2], state.v[:6])
+    message.pose.pose.position.x = 4.0
+    message.child_frame_id = "base"
+    with pytest.raises(MessageError, match="frames are"):
+        OdometryCodec().decode(bytes(serialize_message(message)))
 
 
 def test_odometry_with_a_quaternion_that_is_not_of_unit_length_is_refused(g1: RobotModel) -> None:
