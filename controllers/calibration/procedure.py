@@ -141,9 +141,11 @@ class CalibrationProcedure:
             self._give_up(f"the motion '{name[:32]}' was asked for")
 
     def on_motion(self, word: str, reason: str = "") -> None:
-        """Told what becomes of a motion: 'running', 'done', or 'refused' and why."""
-        if word == "refused" and self._stage is Stage.ASKED:
-            self._give_up(f"the motion '{self._motion}' was refused: {reason}")
+        """Told what becomes of a motion: 'running', 'done', or 'refused' with the request that was, and why."""
+        request, _, why = reason.partition(": ")
+        if word == "refused":
+            if self._stage is Stage.ASKED and request.partition(" ")[0] == self._motion:
+                self._give_up(f"the motion '{self._motion}' was refused: {why}")
         elif word == "running" and self._stage is Stage.ASKED and self._named:
             self._session.clear()
             self._enter(Stage.MOVING)
