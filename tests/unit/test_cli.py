@@ -43,7 +43,7 @@ def test_a_bench_ends_with_its_verdict(
     assert (tmp_path / "p/push.png").is_file()
 
 
-@pytest.mark.parametrize(("name", "seeds"), [("tick", 1), ("push", 1), ("stand", 20), ("latency", 1)])
+@pytest.mark.parametrize(("name", "seeds"), [("tick", 1), ("push", 1), ("stand", 20), ("latency", 1), ("calibrate", 1)])
 def test_a_command_runs_its_own_module_with_its_usual_seeds(
     name: str, seeds: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
