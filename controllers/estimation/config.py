@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.config import STRICT
+from models.profile import ImuSensor
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class InertialNoise:
-    """What the filter assumes of the inertial unit, vibration and sampling error included.
+    """What the filter assumes of the inertial unit on top of its data sheet, which the profile holds.
 
     Densities are two-sided: the error of one sample of length dt has the standard deviation density / sqrt(dt).
     """
@@ -24,6 +27,23 @@ class InertialNoise:
     gyro_bias: Annotated[float, Field(gt=0.0, description="initial std of the gyro bias [rad/s]")]
     accel_bias: Annotated[float, Field(gt=0.0, description="initial std of the accelerometer bias [m/s^2]")]
     coast_factor: Annotated[float, Field(ge=1.0, description="noise multiplier while samples are missing [-]")]
+
+    def with_sensor(self, sensor: ImuSensor, gravity: float) -> InertialNoise:
+        """The same with the data sheet's figures added, as variances.
+
+        At rest, a scale error and a tilted mounting of the accelerometer look like a bias: each adds its share of
+        gravity [m/s^2]. Those of the gyro are left out: at rest they do nothing.
+        """
+        mounting = math.hypot(sensor.accel_scale, sensor.misalignment) * gravity
+        return replace(
+            self,
+            gyro_noise=math.hypot(self.gyro_noise, sensor.gyro_noise_density),
+            accel_noise=math.hypot(self.accel_noise, sensor.accel_noise_density),
+            gyro_bias_walk=math.hypot(self.gyro_bias_walk, sensor.gyro_bias_walk),
+            accel_bias_walk=math.hypot(self.accel_bias_walk, sensor.accel_bias_walk),
+            gyro_bias=math.hypot(self.gyro_bias, sensor.gyro_bias),
+            accel_bias=math.hypot(self.accel_bias, sensor.accel_bias, mounting),
+        )
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -97,7 +117,8 @@ class SlipConfig:
 class FootNoise:
     """Random walk of a foot, interpolated geometrically between its states by the contact's confidence."""
 
-    slip: Annotated[float, Field(gt=0.0, description="position, foot bearing [m/sqrt(s)]")]
+    slip: Annotated[float, Field(gt=0.0, description="horizontal position, foot bearing [m/sqrt(s)]")]
+    sink: Annotated[float, Field(gt=0.0, description="height, foot bearing [m/sqrt(s)]")]
     swing: Annotated[float, Field(gt=0.0, description="position, foot in the air [m/sqrt(s)]")]
     flat: Annotated[float, Field(gt=0.0, description="orientation, sole flat on the ground [rad/sqrt(s)]")]
     tipping: Annotated[float, Field(gt=0.0, description="orientation, CoP at an edge [rad/sqrt(s)]")]
@@ -124,7 +145,8 @@ class InitialConfig:
     force: Annotated[float, Field(gt=0.0, description="first specific force, vibration included [m/s^2]")]
     floor: Annotated[float, Field(gt=0.0, description="slope of the floor under the first stance [rad]")]
     heading: Annotated[float, Field(gt=0.0, description="yaw; a convention, so small [rad]")]
-    position: Annotated[float, Field(gt=0.0, description="base position; a convention, so small [m]")]
+    position: Annotated[float, Field(gt=0.0, description="base position x and y; a convention, so small [m]")]
+    height: Annotated[float, Field(gt=0.0, description="of the soles above the floor, z = 0 [m]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -65,7 +65,8 @@ class StateEstimator:
     """
 
     def __init__(self, model: RobotModel, config: EstimatorConfig | None = None) -> None:
-        self.config = config or default_config(EstimatorConfig, "controllers", "estimator")
+        config = config or default_config(EstimatorConfig, "controllers", "estimator")
+        self.config = replace(config, imu=config.imu.with_sensor(model.profile.sensors.imu, config.gravity))
         self._model = model
         kinematics = self.config.kinematics
         self._kinematics = SoleKinematics(
@@ -88,6 +89,8 @@ class StateEstimator:
         self._level_due = True
         self._t = 0.0
         self._rate = np.zeros(3)
+        self._pivots = np.zeros((2, 2))
+        self._tipping = np.zeros((2, 1))
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
@@ -234,14 +237,10 @@ class StateEstimator:
         self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
         np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
         self._rate *= 0.5
-        self.filter.predict(
-            self._rate,
-            imu[1],
-            dt,
-            self._contacts.densities,
-            self._contacts.cops,
-            scale,
-        )
+        # A sole that bears on its whole area gives way about its middle; one that tips, about its centre of pressure.
+        np.subtract(1.0, self._contacts.confidence[:, 1:], out=self._tipping)
+        np.multiply(self._contacts.cops, self._tipping, out=self._pivots)
+        self.filter.predict(self._rate, imu[1], dt, self._contacts.densities, self._pivots, scale)
 
     def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
         """Advance the force observer; over missing samples it takes one longer step afterwards."""

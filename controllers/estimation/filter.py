@@ -17,6 +17,8 @@ References:
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from controllers.estimation.config import EstimatorConfig
@@ -79,7 +81,10 @@ class InvariantFilter:
         imu = config.imu
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
         self._imu_variances = np.zeros(4)
-        self._foot_variances = np.zeros((2, 2))
+        self._foot_variances = np.zeros((2, 3))
+        foot = config.foot
+        # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
+        self._sink_exponent = math.log(foot.swing / foot.sink) / math.log(foot.swing / foot.slip)
 
     def initialise(self, kinematics: SoleKinematics, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
@@ -122,7 +127,8 @@ class InvariantFilter:
         diagonal = np.zeros(SIZE)
         diagonal[ROTATION : ROTATION + 3] = config.initial.heading**2
         diagonal[VELOCITY : VELOCITY + 3] = config.initial.velocity**2
-        diagonal[POSITION : POSITION + 3] = config.initial.position**2
+        diagonal[POSITION : POSITION + 2] = config.initial.position**2
+        diagonal[POSITION + 2] = config.initial.height**2
         diagonal[GYRO_BIAS : GYRO_BIAS + 3] = config.imu.gyro_bias**2
         diagonal[ACCEL_BIAS : ACCEL_BIAS + 3] = bias
         covariance[np.diag_indices(SIZE)] += diagonal
@@ -137,7 +143,7 @@ class InvariantFilter:
         covariance[:] = 0.5 * (covariance + covariance.T)
 
     def predict(
-        self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, cops: Matrix, scale: float
+        self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, pivots: Matrix, scale: float
     ) -> None:
         """Propagate by one step.
 
@@ -146,15 +152,19 @@ class InvariantFilter:
             force: Measured specific force (3,) [m/s^2].
             dt: Step [s].
             foot_densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
-            cops: Centre of pressure of each foot in its sole frame, about which it tips (2, 2) [m].
+            pivots: Point of each sole about which it turns, in its frame (2, 2) [m].
             scale: Multiplier of the inertial noise densities [-].
         """
         np.multiply(self._densities, scale * scale * dt, out=self._imu_variances)
-        np.multiply(foot_densities, foot_densities, out=self._foot_variances)
-        self._foot_variances *= dt
+        swing, variances = self._config.foot.swing, self._foot_variances
+        for foot in range(2):
+            position, orientation = foot_densities[foot]
+            height = swing * (position / swing) ** self._sink_exponent
+            variances[foot] = position * position, height * height, orientation * orientation
+        variances *= dt
         predict(
             self.rotation, self.vectors, self.soles, self.covariance, rate - self.biases[0], force - self.biases[1],
-            dt, self._config.gravity, cops, self._foot_variances, self._imu_variances,
+            dt, self._config.gravity, pivots, self._foot_variances, self._imu_variances,
         )  # fmt: skip
 
     def measure_soles(self, kinematics: SoleKinematics) -> int:

@@ -90,7 +90,7 @@ def apply_transition(rotation: Array, vectors: Array, dt: float, gravity: float,
 
 @njit(cache=True)
 def add_process_noise(
-    vectors: Array, soles: Array, covariance: Array, cops: Array, foot_variances: Array, imu_variances: Array
+    vectors: Array, soles: Array, covariance: Array, pivots: Array, foot_variances: Array, imu_variances: Array
 ) -> None:
     """Add the noise that one step brings.
 
@@ -98,8 +98,8 @@ def add_process_noise(
         vectors: v, p, d_L, d_R (4, 3).
         soles: Z_L, Z_R (2, 3, 3).
         covariance: (27, 27), in place.
-        cops: Centre of pressure in each sole frame: a foot that tips turns about it (2, 2) [m].
-        foot_variances: Of position and orientation of each foot over the step (2, 2) [m^2, rad^2].
+        pivots: Point of each sole about which it turns, in its frame (2, 2) [m].
+        foot_variances: Of horizontal position, height and orientation of each foot over the step (2, 3) [m^2, rad^2].
         imu_variances: Of angle, velocity, gyro bias and accelerometer bias over the step (4,).
     """
     gain = np.zeros((15, 3))  # [I; [v]x; [p]x; [d_L]x; [d_R]x]: gyro noise in the right-invariant error
@@ -119,21 +119,21 @@ def add_process_noise(
         covariance[VELOCITY + i, VELOCITY + i] += imu_variances[1]
         covariance[GYRO_BIAS + i, GYRO_BIAS + i] += imu_variances[2]
         covariance[ACCEL_BIAS + i, ACCEL_BIAS + i] += imu_variances[3]
-    lever = np.zeros((3, 3))  # [r]x, r = sole origin minus centre of pressure in W
+    lever = np.zeros((3, 3))  # [r]x, r = sole origin minus pivot in W
     r = np.empty(3)
     for foot in range(2):
         d, z = FOOT + 3 * foot, SOLE + 3 * foot
-        slide, tip = foot_variances[foot, 0], foot_variances[foot, 1]
+        tip = foot_variances[foot, 2]
         for i in range(3):
-            r[i] = -soles[foot, i, 0] * cops[foot, 0] - soles[foot, i, 1] * cops[foot, 1]
+            r[i] = -soles[foot, i, 0] * pivots[foot, 0] - soles[foot, i, 1] * pivots[foot, 1]
         lever[0, 1], lever[0, 2] = -r[2], r[1]
         lever[1, 0], lever[1, 2] = r[2], -r[0]
         lever[2, 0], lever[2, 1] = -r[1], r[0]
         for i in range(3):
-            covariance[d + i, d + i] += slide
+            covariance[d + i, d + i] += foot_variances[foot, 1 if i == 2 else 0]
             covariance[z + i, z + i] += tip
             for j in range(3):
-                # xi_Z = -w and xi_d = [r]x w for a rotation w of the foot about its centre of pressure.
+                # xi_Z = -w and xi_d = [r]x w for a rotation w of the foot about its pivot.
                 covariance[d + i, z + j] -= tip * lever[i, j]
                 covariance[z + j, d + i] -= tip * lever[i, j]
                 for k in range(3):
@@ -150,7 +150,7 @@ def predict(
     force: Array,
     dt: float,
     gravity: float,
-    cops: Array,
+    pivots: Array,
     foot_variances: Array,
     imu_variances: Array,
 ) -> None:
@@ -165,7 +165,7 @@ def predict(
         force: Specific force without bias (3,) [m/s^2].
         dt: Step [s].
         gravity: [m/s^2].
-        cops: See ``add_process_noise``.
+        pivots: See ``add_process_noise``.
         foot_variances: See ``add_process_noise``.
         imu_variances: See ``add_process_noise``.
     """
@@ -194,7 +194,7 @@ def predict(
             mean = 0.5 * (transposed[i, j] + transposed[j, i])
             covariance[i, j] = mean
             covariance[j, i] = mean
-    add_process_noise(centre, soles, covariance, cops, foot_variances, imu_variances)
+    add_process_noise(centre, soles, covariance, pivots, foot_variances, imu_variances)
 
 
 @njit(cache=True)

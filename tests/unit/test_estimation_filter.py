@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ from controllers.estimation.kernels_predict import (
 )
 from controllers.estimation.kernels_update import correct, foot_residual
 from models.config import default_config
+from models.profile import ImuSensor
 
 CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
 DT, GRAVITY = 0.001, 9.81
@@ -64,7 +65,7 @@ class State:
         covariance = np.eye(SIZE) if covariance is None else covariance
         predict(
             result.rotation, result.vectors, result.soles, covariance, rate - self.biases[0], force - self.biases[1],
-            DT, GRAVITY, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(4),
+            DT, GRAVITY, np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(4),
         )  # fmt: skip
         return result
 
@@ -153,13 +154,15 @@ def test_retraction_undoes_any_error() -> None:
         np.testing.assert_allclose(state.biases, true.biases, atol=1e-12)
 
 
-def test_a_tipping_foot_turns_about_its_centre_of_pressure() -> None:
+def test_a_foot_turns_about_its_pivot() -> None:
     rng = np.random.default_rng(4)
     true = State.random(rng)
     cops = 0.1 * rng.normal(size=(2, 2))
     tip = np.array([2e-3, 3e-3])
     covariance = np.zeros((SIZE, SIZE))
-    add_process_noise(true.vectors, true.soles, covariance, cops, np.column_stack([np.zeros(2), tip**2]), np.zeros(4))
+    add_process_noise(
+        true.vectors, true.soles, covariance, cops, np.column_stack([np.zeros((2, 2)), tip**2]), np.zeros(4)
+    )
     expected = np.zeros((SIZE, SIZE))
     step = 1e-6
     for foot in range(2):
@@ -179,7 +182,7 @@ def test_gyro_noise_enters_like_a_bias_over_one_step() -> None:
     true = State.random(rng)
     covariance = np.zeros((SIZE, SIZE))
     add_process_noise(
-        true.vectors, true.soles, covariance, np.zeros((2, 2)), np.zeros((2, 2)), np.array([1.0, 0, 0, 0])
+        true.vectors, true.soles, covariance, np.zeros((2, 2)), np.zeros((2, 3)), np.array([1.0, 0, 0, 0])
     )
     transition, small = np.eye(SIZE), 1e-7
     apply_transition(true.rotation, true.vectors, small, GRAVITY, transition)
@@ -285,3 +288,33 @@ def test_level_floor_corrects_tilt_but_a_slope_is_left_alone() -> None:
             np.testing.assert_allclose(left, [0.0, tilt * (1.0 - variance), 0.0], atol=0.02 * tilt)
         else:
             np.testing.assert_array_equal(left, pin.log3(turn))
+
+
+@pytest.mark.parametrize("bearing", [True, False])
+def test_a_bearing_foot_sinks_less_than_it_slips_and_a_swinging_one_moves_anywhere(bearing: bool) -> None:
+    filter_ = InvariantFilter(CONFIG)
+    filter_.covariance[:] = 0.0
+    foot = CONFIG.foot
+    densities = np.tile([foot.slip, foot.flat] if bearing else [foot.swing, foot.swing_rotation], (2, 1))
+    filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, densities, np.zeros((2, 2)), 1.0)
+    gyro = CONFIG.imu.gyro_noise**2 * DT * np.array([np.sum(np.delete(d, axis) ** 2) for d in filter_.vectors[2:]
+                                                     for axis in range(3)])  # fmt: skip
+    spread = np.diag(filter_.covariance)[FOOT : FOOT + 6] - gyro
+    expected = [foot.slip, foot.slip, foot.sink] if bearing else [foot.swing] * 3
+    np.testing.assert_allclose(spread, np.tile(np.square(expected) * DT, 2), rtol=1e-9)
+
+
+def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
+    sensor = ImuSensor(
+        gyro_noise_density=3.0, gyro_bias=4.0, accel_noise_density=5.0, accel_bias=6.0, gyro_range=1.0, accel_range=1.0,
+        gyro_bias_walk=7.0, accel_bias_walk=8.0, misalignment=0.3, gyro_scale=9.0, accel_scale=0.4,
+    )  # fmt: skip
+    own = replace(CONFIG.imu, gyro_noise=4.0, accel_noise=12.0, gyro_bias=3.0, accel_bias=1.0)
+    total = own.with_sensor(sensor, 10.0)
+    assert total.gyro_noise == pytest.approx(5.0)
+    assert total.accel_noise == pytest.approx(13.0)
+    assert total.gyro_bias == pytest.approx(5.0)
+    assert total.accel_bias == pytest.approx(np.sqrt(1.0 + 36.0 + 25.0))
+    assert total.gyro_bias_walk == pytest.approx(np.hypot(7.0, own.gyro_bias_walk))
+    assert total.accel_bias_walk == pytest.approx(np.hypot(8.0, own.accel_bias_walk))
+    assert total.coast_factor == own.coast_factor

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -140,6 +141,21 @@ def test_missing_inertial_samples_widen_the_angular_velocity(robot: RobotModel) 
     assert law.odometry_covariance()[1][5, 5] > 20.0 * start
     law.step(SensorData(2 * DT, zero, zero, zero, np.zeros(3), sample.accel, sample.wrenches), DT)
     assert law.odometry_covariance()[1][5, 5] == pytest.approx(start, rel=0.1)
+
+
+def test_a_sole_turns_about_its_middle_until_it_tips(robot: RobotModel) -> None:
+    """The point about which the filter turns a sole: its middle while it lies flat, the edge when the CoP is there."""
+    law, zero = StateEstimator(robot), np.zeros(robot.nj)
+    load = 0.5 * robot.mass * 9.81
+    edge = robot.feet[0].rectangle[3]
+    for share, expected in ((0.5, 0.0), (1.0, edge)):  # centre of pressure, as a share of the way to the left edge
+        wrenches = np.zeros((2, 6))
+        wrenches[:, 2] = load
+        wrenches[0, 3] = share * edge * load
+        sample = SensorData(0.0, zero, zero, zero, np.zeros(3), np.array([0.0, 0.0, 9.81]), wrenches)
+        law.reset(sample)
+        law.step(replace(sample, t=DT), DT)
+        np.testing.assert_allclose(law._pivots[0], [0.0, expected], atol=1e-12)
 
 
 def test_result_is_the_callers(estimator: StateEstimator) -> None:
