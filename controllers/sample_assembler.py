@@ -21,7 +21,7 @@ class SampleAssembler:
     A tick is complete when every source has given a sample of the joints' stamp. When the next joint sample comes
     before that, the newest samples of the other sources are used instead if they are young enough: a source may be
     slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
-    bridges for a while.
+    bridges for a while; it is waited for again once it has given another sample.
 
     Args:
         max_age_ns: Oldest usable sample of another source [ns].
@@ -34,7 +34,6 @@ class SampleAssembler:
         incomplete: Ticks made of samples with different stamps.
         silent: Ticks with a source whose newest sample was too old.
         dropped: Ticks given up because a source had not given any sample yet.
-        whole: Whether the newest tick has finite values of every source.
     """
 
     def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False) -> None:
@@ -45,17 +44,22 @@ class SampleAssembler:
         """Forget every sample."""
         self._stamps: list[int | None] = [None] * len(_NAMES)
         self._leaps: list[int | None] = [None] * len(_NAMES)
+        self._silent: set[int] = set()
         self._emitted: int | None = None
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
         self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
         self.incomplete = self.silent = self.dropped = 0
-        self.whole = True
 
     @property
     def stamp(self) -> int | None:
         """Stamp of the newest joint sample [ns]; None before the first."""
         return self._stamps[JOINTS]
+
+    @property
+    def whole(self) -> bool:
+        """Whether the newest tick has values of every source."""
+        return not self._silent
 
     def add_joints(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> SensorData | None:
         """Take joint positions, velocities and torques (nj,) of a stamp [ns]; see ``add_imu``."""
@@ -98,28 +102,27 @@ class SampleAssembler:
                 raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns leaps ahead of {last} ns")
         self._stamps[source] = stamp
         self._leaps[source] = None
+        self._silent.discard(source)
 
     def _emit(self, *, mixed: bool) -> SensorData | None:
         stamp = self._stamps[JOINTS]
         if self._joints is None or stamp is None or stamp == self._emitted:
             return None
-        silent: list[int] = []
-        if any(other != stamp for other in self._stamps):
-            if not mixed:
-                return None
-            if None in self._stamps:
-                self.dropped += 1
-                return None
-            silent = [i for i, other in enumerate(self._stamps) if other is not None and stamp - other > self._max_age]
-            self.silent += bool(silent)
-            self.incomplete += not silent
+        late = {source for source, other in enumerate(self._stamps) if other != stamp}
+        if not mixed and not late <= self._silent:
+            return None
+        if None in self._stamps:
+            self.dropped += 1
+            return None
+        self._silent = {source for source in late if stamp - (self._stamps[source] or 0) > self._max_age}
+        self.silent += bool(self._silent)
+        self.incomplete += late != self._silent
         self._emitted = stamp
-        self.whole = not silent
         wrenches = np.array(self._wrenches)
         for foot in range(len(FOOT_NAMES)):
-            if IMU + 1 + foot in silent:
+            if IMU + 1 + foot in self._silent:
                 wrenches[foot] = np.nan
-        gyro, accel = (np.full(3, np.nan), np.full(3, np.nan)) if IMU in silent else self._imu
+        gyro, accel = (np.full(3, np.nan), np.full(3, np.nan)) if IMU in self._silent else self._imu
         return SensorData(stamp * 1e-9, *self._joints, gyro, accel, wrenches)
 
 

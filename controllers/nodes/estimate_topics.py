@@ -1,4 +1,4 @@
-"""What the estimator knows, as topics: ``/odom``, ``/contacts``, ``/imu/data`` and the transforms."""
+"""What the estimator knows, as topics: odometry, contacts, orientation of the inertial unit, pushes, transforms."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 from std_msgs.msg import UInt8MultiArray
@@ -19,6 +20,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample, OrientedImuCodec
+from models.nodes.messages import WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
@@ -37,6 +39,7 @@ class EstimateRates:
     imu: int
     tf: int
     covariance: int
+    push: int
 
 
 def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateRates:
@@ -58,6 +61,7 @@ def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateR
         imu=period("imu_rate", 100.0, "/imu/data"),
         tf=period("tf_rate", 50.0, "/tf"),
         covariance=period("covariance_rate", 50.0, "the covariance in /odom, which is repeated in between"),
+        push=period("push_rate", 100.0, "/external_wrench"),
     )
 
 
@@ -92,11 +96,13 @@ class EstimateTopics:
         self._node, self._law = node, law
         self._codec, self._imu_codec = OdometryCodec(), OrientedImuCodec(topics.IMU_FRAME)
         self._odom_due, self._imu_due, self._tf_due = _Due(rates.odom), _Due(rates.imu, 0.3), _Due(rates.tf, 0.4)
-        self._covariance_due = _Due(rates.covariance)
+        self._covariance_due, self._push_due = _Due(rates.covariance), _Due(rates.push, 0.6)
         qos = sensor(reliable=lockstep)
         self._odom = node.announce(Odometry, topics.ODOM, qos)
         self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, qos)
         self._imu = node.announce(Imu, topics.IMU_DATA, SENSOR)
+        self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, SENSOR)
+        self._wrench_codec = WrenchCodec(topics.ODOM_FRAME)
         self._workspace = node.model.data()
         self._soles = [foot.frame_id for foot in node.model.feet]
         self._tf_codec = TransformsCodec(_MOVING_FRAMES)
@@ -136,6 +142,9 @@ class EstimateTopics:
             self.publish_odometry(state, stamp)
         if self._imu_due(stamp) and self._law.health.coasting == 0.0:
             self._imu.publish(self._imu_codec.encode(stamp, self._imu_sample(sensors)))
+        if self._push_due(stamp):
+            push = self._law.push
+            self._wrench.publish(self._wrench_codec.encode(stamp, np.concatenate([push.force, push.moment])))
         if self._tf is not None and self._tf_due(stamp):
             self._tf.publish(self._tf_codec.encode(stamp, [state.q[:7], self._footprint(state)]))
 

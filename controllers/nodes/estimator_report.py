@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.guard import EstimatorHealth
 from controllers.sample_assembler import SampleAssembler
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
+from models.types import Vector
 
 COASTING_TOLD = 0.01
 """Time without usable samples of the inertial unit or the joints that the diagnostics do not wait with [s]."""
@@ -56,13 +58,20 @@ class EstimatorReport:
     def _tell(self) -> None:
         self._node.values[topics.COASTING] = "" if self._since is None else str(self._since)
 
-    def fill(self, health: EstimatorHealth, assembler: SampleAssembler) -> None:
-        """Put every counter into the node's values, by its name."""
+    def fill(self, law: StateEstimator, assembler: SampleAssembler) -> None:
+        """Put the estimator's health into the node's values, each counter by its name, and what pushes the robot."""
         values = self._node.values
         values["samples with mixed stamps"] = str(assembler.incomplete)
         values["ticks without a usable sample"] = str(assembler.dropped)
         values["ticks with a silent sensor"] = str(assembler.silent)
-        for field in fields(health):
-            value = getattr(health, field.name)
+        push = law.push
+        values["push [N]"] = _numbers(push.force) if push.active else "none"
+        values["impulse of the push [N.s]"] = _numbers(push.impulse)
+        for field in fields(law.health):
+            value = getattr(law.health, field.name)
             name = field.name.replace("_", " ")
             values[name] = f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def _numbers(values: Vector) -> str:
+    return " ".join(f"{value:.1f}" for value in values)

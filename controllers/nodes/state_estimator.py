@@ -69,7 +69,7 @@ class StateEstimatorNode(PoiseNode):
         """Report what the estimator met."""
         if self.active:
             self.message = "waiting for a complete sample" if self._state is None else "estimating"
-            self._report.fill(self._law.health, self._samples.assembler)
+            self._report.fill(self._law, self._samples.assembler)
 
     def _step(self, sensors: SensorData, stamp: int) -> None:
         """Estimate the state of a tick; the first ones, averaged, are what the law starts from."""

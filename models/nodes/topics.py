@@ -13,6 +13,7 @@ IMU_DATA = "imu/data"
 FOOT_WRENCHES = tuple(f"foot/{name}/wrench" for name in FOOT_NAMES)
 ODOM = "odom"
 CONTACTS = "contacts"
+EXTERNAL_WRENCH = "external_wrench"
 JOINT_COMMAND = "joint_trajectory_controller/joint_trajectory"
 MODE = "mode"
 DRIVER_STATE = "driver_state"

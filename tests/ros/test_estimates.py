@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
@@ -21,7 +22,7 @@ from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.tf_type import tf_message_type
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.types import RobotState
+from models.types import PushEstimate, RobotState
 from tests.ros.test_transforms import decode as decode_transforms
 from tests.ros.test_transforms import pose
 
@@ -68,13 +69,15 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
     for kind, topic, qos in (
         (Odometry, topics.ODOM, SENSOR),
         (Imu, topics.IMU_DATA, SENSOR),
+        (WrenchStamped, topics.EXTERNAL_WRENCH, SENSOR),
         (tf_message_type(), topics.TF, EVENT),
         (tf_message_type(), topics.TF_STATIC, LATCHED),
     ):
         heard[topic] = []
         bench.world.create_subscription(kind, topic, heard[topic].append, qos, raw=True)
     robot_ = Estimated(bench, robot, robot=robot.name)
-    for publisher in (robot_.node._estimates._odom, robot_.node._estimates._imu, robot_.node._estimates._tf):
+    estimates = robot_.node._estimates
+    for publisher in (estimates._odom, estimates._imu, estimates._tf, estimates._wrench):
         bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
     robot_.tick(START + 200)
     bench.wait(lambda: all(heard.values()))
@@ -92,6 +95,9 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
     assert 0.0 < sample.covariance[0, 0] < 0.02**2
     assert sample.accel == pytest.approx(robot_.imu.T @ [0.0, 0.0, GRAVITY], abs=0.05)
 
+    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[topics.EXTERNAL_WRENCH][-1])
+    np.testing.assert_array_equal(wrench, 0.0)  # nobody pushes
+
     base, footprint = decode_transforms(heard[topics.TF][-1]).transforms
     assert (base.header.frame_id, base.child_frame_id) == ("odom", "base_link")
     assert (footprint.header.frame_id, footprint.child_frame_id) == ("base_link", "base_footprint")
@@ -105,10 +111,10 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
 
 
 def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = Estimated(bench, g1, odom_rate=200.0, imu_rate=100.0, tf_rate=50.0, covariance_rate=20.0)
+    robot = Estimated(bench, g1, odom_rate=200.0, imu_rate=100.0, tf_rate=50.0, covariance_rate=20.0, push_rate=10.0)
     robot.tick(START)
     estimates, law = robot.node._estimates, robot.node._law
-    counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_tf"), 0)
+    counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_tf", "_wrench"), 0)
     for name in counts:
 
         def count(data: object, name: str = name) -> None:
@@ -119,9 +125,26 @@ def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytes
     covariance = law.odometry_covariance
     monkeypatch.setattr(law, "odometry_covariance", lambda: (computed.append(1), covariance())[1])
     robot.tick(1000)
-    assert counts == {"_odom": 200, "_contacts": 200, "_imu": 100, "_tf": 50}
+    assert counts == {"_odom": 200, "_contacts": 200, "_imu": 100, "_tf": 50, "_wrench": 10}
     assert len(computed) == 20
     assert len(robot.states) == 1001
+
+
+def test_a_push_is_told(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[bytes] = []
+    bench.world.create_subscription(WrenchStamped, topics.EXTERNAL_WRENCH, heard.append, SENSOR, raw=True)
+    robot = Estimated(bench, g1)
+    robot.tick(START)
+    bench.wait(lambda: robot.node._estimates._wrench.get_subscription_count() == 1)
+    push = PushEstimate(np.array([60.0, 0.0, -1.0]), np.array([0.0, 7.0, 0.0]), True, np.array([6.0, 0.0, 0.0]))
+    monkeypatch.setattr(type(robot.node._law), "push", property(lambda law: push))
+    robot.tick(20)
+    bench.wait(lambda: heard)
+    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[-1])
+    np.testing.assert_array_equal(wrench, [60.0, 0.0, -1.0, 0.0, 7.0, 0.0])
+    robot.node.before_diagnostics()
+    assert robot.node.values["push [N]"] == "60.0 0.0 -1.0"
+    assert robot.node.values["impulse of the push [N.s]"] == "6.0 0.0 0.0"
 
 
 def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: RobotModel) -> None:
@@ -141,7 +164,7 @@ def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: R
     robot.states.clear()
     robot.tick(30, imu=False)
     bench.wait(lambda: reports)
-    assert 13 <= len(robot.states) <= 16  # one tick in two, as always when a sensor is late
+    assert len(robot.states) == 27  # the first of it is waited for in vain
     since = int(reports[0][topics.COASTING])
     assert last_good <= since <= last_good + 6 * MS  # a sample serves for up to 5 ms
     reports.clear()

@@ -21,17 +21,19 @@ from models.nodes.messages import (
     doubles,
     trajectory_to_message,
 )
-from models.nodes.qos import SENSOR
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.tf_type import tf_message_type
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
 from tests.ros.conftest import Eyes
+from tests.ros.test_transforms import decode as decode_transforms
 
 pytestmark = pytest.mark.ros
 
 TOPICS = (
     *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
-    *("imu/data", "tf", "tf_static"),
+    *("imu/data", "external_wrench", "tf", "tf_static"),
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     "joint_trajectory_controller/joint_trajectory",
 )
@@ -216,6 +218,18 @@ def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undistu
     eyes.graph.spin(0.5)
     assert topics.MOTION_RUNNING not in eyes.motion
     np.testing.assert_array_equal(JointStateCodec(g1).decode(eyes.posture)[1], before)
+
+
+def test_the_transforms_of_a_standing_robot_go_on(eyes: Eyes) -> None:
+    heard: list[bytes] = []
+    listener = eyes.graph.node.create_subscription(tf_message_type(), topics.TF, heard.append, EVENT, raw=True)
+    eyes.graph.wait_for(lambda: len(heard) >= 10, 10.0, "transforming")
+    first, last = (decode_transforms(data).transforms for data in (heard[0], heard[-1]))
+    assert [each.child_frame_id for each in last] == ["base_link", "base_footprint"]
+    stamps = [each[0].header.stamp.sec + 1e-9 * each[0].header.stamp.nanosec for each in (first, last)]
+    assert stamps[1] - stamps[0] > 0.1
+    assert last[0].transform.translation.z == pytest.approx(eyes.truth[-1][2], abs=0.01)
+    eyes.graph.node.destroy_subscription(listener)
 
 
 def test_every_parameter_is_described(eyes: Eyes) -> None:
