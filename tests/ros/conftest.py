@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain, join_graph
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, SENSOR
@@ -124,6 +126,13 @@ class Eyes:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.reports[status.name] = {"message": status.message, **{item.key: item.value for item in status.values}}
+
+    def ask(self, service: str, attempts: int = 3) -> tuple[bool, str]:
+        """Answer of a service that can be called twice without harm: under load its reply may get lost."""
+        for _ in range(attempts - 1):
+            with suppress(PoiseError):
+                return self.graph.call(service)
+        return self.graph.call(service)
 
     def refusal(self, node: str, topic: str, act: Callable[[], object], culprit: str) -> None:
         """Do something until a node reports a new refusal on a topic that names the culprit."""

@@ -52,13 +52,13 @@ def test_the_graph_offers_what_the_architecture_names(eyes: Eyes) -> None:
 
 
 def test_services_answer_with_the_reason(eyes: Eyes, undisturbed: None) -> None:
-    accepted, reason = eyes.graph.call("mode/walk")
+    accepted, reason = eyes.ask("mode/walk")
     assert not accepted
     assert "no gait planner is configured" in reason
-    accepted, reason = eyes.graph.call("mode/off")
+    accepted, reason = eyes.ask("mode/off")
     assert not accepted
     assert "request 'damp' first" in reason
-    accepted, reason = eyes.graph.call("calibrate/rollback")
+    accepted, reason = eyes.ask("calibrate/rollback")
     assert not accepted
     assert "no previous calibration" in reason
 
