@@ -11,17 +11,17 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
+from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
-from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, trajectory_from_message
+from models.nodes.messages import JointCommandCodec, JointStateCodec
 from models.nodes.parameters import declare_config, describe
-from models.nodes.qos import EVENT, LATCHED, SENSOR, command
+from models.nodes.qos import LATCHED, SENSOR, command
 from models.nodes.spin import run
 from models.nodes.tick_timer import TickTimer
 from models.types import ControlResult, Mode, RobotState, SolveStatus
@@ -62,8 +62,6 @@ class BalanceControllerNode(PoiseNode):
         self._last_stamp = self._last_posture = 0
         self._result: ControlResult | None = None
         self._last_command = b""
-        self._motion = False
-        self._requested = ""
         self._timer = TickTimer()
 
     def configure(self) -> None:
@@ -72,10 +70,8 @@ class BalanceControllerNode(PoiseNode):
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
-        self._motion_state = self.announce(String, topics.MOTION_STATE, EVENT)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self.listen(JointTrajectory, topics.MOTION_TRAJECTORY, self._on_trajectory, EVENT, raw=True)
-        self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
+        self._motions = MotionTopics(self, self._law, lambda: self._mode)
         if not self._local:
             self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
 
@@ -87,7 +83,7 @@ class BalanceControllerNode(PoiseNode):
 
     def deactivate(self) -> None:
         """Forget the motion."""
-        self._motion = False
+        self._motions.forget()
 
     def on_state(self, state: RobotState, stamp: int) -> None:
         """Answer one state with one command.
@@ -127,8 +123,7 @@ class BalanceControllerNode(PoiseNode):
             self._posture.publish(
                 self._posture_codec.encode(stamp, reference.posture, reference.posture_velocity, result.command.tau)
             )
-        if self._motion and not self._law.motion_active:
-            self._tell(topics.MOTION_DONE)
+        self._motions.tell_end()
         if worse and result.status in (SolveStatus.HELD, SolveStatus.DAMPED):
             self.counters[result.status.value] += 1
             self.alarm()
@@ -142,10 +137,6 @@ class BalanceControllerNode(PoiseNode):
         self._overruns += 1
         if self._overruns % OVERRUNS_TOLD == 0:
             self.alarm()
-
-    def _tell(self, word: str, reason: str = "") -> None:
-        self._motion = word == topics.MOTION_RUNNING
-        self._motion_state.publish(String(data=f"{word}: {reason}" if reason else word))
 
     def before_diagnostics(self) -> None:
         """Report the newest result."""
@@ -169,32 +160,7 @@ class BalanceControllerNode(PoiseNode):
         before, self._mode = self._mode, MODES[message.data]
         if before not in ACTIVE_MODES:
             self.activate()
-            self._motion = False
-
-    def _on_request(self, message: String) -> None:
-        self._requested = message.data
-        if message.data == topics.STOP_MOTION and self._motion:
-            self._law.stop_motion()
-            self._tell(topics.MOTION_DONE)
-
-    def _on_trajectory(self, data: bytes) -> None:
-        """Follow the answer to the newest request while in mode motion, or what came without a request."""
-        request = ""
-        try:
-            message = decode(data, JointTrajectory)
-            request = message.header.frame_id
-            wanted = self._mode is Mode.MOTION and request == self._requested if request else True
-            if not wanted:
-                raise PoiseError(f"'{request[:32]}' came too late: mode '{self._mode.value}' goes on")
-            if not self.active or self._mode not in ACTIVE_MODES:
-                raise PoiseError(f"no motion in mode '{self._mode.value}'")
-            self._law.follow(trajectory_from_message(message))
-        except PoiseError as error:
-            self.refuse(topics.MOTION_TRAJECTORY, error)
-            if not self._motion:
-                self._tell(topics.MOTION_REFUSED, f"{request}: {error}" if request else str(error))
-            return
-        self._tell(topics.MOTION_RUNNING)
+            self._motions.forget()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -75,7 +75,7 @@ class Controlled:
 
     def ask(self, request: str) -> None:
         self.request.publish(String(data=request))
-        self.bench.wait(lambda: self.node._requested == request)
+        self.bench.wait(lambda: self.node._motions.requested == request)
 
     def answer(self, request: str) -> str:
         """Publish a plan from the present posture to itself as the answer to a request; what is said about it."""
