@@ -147,6 +147,31 @@ def test_a_push_is_told(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPa
     assert robot.node.values["impulse of the push [N.s]"] == "6.0 0.0 0.0"
 
 
+def test_no_orientation_without_the_imu(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Estimated(bench, g1)
+    robot.tick(START + 20)
+    sent: list[object] = []
+    monkeypatch.setattr(robot.node._estimates._imu, "publish", sent.append)
+    robot.tick(10, imu=False)
+    sent.clear()
+    robot.tick(50, imu=False)
+    assert sent == []
+    robot.tick(50)
+    assert len(sent) == 5
+
+
+def test_the_plant_that_asks_again_gets_the_same_state(bench: Any, g1: RobotModel) -> None:
+    robot = Estimated(bench, g1, lockstep=True)
+    robot.tick(3)
+    zero = np.zeros(g1.nj)
+    again = JointStateCodec(g1).encode(robot.stamp, robot.configuration[7:], zero, zero)
+    robot.node._samples.on_joints(again)
+    (*_, before, last) = robot.states
+    assert len(robot.states) == 4
+    assert last[1] == before[1] == robot.stamp
+    assert last[0] is before[0]
+
+
 def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: RobotModel) -> None:
     reports: list[dict[str, str]] = []
 
