@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,7 @@ from models.spline import quintic_coefficients
 from models.trajectory_sampler import TrajectorySampler, fill_points
 from models.types import JointTrajectory, Matrix, Vector
 
-__all__ = ["TrajectoryLimits", "TrajectorySampler", "default_limits", "validate_trajectory"]
+__all__ = ["TrajectoryLimits", "TrajectorySampler", "default_limits", "thin", "validate_trajectory"]
 
 if TYPE_CHECKING:
     from models.robot_model import RobotModel
@@ -227,3 +228,28 @@ def _refuse_first(
         i, k = (int(index) for index in np.argwhere(bad)[0])
         where = f"point {i + offset}" if i + offset >= 0 else "start"
         raise TrajectoryError(f"joint '{traj.joint_names[k]}', {where}: {describe(i, k)}")
+
+
+def thin(trajectory: JointTrajectory, points_max: int) -> JointTrajectory:
+    """Leave out points until a trajectory has at most so many, the first and the last always kept.
+
+    Args:
+        trajectory: With points close enough that the curve through every n-th is the same for all that matters.
+        points_max: At least 2.
+
+    Returns:
+        Every n-th point and the last; the trajectory itself where it is short enough.
+    """
+    count = len(trajectory.times)
+    if count <= points_max:
+        return trajectory
+    step = -(-(count - 1) // (points_max - 1))
+    kept = np.append(np.arange(0, count - 1, step), count - 1)
+    velocities, efforts = trajectory.velocities, trajectory.efforts
+    return replace(
+        trajectory,
+        times=trajectory.times[kept],
+        positions=trajectory.positions[kept],
+        velocities=None if velocities is None else velocities[kept],
+        efforts=None if efforts is None else efforts[kept],
+    )

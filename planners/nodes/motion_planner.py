@@ -14,9 +14,10 @@ from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import JointStateCodec, trajectory_to_message
-from models.nodes.parameters import declare_config
+from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import run
+from models.trajectory import thin
 from models.types import Vector
 from planners.calibration_motions import calibration_motions, variant
 from planners.motion import MotionPlanner
@@ -33,6 +34,9 @@ class MotionPlannerNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_planner", **kwargs)
         self._config = declare_config(self, default_config(MotionConfig, "planners", "motion"))
+        text = "Points of a published trajectory, whose reader has a tick to keep; a longer one is thinned"
+        points = self.declare_parameter("points_max", 600, describe(text, integer=(2, 100000)))
+        self._points_max = int(points.value)
 
     def configure(self) -> None:
         """Build the law and the topics."""
@@ -70,7 +74,7 @@ class MotionPlannerNode(PoiseNode):
             return
         self.values["last plan"] = message.data
         self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
-        answer = trajectory_to_message(trajectory)
+        answer = trajectory_to_message(thin(trajectory, self._points_max))
         answer.header.frame_id = message.data
         self._trajectory.publish(answer)
 

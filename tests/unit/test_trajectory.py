@@ -9,7 +9,7 @@ import pytest
 
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
-from models.trajectory import TrajectorySampler, default_limits, validate_trajectory
+from models.trajectory import TrajectorySampler, default_limits, thin, validate_trajectory
 from models.types import JointTrajectory
 
 KNEE = "left_knee_joint"
@@ -221,3 +221,16 @@ def test_joint_order_does_not_matter(g1: RobotModel) -> None:
     one, other = (TrajectorySampler(x, g1, g1.posture("stand")) for x in (traj, swapped))
     for t in np.linspace(0.0, 0.4, 21):
         np.testing.assert_array_equal(np.array(one.sample(t)), np.array(other.sample(t)))
+
+
+@pytest.mark.parametrize(("count", "most"), [(5, 5), (6, 5), (1821, 600), (100, 2), (601, 600)])
+def test_a_thinned_trajectory_keeps_its_ends_and_what_belongs_together(count: int, most: int) -> None:
+    times = np.arange(count) * 0.01
+    whole = JointTrajectory(("a",), times, times[:, None], 2.0 * times[:, None], 3.0 * times[:, None])
+    thinned = thin(whole, most)
+    assert 2 <= len(thinned.times) <= most
+    assert (thinned.times[0], thinned.times[-1]) == (times[0], times[-1])
+    assert (np.diff(thinned.times) > 0.0).all()
+    for column, factor in ((thinned.positions, 1.0), (thinned.velocities, 2.0), (thinned.efforts, 3.0)):
+        np.testing.assert_array_equal(column[:, 0], factor * thinned.times)
+    assert thin(JointTrajectory(("a",), times, times[:, None]), most).velocities is None
