@@ -34,7 +34,7 @@ check:  ## Linting, formatting, types
 bench:  ## All benchmarks; JSON and plots in out/bench/
 	@.ci/setup dev
 	@mkdir -p $(OUT)/bench
-	@status=0; for name in tick push stand latency; do \
+	@status=0; for name in tick push stand latency calibrate; do \
 	  $(BIN)/poise bench $$name --robot $(ROBOT) --json $(OUT)/bench/$$name-$(ROBOT).json --plot $(OUT)/bench || status=1; \
 	done; exit $$status
 
