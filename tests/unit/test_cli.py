@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import pytest
 from typer.testing import CliRunner
@@ -11,6 +12,7 @@ import benchmarks.cli
 from benchmarks.harness import LoadMeter, Options, Report
 from bridge.cli import app
 from models.errors import ConfigError
+from models.types import CommandReply
 
 RUNNER = CliRunner()
 
@@ -80,3 +82,39 @@ def test_robots_lists_the_profiles() -> None:
     result = RUNNER.invoke(app, ["robots"])
     assert result.exit_code == 0
     assert "g1" in result.output and "talos" in result.output and "[kg]" in result.output
+
+
+class _Robot:
+    """A client whose robot answers at once."""
+
+    asked: ClassVar[list[object]] = []
+
+    def __init__(self, *, network: bool = False) -> None:
+        self.asked.clear()
+
+    def __enter__(self) -> _Robot:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def trigger(self, service: str, answer_timeout: float = 0.0) -> CommandReply:
+        self.asked.append(service)
+        return CommandReply(service != "calibrate/joints", "gyro bias of 0.05 rad/s", {"left_fx [N]": 15.25})
+
+    def switch(self, service: str, on: bool) -> CommandReply:
+        self.asked.append((service, on))
+        return CommandReply(True, "the robot hangs")
+
+
+@pytest.mark.parametrize(("what", "code"), [("imu", 0), ("joints", 1), ("show", 0), ("rollback", 0)])
+def test_a_calibration_prints_its_numbers(what: str, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    client = pytest.importorskip("bridge.ros.client")
+    monkeypatch.setattr(client, "Client", _Robot)
+    result = RUNNER.invoke(app, ["calibrate", what])
+    assert result.exit_code == code and _Robot.asked == [f"calibrate/{what}"]
+    for word in ("gyro bias", "left_fx [N]", "15.25"):
+        assert word in result.output
+    for options, on in (([], True), (["--down"], False)):
+        assert RUNNER.invoke(app, ["hang", *options]).exit_code == 0
+        assert _Robot.asked == [("hang", on)]

@@ -1,0 +1,127 @@
+"""The bridge's part of a calibration: encoders are corrected from a start on, and a crane lifts the robot."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from bridge.nodes.mujoco_bridge import MujocoBridge
+from models.calibration import Calibration
+from models.calibration_store import CalibrationStore
+from models.nodes import topics
+from models.nodes.messages import JointStateCodec
+from models.nodes.qos import LATCHED
+from models.robot_model import RobotModel
+
+pytestmark = pytest.mark.ros
+
+
+def save(robot: RobotModel, folder: Path, offset: float, namespace: str = "") -> CalibrationStore:
+    calibration = Calibration.none(robot)
+    calibration.encoder_offsets[:] = offset
+    store = CalibrationStore(robot, folder, namespace=namespace)
+    store.save(calibration, now=datetime.now(UTC), what="joints")
+    return store
+
+
+class World:
+    """Ears for what the bridge tells, and a client."""
+
+    def __init__(self, bench: Any, robot: RobotModel) -> None:
+        self.bench, self.states, self.offsets = bench, [], []
+        node, codec = bench.world, JointStateCodec(robot)
+        node.create_subscription(String, topics.DRIVER_STATE, lambda word: self.states.append(word.data), LATCHED)
+        hear = node.create_subscription
+        hear(
+            JointState,
+            topics.ENCODER_OFFSETS,
+            lambda data: self.offsets.append(codec.decode(data)[1]),
+            LATCHED,
+            raw=True,
+        )
+
+    def call(self, kind: type, name: str, **fields: object) -> tuple[bool, str]:
+        client = self.bench.world.create_client(kind, name)
+        self.bench.wait(client.service_is_ready)
+        self.bench.spin(0.2)
+        future = client.call_async(kind.Request(**fields))
+        self.bench.wait(future.done)
+        return future.result().success, future.result().message
+
+
+def test_offsets_are_taken_at_the_start_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    world = World(bench, g1)
+    store = save(g1, tmp_path, 0.01)
+    bridge = bench.add(MujocoBridge, calibration_dir=tmp_path)
+    bench.wait(lambda: world.offsets)
+    np.testing.assert_array_equal(world.offsets[-1], 0.01)
+    driven = bridge._driven
+    np.testing.assert_allclose(driven.plant.read().q - driven.read().q, 0.01)
+    save(g1, tmp_path, 0.02)
+    for _ in range(20):
+        bridge.publish_tick(0.0)
+        bridge.step()
+    np.testing.assert_allclose(driven.plant.read().q - driven.read().q, 0.01)  # a running robot keeps its zero
+    assert world.call(Trigger, "reset") == (True, "the robot is back at its start, held")
+    bench.wait(lambda: np.array_equal(world.offsets[-1], np.full(g1.nj, 0.02)))
+    np.testing.assert_allclose(driven.plant.read().q - driven.read().q, 0.02)
+    store.path.write_text("half")
+    assert world.call(Trigger, "reset")[0]
+    bench.wait(lambda: np.array_equal(world.offsets[-1], np.full(g1.nj, 0.01)))
+    assert str(store.path) in bridge.values["calibration refused"]
+
+
+def test_a_simulated_robot_reads_no_file_of_the_users(
+    bench: Any, g1: RobotModel, calibration_dir: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("POISE_CALIBRATION_DIR", str(tmp_path))
+    save(g1, tmp_path, 0.01)
+    bridge = bench.add(MujocoBridge)
+    assert bridge._driven.encoder_offsets is None
+    assert bridge.values["calibration"] == "none is read"
+
+
+def test_two_robots_in_namespaces_have_files_of_their_own(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    save(g1, tmp_path, 0.01, "/cell")
+    found = []
+    for namespace in ("/cell", "/other"):
+        node = bench.add(lambda at=namespace, **kwargs: MujocoBridge(namespace=at, **kwargs), calibration_dir=tmp_path)
+        found.append(node._driven.encoder_offsets)
+    np.testing.assert_array_equal(found[0], 0.01)
+    assert found[1] is None
+
+
+def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotModel) -> None:
+    world = World(bench, g1)
+    bridge = bench.add(MujocoBridge)
+    assert world.call(SetBool, "hang", data=False) == (True, "the robot does not hang already")
+    assert world.call(SetBool, "hang", data=True) == (True, "the robot hangs, feet in the air")
+    assert np.abs(bridge._driven.plant.wrenches[:, 2]).max() < 1.0
+    assert bridge.free_running  # in lockstep nobody answers a robot in the air
+    bridge.commands.on_mode(String(data="stand"))
+    assert bridge.counters[f"refused {topics.MODE}"] == 1
+    assert world.call(SetBool, "hang", data=False) == (True, "the robot is back at its start, held")
+    assert world.states[-2:] == ["hanging", "held"] and not bridge.free_running
+    bridge.commands.on_mode(String(data="stand"))
+    accepted, reason = world.call(SetBool, "hang", data=True)
+    assert not accepted and "refused: the drivers are 'held'" in reason
+    bridge._driven.plant.hold(False)
+    assert "'active'" in world.call(SetBool, "hang", data=True)[1]
+    for mode in ("damp", "off"):
+        bridge.commands.on_mode(String(data=mode))
+    assert world.call(SetBool, "hang", data=True)[0]
+
+
+def test_sensor_errors_are_injected_or_refused(bench: Any, g1: RobotModel) -> None:
+    bridge = bench.add(MujocoBridge, sensor_noise=False, sensor_errors="'{gyro_bias: [0.05, 0, 0]}'")
+    np.testing.assert_array_equal(bridge._driven.plant.noise.bias[3 * g1.nj : 3 * g1.nj + 3], [0.05, 0.0, 0.0])
+    bench.remove(bridge)
+    bridge = bench.add(MujocoBridge, active=False, sensor_errors="'{gyro: 1}'")
+    assert "unknown key 'gyro'" in bridge.message
