@@ -29,6 +29,7 @@ class SampleAssembler:
             source goes on from there: then samples had been missing.
         strict: Never mix stamps: wait for the complete tick; the plant may repeat a sample it got no answer to, which
             is passed over (lockstep).
+        feet: Whether the robot has foot sensors; without, their values are NaN and nobody waits for them.
 
     Attributes:
         incomplete: Ticks made of samples with different stamps.
@@ -36,15 +37,16 @@ class SampleAssembler:
         dropped: Ticks given up because a source had not given any sample yet.
     """
 
-    def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False) -> None:
+    def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, feet: bool = True) -> None:
         self._max_age, self._max_gap, self._strict = max_age_ns, max_gap_ns, strict
+        self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(_NAMES)))
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample."""
         self._stamps: list[int | None] = [None] * len(_NAMES)
         self._leaps: list[int | None] = [None] * len(_NAMES)
-        self._silent: set[int] = set()
+        self._silent = set(self._absent)
         self._emitted: int | None = None
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
@@ -58,8 +60,8 @@ class SampleAssembler:
 
     @property
     def whole(self) -> bool:
-        """Whether the newest tick has values of every source."""
-        return not self._silent
+        """Whether the newest tick has values of every source there is."""
+        return self._silent == self._absent
 
     def add_joints(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> SensorData | None:
         """Take joint positions, velocities and torques (nj,) of a stamp [ns]; see ``add_imu``."""
@@ -111,11 +113,12 @@ class SampleAssembler:
         late = {source for source, other in enumerate(self._stamps) if other != stamp}
         if not mixed and not late <= self._silent:
             return None
-        if None in self._stamps:
+        ages = {source: None if (given := self._stamps[source]) is None else stamp - given for source in late}
+        if any(age is None and source not in self._absent for source, age in ages.items()):
             self.dropped += 1
             return None
-        self._silent = {source for source in late if stamp - (self._stamps[source] or 0) > self._max_age}
-        self.silent += bool(self._silent)
+        self._silent = {source for source, age in ages.items() if age is None or age > self._max_age}
+        self.silent += not self.whole
         self.incomplete += late != self._silent
         self._emitted = stamp
         wrenches = np.array(self._wrenches)

@@ -24,9 +24,10 @@ class SensorPublisher:
     def __init__(self, node: PoiseNode, *, reliable: bool) -> None:
         qos = sensor(reliable=reliable)
         self._imu_codec, self._joint_codec = ImuCodec(topics.IMU_FRAME), JointStateCodec(node.model)
+        feet = topics.foot_wrenches(node.model)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._imu = node.announce(Imu, topics.IMU_RAW, qos)
-        self._feet = [node.announce(WrenchStamped, topic, qos) for topic in topics.FOOT_WRENCHES]
+        self._feet = [node.announce(WrenchStamped, topic, qos) for topic in feet]
         self._joints = node.announce(JointState, topics.JOINT_STATES, qos)
 
     def publish(self, stamp: int, sensors: SensorData) -> None:

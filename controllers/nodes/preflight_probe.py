@@ -20,8 +20,6 @@ from models.nodes.qos import SENSOR_QUEUE
 from models.robot_model import SOLE_FRAMES
 from models.types import Vector
 
-SENSOR_TOPICS = (topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES)
-
 
 class PreflightProbe:
     """One look at every sensor.
@@ -49,7 +47,7 @@ class PreflightProbe:
     def start(self) -> None:
         """Forget what was seen and listen."""
         self.stop()
-        self._stamps = {topic: [] for topic in SENSOR_TOPICS}
+        self._stamps = {topic: [] for topic in topics.sensor_topics(self._node.model)}
         self._refusals, self._joints, self._quaternion = {}, None, None
 
         def listen(kind: type, topic: str, take: Callable[[bytes], int]) -> None:
@@ -65,7 +63,7 @@ class PreflightProbe:
 
         listen(JointState, topics.JOINT_STATES, self._take_joints)
         listen(Imu, topics.IMU_RAW, lambda data: self._imu_codec.decode(data)[0])
-        for foot, topic in enumerate(topics.FOOT_WRENCHES):
+        for foot, topic in enumerate(topics.foot_wrenches(self._node.model)):
             listen(WrenchStamped, topic, self._foot_decoder(foot))
         listen(Odometry, topics.ODOM, self._take_odom)
 

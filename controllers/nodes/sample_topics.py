@@ -51,12 +51,12 @@ class SampleTopics:
         lockstep: bool,
     ) -> None:
         self._node, self._take, self._again, self._lockstep = node, take, again, lockstep
-        self.assembler = SampleAssembler(*ages, strict=lockstep)
+        self.assembler = SampleAssembler(*ages, strict=lockstep, feet=node.model.profile.sensors.feet.fitted)
         self._taken: int | None = None
         self._joint_codec, self._imu_codec = JointStateCodec(node.model), ImuCodec(topics.IMU_FRAME)
         qos = sensor(reliable=lockstep)
         node.listen(Imu, topics.IMU_RAW, self._on_imu, qos, raw=True)
-        for foot, topic in enumerate(topics.FOOT_WRENCHES):
+        for foot, topic in enumerate(topics.foot_wrenches(node.model)):
             node.listen(WrenchStamped, topic, self._foot_callback(foot), qos, raw=True)
         node.listen(JointState, topics.JOINT_STATES, self.on_joints, qos, raw=True)
 

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from controllers.nodes.health_topics import HealthTopics
-from controllers.nodes.preflight_probe import SENSOR_TOPICS, PreflightProbe
+from controllers.nodes.preflight_probe import PreflightProbe
 from controllers.preflight import attitude, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from controllers.supervisor_config import SupervisorConfig
@@ -45,14 +45,14 @@ class SupervisorNode(PoiseNode):
         text = describe("How long a preflight check listens [s]", low=0.05, high=10.0)
         self._listen_time = float(get("preflight_time", 0.5, text).value)
         text = describe("Rate of each sensor topic [Hz]", low=1.0, high=10000.0)
-        rate = float(get("sensor_rate", 1000.0, text).value)
-        self._rates = {} if self._lockstep else dict.fromkeys(SENSOR_TOPICS, rate)
+        self._sensor_rate = float(get("sensor_rate", 1000.0, text).value)
         text = describe("Silence of /clock after which the robot is damped [s]", low=0.01, high=60.0)
         self._clock_timeout = float(get("clock_timeout", 0.5, text).value)
 
     def configure(self) -> None:
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
+        self._rates = {} if self._lockstep else dict.fromkeys(topics.sensor_topics(self.model), self._sensor_rate)
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
         self._driver_state = self._published = self._requested = ""
         self._requests = 0

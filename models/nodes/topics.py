@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from models.nodes.parameters import describe
+from models.robot_model import RobotModel
 from models.types import FOOT_NAMES
 
 JOINT_STATES = "joint_states"
@@ -48,6 +49,16 @@ COASTING = "coasting since [ns]"
 
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
+
+
+def foot_wrenches(model: RobotModel) -> tuple[str, ...]:
+    """Topics of the foot sensors; none for a robot without."""
+    return FOOT_WRENCHES if model.profile.sensors.feet.fitted else ()
+
+
+def sensor_topics(model: RobotModel) -> tuple[str, ...]:
+    """Topics of every sensor of a robot."""
+    return (JOINT_STATES, IMU_RAW, *foot_wrenches(model))
 
 
 def declare_lockstep(node: Any) -> bool:

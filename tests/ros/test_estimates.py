@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
@@ -51,14 +53,14 @@ class Estimated:
         pin.framesForwardKinematics(model.pin, data, self.configuration)
         self.imu = data.oMf[model.frame_id("imu")].rotation
 
-    def tick(self, count: int = 1, *, imu: bool = True) -> None:
-        """Feed the samples of so many ticks, with or without the inertial unit."""
+    def tick(self, count: int = 1, *, imu: bool = True, feet: bool = True) -> None:
+        """Feed the samples of so many ticks, with or without the inertial unit and the feet."""
         samples, zero = self.node._samples, np.zeros(self.model.nj)
         for _ in range(count):
             self.stamp += MS
             if imu:
                 samples._on_imu(self._imu.encode(self.stamp, np.zeros(3), self.imu.T @ [0.0, 0.0, GRAVITY]))
-            for foot, codec in enumerate(self._feet):
+            for foot, codec in enumerate(self._feet if feet else ()):
                 wrench = np.array([0.0, 0.0, 0.5 * self.model.mass * GRAVITY, 0.0, 0.0, 0.0])
                 samples._foot_callback(foot)(codec.encode(self.stamp, wrench))
             samples.on_joints(self._joints.encode(self.stamp, self.configuration[7:], zero, zero))
@@ -212,6 +214,22 @@ def test_a_start_without_the_imu_waits(bench: Any, g1: RobotModel) -> None:
     assert robot.states == []
     robot.tick(3)
     assert robot.states
+
+
+def test_a_robot_without_foot_sensors(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    profile = yaml.safe_load(Path(g1.profile.source).read_text(encoding="utf-8"))
+    profile["sensors"]["feet"]["fitted"] = False
+    path = tmp_path / "barefoot.yaml"
+    path.write_text(yaml.safe_dump(profile), encoding="utf-8")
+    model = RobotModel.load(path)
+    robot = Estimated(bench, model, robot=str(path))
+    robot.tick(START + 50, feet=False)
+    assert len(robot.states) == 51
+    assert robot.node._samples.assembler.whole
+    assert robot.node._samples.assembler.silent == 0
+    robot.node.before_diagnostics()
+    assert robot.node.values["foot sensors"] == "(absent, absent)"
+    assert topics.sensor_topics(model) == (topics.JOINT_STATES, topics.IMU_RAW)
 
 
 def test_without_the_type_of_tf_the_rest_goes_on(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:

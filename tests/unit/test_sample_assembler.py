@@ -87,6 +87,18 @@ def test_values_of_a_silent_source_are_no_numbers(silent: str) -> None:
     assert np.isfinite(sample.wrenches).all()
 
 
+@pytest.mark.parametrize("strict", [False, True])
+def test_a_robot_without_foot_sensors_waits_for_none(strict: bool) -> None:
+    assembler = SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, strict=strict, feet=False)
+    assert _add(assembler, "joints", MS) is None
+    sample = _add(assembler, "imu", MS)
+    assert sample is not None
+    assert np.isnan(sample.wrenches).all()
+    assert np.isfinite(sample.gyro).all()
+    assert assembler.whole
+    assert assembler.silent == assembler.dropped == assembler.incomplete == 0
+
+
 def test_nothing_before_every_source_has_spoken() -> None:
     assembler = _assembler()
     for stamp in range(MS, 10 * MS, MS):
