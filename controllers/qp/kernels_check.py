@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.qp.kernels_cholesky import factorise, solve_lower, solve_upper
 from models.compiled import njit
 
 Array = NDArray[np.float64]
@@ -107,12 +106,10 @@ def kkt_residual(
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def free_minimum(
-    hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, factor: Array, z: Array
-) -> float:
+def free_minimum(hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, z: Array) -> float:
     """Minimiser of the cost alone, ``z = -H^-1 f``, by Cholesky factors; it solves the QP when it breaks no row.
 
-    Most ticks of a robot that stands have no active row.
+    Most ticks of a robot that stands have no active row, and an active-set solver prepares all of them first.
 
     Args:
         hessian: H (nz, nz).
@@ -120,21 +117,35 @@ def free_minimum(
         matrix: General rows (m, nz).
         lower: Lower bounds of the nb simple rows, then of the general rows (nb + m,).
         upper: Upper bounds, likewise (nb + m,).
-        factor: Out: Cholesky factor of H, see ``factorise`` (nz, nz).
         z: Out (nz,).
 
     Returns:
-        Largest KKT residual with all multipliers zero, scaled as in ``kkt_residual``; infinity when a row is broken,
-        NaN when H is not positive definite.
+        Largest KKT residual with all multipliers zero, scaled as in ``kkt_residual``; infinity when a row is broken or
+        H is not positive definite.
     """
     nz, m = hessian.shape[0], matrix.shape[0]
     nb = lower.shape[0] - m
-    if not factorise(hessian, nz, factor):
-        return np.nan
+    factor = np.empty((nz, nz))
     for i in range(nz):
-        z[i] = -gradient[i]
-    solve_lower(factor, nz, z)
-    solve_upper(factor, nz, z)
+        for j in range(i + 1):
+            total = hessian[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = total * factor[j, j]
+            elif total > 0.0:
+                factor[i, i] = 1.0 / np.sqrt(total)  # the diagonal holds inverses
+            else:
+                return np.inf
+    for i in range(nz):
+        total = -gradient[i]
+        for k in range(i):
+            total -= factor[i, k] * z[k]
+        z[i] = total * factor[i, i]
+    for i in range(nz - 1, -1, -1):
+        z[i] *= factor[i, i]
+        for k in range(i):
+            z[k] -= factor[i, k] * z[i]
     for i in range(nb + m):
         value = 0.0
         if i < nb:

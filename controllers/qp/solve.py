@@ -1,4 +1,4 @@
-"""Solves the reduced QP: an active-set kernel first, daqp and quadprog after it, a softened problem when infeasible."""
+"""Solves the reduced QP: daqp first, quadprog as the checked fallback, a softened problem when infeasible."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import quadprog
 
 from controllers.qp.build import QP
-from controllers.qp.kernels_active_set import active_set
 from controllers.qp.kernels_check import all_finite, free_minimum, kkt_residual
 from models.types import SolveStatus, Vector
 
@@ -38,14 +37,14 @@ class Solution:
 
 
 class QPSolver:
-    """Solve, check the KKT conditions, fall back: free minimum, active-set kernel, daqp, quadprog, softened daqp.
+    """Solve, check the KKT conditions, fall back in order: no active row, daqp, quadprog, softened daqp.
 
     The softened problem keeps torque limits and wrench cones hard and lets the joint-limit rows give way, at the
     price ``|violation|^2 / (2 rho)``.
 
     Args:
         residual_max: Largest accepted KKT residual.
-        iterations_max: Iteration limit of the active-set kernel and of daqp.
+        iterations_max: daqp's iteration limit.
         soft_rho: daqp's weight of violated soft rows.
     """
 
@@ -60,9 +59,7 @@ class QPSolver:
         """Compile every check now: the loop itself never waits for a compiler."""
         for lower in (0.0, 2.0):  # with an active row, and without a solution
             rows = np.array([[1.0]])
-            qp = QP(rows, rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True]))
-            self.solve(qp)
-            self._daqp(qp)
+            self.solve(QP(rows, rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True])))
 
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
@@ -70,13 +67,10 @@ class QPSolver:
         finite = all_finite(qp.hessian, qp.gradient, qp.matrix) if qp.finite is None else qp.finite
         if not finite:
             return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
-        problem = (qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper)
-        answer, factor = np.empty(qp.gradient.shape[0]), np.empty(qp.hessian.shape)
-        residual = free_minimum(*problem, factor, answer)
-        if residual == np.inf:
-            residual = active_set(*problem, factor, self._iterations, answer)
+        free = np.empty(qp.gradient.shape[0])
+        residual = free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, free)
         if residual < self._residual_max:
-            return Solution(answer, SolveStatus.OPTIMAL, residual, perf_counter() - start)
+            return Solution(free, SolveStatus.OPTIMAL, residual, perf_counter() - start)
         z, residual, infeasible = self._daqp(qp)
         if z is not None:
             return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
