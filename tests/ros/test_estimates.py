@@ -13,14 +13,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
+from std_msgs.msg import String
 
 from controllers.nodes.state_estimator import StateEstimatorNode
+from controllers.nodes.supervisor import SupervisorNode
 from models.constants import GRAVITY
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.imu import OrientedImuCodec
-from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
+from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec, set_stamp
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.tf_type import tf_message_type
 from models.robot_model import SOLE_FRAMES, RobotModel
@@ -204,6 +207,37 @@ def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: R
     assert robot.states[-1][0].q[2] == pytest.approx(height, abs=0.002)
     robot.tick(5, imu=False)
     assert robot.node.counters["drop-outs"] == 1  # short enough to wait for the timer
+
+
+def test_estimator_and_supervisor_together_bridge_20_ms_and_damp_at_100_ms(bench: Any, g1: RobotModel) -> None:
+    modes: list[str] = []
+    bench.world.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
+    drivers = bench.world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
+    clock = bench.world.create_publisher(Clock, topics.CLOCK, SENSOR)
+    robot = Estimated(bench, g1)
+
+    def tell_time() -> None:
+        message = Clock()
+        set_stamp(message.clock, robot.stamp)
+        clock.publish(message)
+
+    bench.world.create_timer(0.02, tell_time)
+    robot.tick(START + 50)
+    drivers.publish(String(data=topics.ACTIVE))
+    supervisor = bench.add(SupervisorNode, lockstep=True)
+    bench.wait(lambda: modes)
+    bench.spin(0.3)
+    robot.tick(20, imu=False)
+    bench.spin(0.2)
+    robot.tick(10)
+    bench.spin(0.2)
+    assert modes == ["stand"]
+    for _ in range(5):
+        robot.tick(20, imu=False)
+        bench.spin(0.1)
+    bench.wait(lambda: modes[-1] == "damp")
+    (fault,) = supervisor._law.faults
+    assert fault.startswith("no usable samples of the IMU")
 
 
 def test_a_start_without_the_imu_waits(bench: Any, g1: RobotModel) -> None:
