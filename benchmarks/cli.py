@@ -65,5 +65,6 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 _add_command("push", "Largest push at the pelvis taken without a step, in 8 directions, beside the ankle bound.")
 _add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
+_add_command("walk", "Walking at commanded velocities: falls, speed error, top speed, stopping.", usual_seeds=20)
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")

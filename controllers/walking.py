@@ -14,7 +14,7 @@ from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import ControlResult, Reference, RobotState
+from models.types import ControlResult, Matrix, Reference, RobotState
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -27,6 +27,7 @@ class WalkingConfig:
         momentum_margin: Distance of the DCM *error's* CoP from the edge at which momentum starts to help [m].
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
+        reaction_reach_max: Farthest that the planned reaction of the swing leg may shift the CMP [m].
     """
 
     dcm_gain: Positive
@@ -34,6 +35,7 @@ class WalkingConfig:
     momentum_margin: Annotated[float, Field()]
     momentum_gain: NonNegative
     momentum_reach_max: NonNegative
+    reaction_reach_max: NonNegative
 
 
 class WalkingController:
@@ -42,7 +44,8 @@ class WalkingController:
     .. math::
         p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad \ddot c_{xy} = \omega^2 (c - \bar p)
 
-    with ``p_bar`` brought into the soles that the reference has in contact: one sole in single support.
+    with ``p_bar`` brought into the soles that the reference has in contact: one sole in single support, shifted by the
+    planned reaction of the swing leg (``Reference.cmp_offset``).
 
     Args:
         model: The robot.
@@ -79,6 +82,7 @@ class WalkingController:
         self._dcm, self._cmp = np.zeros(2), np.zeros(2)
         self._position, self._velocity = np.zeros(3), np.zeros(3)
         self._acceleration = np.zeros(3)
+        self._pose = np.eye(4)
         self.reference: Reference
         self.capture_margin = 0.0
 
@@ -111,6 +115,16 @@ class WalkingController:
             solve_time=self.whole_body.solution.time,
         )
 
+    def _support_pose(self, sole: Matrix, reference: Reference) -> Matrix:
+        """Where the stance sole would be for the CMP to be inside it just when the CoP is inside the real one."""
+        if reference.cmp_offset is None:
+            return sole
+        shift, reach = reference.cmp_offset, self.config.reaction_reach_max
+        self._pose[:] = sole
+        self._pose[0, 3] += min(max(float(shift[0]), -reach), reach)
+        self._pose[1, 3] += min(max(float(shift[1]), -reach), reach)
+        return self._pose
+
     def _feed_back(self, reference: Reference) -> None:
         terms = self.whole_body.terms
         left, right = terms.soles
@@ -119,7 +133,7 @@ class WalkingController:
             first, second, corners = left.pose, right.pose, self._corners
         else:
             stance = 0 if contacts[0] else 1
-            first = second = terms.soles[stance].pose
+            first = second = self._support_pose(terms.soles[stance].pose, reference)
             corners = self._one_sole[stance]
         bearing = [i for i in range(2) if contacts[i]] or [0, 1]
         ground = sum(float(reference.sole_positions[i, 2]) for i in bearing) / len(bearing)

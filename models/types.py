@@ -168,6 +168,8 @@ class Reference:
         dcm: DCM in W, x and y (2,) [m]; None where the CoM itself is the reference (standing).
         dcm_velocity: Its rate (2,) [m/s]; None where ``dcm`` is.
         heading_rate: Wanted angular velocity of base and torso about the vertical [rad/s].
+        cmp_offset: How far the line of the ground force is planned to pass from the CoP, for the angular momentum that
+            the swing leg takes, x and y in W (2,) [m]; None for not at all.
     """
 
     com: Vector
@@ -187,6 +189,7 @@ class Reference:
     dcm: Vector | None = None
     dcm_velocity: Vector | None = None
     heading_rate: float = 0.0
+    cmp_offset: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)

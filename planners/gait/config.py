@@ -99,6 +99,7 @@ class SwingConfig:
         depth_max: How far below its target a late foot is lowered [m].
         speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
         freeze: Time before touchdown at which the target is frozen [s].
+        reaction_share: Share of the leg's reaction that is planned into the ZMP [-].
     """
 
     clearance: Positive
@@ -107,6 +108,7 @@ class SwingConfig:
     depth_max: Positive
     speed_max: Positive
     freeze: Positive
+    reaction_share: Annotated[float, Field(ge=0.0, le=1.5)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

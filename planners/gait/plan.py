@@ -6,48 +6,44 @@ import math
 
 import numpy as np
 
-from models.robot_model import RobotModel
 from models.types import Vector
 from planners.gait import dcm
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold, Velocity, preview_footholds
+from planners.gait.reaction import SwingReaction
+from planners.gait.soles import Soles
 from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
+from planners.gait.swing import SwingFoot
 
 
 class StepPlan:
     """Footholds and DCM of the coming steps.
 
     Args:
-        model: The robot: its soles.
+        soles: Where their middles are.
         config: The gait.
+        reaction: Of the swing leg.
 
     Attributes:
         stance: Foothold of the foot that bears, or that will.
         foot: The other foot (0 left, 1 right), which swings next or now.
+        lifted: Foothold that it leaves, or left.
         velocity: What the walk is to do.
         steps_left: Touchdowns until the walk ends; None to walk on.
         omega: Of the pendulum [1/s].
     """
 
-    def __init__(self, model: RobotModel, config: GaitConfig) -> None:
+    def __init__(self, soles: Soles, config: GaitConfig, reaction: SwingReaction) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
-        rectangles = [foot.rectangle for foot in model.feet]
-        self._centres = [(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles]
-        self._half = [np.array([0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])]) for r in rectangles]
+        self._soles = soles
+        self._reaction = reaction
         self.stance = Foothold(0.0, 0.0, 0.0)
+        self.lifted = Foothold(0.0, 0.0, 0.0)
         self.foot = 0
         self.velocity: Velocity = (0.0, 0.0, 0.0)
         self.steps_left: int | None = None
         self.omega = 1.0
-
-    def half_sole(self, foot: int) -> Vector:
-        """Half length and half width of a sole (2,) [m]."""
-        return self._half[foot]
-
-    def point(self, foot: int, hold: Foothold) -> Vector:
-        """ZMP point of a foothold: the middle of the sole (2,) [m]."""
-        return np.array(hold.moved(*self._centres[foot]))
 
     def nominal(self) -> tuple[Foothold, Vector]:
         """Next foothold and the DCM offset wanted at its touchdown (2,) [m]."""
@@ -61,27 +57,33 @@ class StepPlan:
             self._config.preview,
             self.steps_left,
         )
-        points = [self.point(1 - foot, self.stance)]
-        points += [self.point(foot if i % 2 == 0 else 1 - foot, hold) for i, hold in enumerate(steps)]
+        points = [self._soles.point_of(1 - foot, self.stance)]
+        points += [self._soles.point_of(foot if i % 2 == 0 else 1 - foot, hold) for i, hold in enumerate(steps)]
         final = None if self.steps_left is None else 0.5 * (points[-1] + points[-2])
-        return steps[0], dcm.touchdown_offset(points, self.omega, timing.single, timing.double, final)
+        reaction = self._reaction.whole_swing(self.omega, timing.single)
+        return steps[0], dcm.touchdown_offset(points, self.omega, timing.single, timing.double, final, reaction)
 
     def start_of_single(self) -> Vector:
         """DCM at which the coming single support is to begin (2,) [m]."""
         step, offset = self.nominal()
-        touchdown = self.point(self.foot, step) + offset
-        return dcm.single_support(
-            self.point(1 - self.foot, self.stance), touchdown, self.omega, self._config.timing.single
-        )[0]
+        single, landing = self._config.timing.single, self._soles.point_of(self.foot, step)
+        way = landing - self._soles.point_of(self.foot, self.lifted)
+        point = self._soles.point_of(1 - self.foot, self.stance)
+        start = dcm.single_support(point, landing + offset, self.omega, single)[0]
+        begun: Vector = start + self._reaction.whole_swing(self.omega, single) * way
+        return begun
 
-    def adjust(self, measured: Vector, elapsed: float, planned: float, swing: Vector) -> tuple[Foothold, float, Vector]:
+    def adjust(
+        self, measured: Vector, elapsed: float, planned: float, swing: SwingFoot, target: Foothold
+    ) -> tuple[Foothold, float, Vector]:
         """Foothold and time of the step under way.
 
         Args:
             measured: DCM in W (2,) [m].
             elapsed: Time since lift-off [s].
             planned: Touchdown time of the last adjustment [s].
-            swing: Where the swing foot is, x and y in W (2,) [m].
+            swing: The swing foot's reference.
+            target: Foothold of the last adjustment; at lift-off the nominal one.
 
         Returns:
             Foothold, touchdown time since lift-off [s], and the DCM that the reference is to have there (2,) [m].
@@ -90,16 +92,18 @@ class StepPlan:
         step, offset = self.nominal()
         c, s = math.cos(stance.yaw), math.sin(stance.yaw)
         turn = np.array([[c, s], [-s, c]])  # W into the stance frame
-        point = self.point(1 - foot, stance)
+        point = self._soles.point_of(1 - foot, stance)
         place = np.array(stance.relative(step.x, step.y))
         # From a foothold to the ZMP point in it, both in the stance frame and from the stance's own ZMP point.
-        shift = np.array(stance.relative(*self.point(foot, step))) - place - self._centres[1 - foot]
+        shift = np.array(stance.relative(*self._soles.point_of(foot, step))) - place - self._soles.centre(1 - foot)
+        used = self._reaction.rest(self.omega, planned - elapsed, swing.way(target.x, target.y), swing.velocity[:2])
         wanted = Step(place + shift, self._config.timing.single, turn @ offset, np.zeros(2), True)
-        bounds = self._bounds(shift, elapsed, planned, swing)
-        adjusted = self._adjustment.solve(turn @ (measured - point), elapsed, self.omega, wanted, planned, bounds)
+        bounds = self._bounds(shift, elapsed, planned, swing.position)
+        free = turn @ (measured - point - used)
+        adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds)
         x, y = stance.moved(*(adjusted.step - shift))
-        target = point + turn.T @ (adjusted.step + wanted.offset)
-        return Foothold(x, y, step.yaw, stance.z), adjusted.time, target
+        landing = point + turn.T @ adjusted.step
+        return Foothold(x, y, step.yaw, stance.z), adjusted.time, landing + offset
 
     def _bounds(self, shift: Vector, elapsed: float, planned: float, swing: Vector) -> StepBounds:
         config, reach, timing = self._config, self._config.reach, self._config.timing
@@ -114,5 +118,5 @@ class StepPlan:
             upper + shift,
             soonest,
             max(timing.single_max, soonest),
-            config.adjustment.cop_share * self._half[1 - self.foot],
+            config.adjustment.cop_share * self._soles.half_sole(1 - self.foot),
         )

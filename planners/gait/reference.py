@@ -11,6 +11,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold, wrap
+from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 
 
@@ -26,13 +27,15 @@ class ReferenceBuilder:
     Args:
         model: The robot.
         config: The gait.
+        reaction: Of the swing leg.
 
     Attributes:
         height: Wanted CoM height above the soles [m].
     """
 
-    def __init__(self, model: RobotModel, config: GaitConfig) -> None:
+    def __init__(self, model: RobotModel, config: GaitConfig, reaction: SwingReaction) -> None:
         self._config = config
+        self._reaction = reaction
         self._posture = model.posture("stand")
         self._zero = np.zeros(model.nj)
         data = model.data()
@@ -82,6 +85,7 @@ class ReferenceBuilder:
         rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
         velocities, accelerations = np.zeros((2, 6)), np.zeros((2, 6))
         yaws, rate = [hold.yaw for hold in footholds], 0.0
+        cmp_offset = None
         for i, hold in enumerate(footholds):
             positions[i] = hold.x, hold.y, hold.z
         if swing is not None:
@@ -90,6 +94,7 @@ class ReferenceBuilder:
             accelerations[foot, :3], accelerations[foot, 5] = swing.acceleration[:3], swing.acceleration[3]
             yaws[foot] = float(swing.position[3])
             rate = 0.5 * float(swing.velocity[3])
+            cmp_offset = self._reaction.cmp_offset(swing.acceleration[:2])
         for i in range(2):
             rotations[i] = yaw_matrix(yaws[i])
         turn = yaw_matrix(yaws[0] + 0.5 * wrap(yaws[1] - yaws[0]))
@@ -117,4 +122,5 @@ class ReferenceBuilder:
             dcm=dcm,
             dcm_velocity=dcm_rate,
             heading_rate=rate,
+            cmp_offset=cmp_offset,
         )

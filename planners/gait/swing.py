@@ -72,6 +72,10 @@ class SwingFoot:
         self.acceleration[:] = 0.0
         self._floor = float(pose[Z])
 
+    def way(self, x: float, y: float) -> Vector:
+        """From where the foot is to a place in W (2,) [m]."""
+        return np.array([x - self.position[X], y - self.position[Y]])
+
     def step(self, target: Vector, elapsed: float, duration: float, dt: float) -> None:
         """Advance.
 

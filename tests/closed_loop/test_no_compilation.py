@@ -1,4 +1,4 @@
-"""Nothing compiles while the robot stands: a compilation takes longer than the drivers wait for a command."""
+"""Nothing compiles while the robot stands or walks: a compilation takes longer than the drivers wait for a command."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bridge.closed_loop import ClosedLoop
 def specialisations():
     found = {}
     for module in list(sys.modules.values()):
-        if getattr(module, "__name__", "").split(".")[0] in ("models", "controllers", "bridge"):
+        if getattr(module, "__name__", "").split(".")[0] in ("models", "planners", "controllers", "bridge"):
             for name, value in list(vars(module).items()):
                 if hasattr(value, "signatures") and hasattr(value, "py_func"):
                     found[f"{value.__module__}.{value.__name__}"] = len(value.signatures)
@@ -34,13 +34,19 @@ assert loop.command("wave").accepted
 loop.run(0.5)
 assert loop.command("stop").accepted
 loop.run(0.2)
+assert loop.command("walk").accepted
+loop.set_velocity(0.2, 0.0, 0.0)
+loop.run(2.0)
+assert loop.gait.steps > 0 and not loop.fallen
+assert loop.command("stop").accepted
+loop.run(1.0)
 after = specialisations()
 print(json.dumps({"functions": len(before), "new": {name: n for name, n in after.items() if n != before.get(name)}}))
 """
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_motion_and_push_compile_nothing(robot: str, root: Path) -> None:
+def test_motion_push_and_walk_compile_nothing(robot: str, root: Path) -> None:
     """Counted in a fresh process, since what an earlier test compiled stays compiled."""
     result = subprocess.run(
         [sys.executable, "-c", SCRIPT, robot], cwd=root, capture_output=True, text=True, timeout=300, check=False

@@ -1,0 +1,87 @@
+"""What a walk was like, by the true state of the robot: velocity, power, tracking error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.closed_loop import ClosedLoop
+from models.types import Matrix, Vector
+
+Velocity = tuple[float, float, float]
+"""Forward [m/s], left [m/s], turn [rad/s], in the body's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """What a walk was like.
+
+    Attributes:
+        velocities: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s].
+        distance: Length of the path [m].
+        energy: Mechanical work of the joints, braking counted like driving [J].
+    """
+
+    velocities: Matrix
+    distance: float
+    energy: float
+
+    @property
+    def mean(self) -> Vector:
+        """Mean velocity (3,) [m/s, m/s, rad/s]; zero when it fell before the first chunk."""
+        if not len(self.velocities):
+            return np.zeros(3)
+        mean: Vector = self.velocities.mean(axis=0)
+        return mean
+
+
+def _heading(quaternion: Vector) -> float:
+    x, y, z, w = (float(value) for value in quaternion)
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
+    """Let a robot walk for a time, or until it falls, and measure it.
+
+    Args:
+        loop: The robot; its log, which this empties, gives the power.
+        duration: [s].
+        chunk: Between two samples of the robot's place [s].
+    """
+    velocities, distance, energy = [], 0.0, 0.0
+    end = loop.t + duration
+    loop.log.clear()
+    before = loop.truth.q[:7].copy()
+    while loop.t < end - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
+        loop.run(chunk)
+        now = loop.truth.q[:7].copy()
+        first, last = _heading(before[3:]), _heading(now[3:])
+        turned = (last - first + math.pi) % (2.0 * math.pi) - math.pi
+        c, s = math.cos(first + 0.5 * turned), math.sin(first + 0.5 * turned)
+        x, y = now[:2] - before[:2]
+        velocities.append(np.array([c * x + s * y, c * y - s * x, turned]) / chunk)
+        distance += math.hypot(x, y)
+        power = np.abs(loop.log.tau * loop.log.true_v[:, 6:]).sum(axis=1)  # (n,)
+        energy += float(power.mean()) * chunk
+        loop.log.clear()
+        before = now
+    return Walked(np.array(velocities).reshape(-1, 3), distance, energy)
+
+
+def speed_error(mean: Vector, command: Velocity) -> float:
+    """Distance of a mean velocity from the command, relative to the command [-].
+
+    Metres per second and radians per second are added as they are: a command is either straight or a turn.
+    """
+    return float(np.linalg.norm(mean - np.array(command)) / np.linalg.norm(command))
+
+
+def tracking_error(velocities: Matrix, commands: Matrix, count: int) -> float:
+    """RMS of the velocity, averaged over ``count`` chunks, off the command averaged likewise; linear only [m/s]."""
+    if len(velocities) < count:
+        return math.nan
+    kernel = np.ones(count) / count
+    errors = [np.convolve(velocities[:, i] - commands[:, i], kernel, mode="valid") for i in range(2)]
+    return float(np.sqrt(np.mean(errors[0] ** 2 + errors[1] ** 2)))

@@ -1,0 +1,91 @@
+"""Where the soles are planned, or planted: support of the gait."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.robot_model import RobotModel
+from models.types import Vector
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold, wrap
+from planners.gait.measurement import GaitMeasurement
+
+
+class Soles:
+    """Footholds of both feet and what follows from them.
+
+    Args:
+        model: The robot: its soles.
+        config: The gait.
+
+    Attributes:
+        holds: Planned pose of each sole, or the target of the one that swings.
+    """
+
+    def __init__(self, model: RobotModel, config: GaitConfig) -> None:
+        self._config = config
+        rectangles = [foot.rectangle for foot in model.feet]
+        self._centres = [(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles]
+        self._half = [np.array([0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])]) for r in rectangles]
+        self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
+
+    def half_sole(self, foot: int) -> Vector:
+        """Half length and half width of a sole (2,) [m]."""
+        return self._half[foot]
+
+    def centre(self, foot: int) -> tuple[float, float]:
+        """Middle of a sole in its own frame [m]."""
+        return self._centres[foot]
+
+    def point_of(self, foot: int, hold: Foothold) -> Vector:
+        """ZMP point of a foot on a foothold: the middle of the sole, in W (2,) [m]."""
+        return np.array(hold.moved(*self._centres[foot]))
+
+    def point(self, foot: int) -> Vector:
+        """ZMP point of a foot where it is planned (2,) [m]."""
+        return self.point_of(foot, self.holds[foot])
+
+    def middle(self) -> Vector:
+        """Half-way between both points (2,) [m]."""
+        middle: Vector = 0.5 * (self.point(0) + self.point(1))
+        return middle
+
+    def ground(self) -> float:
+        """Mean height [m]."""
+        return 0.5 * (self.holds[0].z + self.holds[1].z)
+
+    def beyond_standing(self, dcm: Vector) -> bool:
+        """Whether a DCM (2,) nears the edge of the box around both soles, so that standing cannot bring it back."""
+        left, right = self.holds
+        x, y = (float(value) for value in self.middle())
+        frame = Foothold(x, y, left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+        place, apart = frame.relative(*dcm), frame.relative(*self.point(0))
+        half, share = self._half[0], self._config.step_share
+        return any(abs(place[i]) > share * (float(half[i]) + abs(apart[i])) for i in range(2))
+
+    def shares(self, zmp: Vector) -> tuple[float, float]:
+        """Share of the weight that each foot is to bear, from where a ZMP (2,) lies between their points."""
+        left, right = self.point(0), self.point(1)
+        way = right - left
+        share = float(np.clip((zmp - left) @ way / (way @ way), 0.0, 1.0))
+        return 1.0 - share, share
+
+    def follow(self, measured: GaitMeasurement, swinging: int | None, dt: float) -> None:
+        """Planted footholds creep after the soles that bear: what the estimator cannot observe moves both alike.
+
+        Args:
+            measured: Soles and loads.
+            swinging: The foot in the air; None for none.
+            dt: [s].
+        """
+        share = min(dt / self._config.anchor_time, 1.0)
+        for foot in range(2):
+            if foot == swinging or measured.loads[foot] < self._config.anchor_load:
+                continue
+            hold, sole = self.holds[foot], measured.soles[foot]
+            self.holds[foot] = Foothold(
+                hold.x + share * (sole.x - hold.x),
+                hold.y + share * (sole.y - hold.y),
+                hold.yaw + share * wrap(sole.yaw - hold.yaw),
+                hold.z + share * (sole.z - hold.z),
+            )

@@ -1,0 +1,49 @@
+"""A mirrored robot with a mirrored command is given the mirrored reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.robot_model import RobotModel
+from models.types import ContactState, Reference, RobotState
+from planners.gait.gait import GaitPhase, GaitPlanner
+
+DT = 0.002
+FLIP = np.array([1.0, -1.0, 1.0])
+
+
+def references(model: RobotModel, side: float, foot: int) -> list[Reference]:
+    """Start, one swing that a lateral push disturbs, and the touchdown after it; ``foot`` is the one that swings."""
+    planner = GaitPlanner(model)
+    weight = 0.5 * model.mass * 9.81
+
+    def state(t: float) -> RobotState:
+        v = np.zeros(model.nv)
+        in_air = planner.phase is GaitPhase.SINGLE and t < 1.0
+        if planner.phase is GaitPhase.SINGLE:
+            v[0], v[1] = 0.1, 0.15 * side
+        wrench = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])
+        contacts = [ContactState(True, wrench), ContactState(True, wrench)]
+        if in_air:
+            contacts[foot] = ContactState(False, np.zeros(6))
+        return RobotState(t, model.standing_configuration(), v, np.zeros(model.nj), (contacts[0], contacts[1]))
+
+    planner.reset(state(0.0))
+    planner.set_velocity(0.3, 0.2 * side, 0.3 * side)
+    out = [planner.step(state(i * DT), DT) for i in range(600)]
+    assert planner.steps == 1
+    return out
+
+
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_mirrored_in_mirrored_out(name: str) -> None:
+    model = RobotModel.load(name)
+    for here, there in zip(references(model, 1.0, 0), references(model, -1.0, 1), strict=True):
+        assert there.contacts == here.contacts[::-1]
+        assert there.load == pytest.approx(here.load[::-1], abs=0.02)
+        assert here.dcm is not None and there.dcm is not None
+        # The robots' own CoM is a millimetre or two off their middle.
+        np.testing.assert_allclose(there.dcm, here.dcm * FLIP[:2], atol=5e-3)
+        np.testing.assert_allclose(there.sole_positions, here.sole_positions[::-1] * FLIP, atol=5e-3)
+        assert there.heading_rate == pytest.approx(-here.heading_rate, abs=0.02)

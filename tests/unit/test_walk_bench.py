@@ -1,0 +1,83 @@
+"""The walking benchmark: what it measures, and that its verdict depends on every bound."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import walk
+from benchmarks.walk_measure import speed_error, tracking_error
+from models.errors import ConfigError
+
+
+def good() -> list[dict[str, Any]]:
+    """Results of one perfect seed of TALOS."""
+    results = walk._cases("talos", 1)
+    scores = {"fell": False, "reason": "", "tracking_error": 0.01, "cost_of_transport": 0.5, "foot_slip": 0.001}
+    outcome: dict[str, dict[str, Any]] = {
+        "steady": {**scores, "velocity": [0.4, 0.0, 0.0], "speed_error": 0.0},
+        "stop": {"fell": False, "reason": "", "steps": 2, "stood": True, "drift": 0.001, "ok": True},
+        "top": {"top_speed": 0.5, "reason": "0.6 m/s: base tilted"},
+    }
+    return [{**case, **outcome[case["kind"]]} for case in results]
+
+
+def test_a_perfect_walk_passes() -> None:
+    figures, broken = walk.judge("talos", good())
+    assert broken == []
+    assert figures["falls"] == 0.0 and figures["walks"] == 2.0
+    assert figures["speed_error_mean"] == 0.0 and figures["top_speed"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "says"),
+    [
+        ("steady", {"fell": True, "reason": "base tilted"}, "fell: forward"),
+        ("steady", {"velocity": [0.35, 0.0, 0.0]}, "mean velocity"),
+        ("steady", {"velocity": [math.nan, 0.0, 0.0]}, "mean velocity"),
+        ("stop", {"fell": True}, "fell: stop"),
+        ("stop", {"ok": False}, "stop, seed 0"),
+        ("top", {"top_speed": 0.3, "reason": "0.4 m/s: fell"}, "top speed, seed 0"),
+    ],
+)
+def test_every_bound_decides(kind: str, change: dict[str, Any], says: str) -> None:
+    results = [{**case, **change} if case["kind"] == kind else case for case in good()]
+    _, broken = walk.judge("talos", results)
+    assert any(says in line for line in broken)
+
+
+def test_an_unknown_robot_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no scenarios for 'atlas'"):
+        walk._cases("atlas", 1)
+
+
+def test_the_cases_cover_every_scenario_and_seed() -> None:
+    cases = walk._cases("g1", 2)
+    names = {case["scenario"] for case in cases}
+    assert names == {"forward", "backward", "left", "right", "turn", "random", "stop", "top"}
+    assert len(cases) == 2 * len(names)
+
+
+def test_the_speed_error_is_relative() -> None:
+    assert speed_error(np.array([0.54, 0.0, 0.0]), (0.6, 0.0, 0.0)) == pytest.approx(0.1)
+    assert speed_error(np.array([0.0, 0.0, 0.6]), (0.0, 0.0, 0.6)) == 0.0
+
+
+def test_the_tracking_error_averages_a_stride_away_but_not_an_offset() -> None:
+    t = np.arange(400) * 0.05
+    commands = np.tile([0.4, 0.0, 0.0], (400, 1))
+    sway = np.column_stack([np.full(400, 0.4), 0.2 * np.sin(2.0 * np.pi * t), np.zeros(400)])
+    assert tracking_error(sway, commands, 20) == pytest.approx(0.0, abs=1e-9)
+    assert tracking_error(sway + np.array([0.05, 0.0, 0.0]), commands, 20) == pytest.approx(0.05)
+    assert math.isnan(tracking_error(sway[:10], commands[:10], 20))
+
+
+def test_a_short_walk_is_measured() -> None:
+    """Three seconds of the real thing: it goes where it is told, and walking costs energy."""
+    case = walk.steady("talos", 0, (0.3, 0.0, 0.0), 5.0)
+    assert not case["fell"]
+    assert case["speed_error"] < 0.2
+    assert 0.1 < case["cost_of_transport"] < 3.0
