@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -14,7 +15,7 @@ from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import ControlResult, Matrix, Reference, RobotState
+from models.types import ContactState, ControlResult, Matrix, Reference, RobotState
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -85,6 +86,7 @@ class WalkingController:
         self._pose = np.eye(4)
         self.reference: Reference
         self.capture_margin = 0.0
+        self._warm_up()
 
     def reset(self, state: RobotState) -> None:
         """Forget the last command and start over from a measured state."""
@@ -158,3 +160,32 @@ class WalkingController:
             self._acceleration,
         )
         self.whole_body.com_task.override = self._acceleration
+
+    def _warm_up(self) -> None:
+        """Compile at construction what each contact mode needs: the loop itself never waits for a compiler."""
+        model, nj = self.model, self.model.nj
+        foot = ContactState(active=True, wrench=np.zeros(6))
+        state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(nj), (foot, foot))
+        terms = self.whole_body.terms
+        terms.update(state)
+        poses = np.array([sole.pose for sole in terms.soles])  # (2, 4, 4)
+        reference = Reference(
+            com=terms.com.copy(),
+            com_velocity=np.zeros(3),
+            com_acceleration=np.zeros(3),
+            base_orientation=np.eye(3),
+            torso_orientation=np.eye(3),
+            posture=model.posture("stand"),
+            posture_velocity=np.zeros(nj),
+            posture_acceleration=np.zeros(nj),
+            sole_rotations=np.ascontiguousarray(poses[:, :3, :3]),
+            sole_positions=np.ascontiguousarray(poses[:, :3, 3]),
+            sole_velocities=np.zeros((2, 6)),
+            sole_accelerations=np.zeros((2, 6)),
+            dcm=terms.com[:2].copy(),
+            dcm_velocity=np.zeros(2),
+        )
+        for contacts in ((True, True), (True, False), (False, True)):
+            for offset in (None, np.zeros(2)):
+                self.step(state, replace(reference, contacts=contacts, cmp_offset=offset), 1e-3)
+        self.reset(state)

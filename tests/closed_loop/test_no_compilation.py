@@ -23,6 +23,7 @@ def specialisations():
     return found
 
 loop = ClosedLoop(sys.argv[1], record=False)
+loop.gait  # built when first asked for
 before = specialisations()
 loop.run(0.2)
 assert loop.command("squat").accepted
