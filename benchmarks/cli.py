@@ -68,3 +68,4 @@ _add_command("stand", "A minute of quiet standing, and wave and squat while push
 _add_command("walk", "Walking at commanded velocities: falls, speed error, top speed, stopping.", usual_seeds=20)
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
+_add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)

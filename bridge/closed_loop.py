@@ -14,6 +14,7 @@ from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
 from bridge.sensor_errors import SensorErrors
 from controllers.balance import BalanceController
+from controllers.estimation.estimator import StateEstimator
 from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
@@ -193,6 +194,11 @@ class ClosedLoop:
     def controller(self) -> Controller:
         """The whole-body controller."""
         return self._lockstep.controller
+
+    @property
+    def estimator(self) -> StateEstimator:
+        """The state estimator: its health, and how sure it is of ``state``."""
+        return self._lockstep.estimator
 
     @property
     def gait(self) -> GaitPlanner:

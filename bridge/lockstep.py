@@ -81,6 +81,7 @@ class Lockstep:
         plant: The simulated robot.
         controller: The whole-body controller.
         supervisor: Mode machine.
+        estimator: The state estimator.
         monitor: Fall and slip of the true robot.
         servo: Drivers.
         state: Last estimate.
@@ -117,7 +118,7 @@ class Lockstep:
         self.result: ControlResult
         self._gait = gait
         self._walker: Walker | None = None
-        self._estimator = StateEstimator(plant.robot)
+        self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
         self._supervise_ticks = max(round(config.supervise_period / plant.period), 1)
@@ -139,7 +140,7 @@ class Lockstep:
         self._rewind(seed)
         sensors = self._hang_and_average()
         self.servo.blend()
-        state = self._estimator.reset(sensors)
+        state = self.estimator.reset(sensors)
         self.tick = 0
         self.state = plant.truth if self._use_truth else state
         self.controller.reset(self.state)
@@ -231,7 +232,7 @@ class Lockstep:
 
     def _control(self, sensors: SensorData) -> None:
         """Estimator and controller; the command enters the delay line."""
-        self.state = self.plant.truth if self._use_truth else self._estimator.step(sensors, self._control_dt)
+        self.state = self.plant.truth if self._use_truth else self.estimator.step(sensors, self._control_dt)
         if self.supervisor.mode not in ACTIVE_MODES:
             return
         active = self.walker if self.supervisor.mode is Mode.WALK else self.controller
@@ -253,7 +254,7 @@ class Lockstep:
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.controller.motion_active,
             gait_active=before is Mode.WALK and not self.walker.standing,
-            coasting=0.0 if self._use_truth else self._estimator.health.coasting,
+            coasting=0.0 if self._use_truth else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)
         if mode is Mode.DAMP and self.servo.state is ServoState.ACTIVE:

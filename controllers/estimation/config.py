@@ -118,7 +118,9 @@ class FootNoise:
     """Random walk of a foot, interpolated geometrically between its states by the contact's confidence."""
 
     slip: Annotated[float, Field(gt=0.0, description="horizontal position, foot bearing [m/sqrt(s)]")]
-    sink: Annotated[float, Field(gt=0.0, description="height, foot bearing [m/sqrt(s)]")]
+    sink: Annotated[float, Field(gt=0.0, description="height, foot bearing for long [m/sqrt(s)]")]
+    settling: Annotated[float, Field(gt=0.0, description="height, foot just landed [m/sqrt(s)]")]
+    settle_time: Annotated[float, Field(ge=0.0, description="how long a foot that has landed settles [s]")]
     swing: Annotated[float, Field(gt=0.0, description="position, foot in the air [m/sqrt(s)]")]
     flat: Annotated[float, Field(gt=0.0, description="orientation, sole flat on the ground [rad/sqrt(s)]")]
     tipping: Annotated[float, Field(gt=0.0, description="orientation, CoP at an edge [rad/sqrt(s)]")]

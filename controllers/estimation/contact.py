@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 def _assess(
     wrenches: Array, samples: Array, fault: Array, expected: Array, limits: Array, rectangles: Array,
     edge_margin: float, dt: float,
-    logs: Array, active: Array, timers: Array, confidence: Array, cops: Array, densities: Array,
+    logs: Array, active: Array, timers: Array, confidence: Array, cops: Array, pivots: Array, densities: Array,
 ) -> None:  # fmt: skip
     """One step of ``ContactDetector``; ``logs``: of the noises.
 
@@ -51,7 +51,9 @@ def _assess(
             confidence[foot, 0] = min(max((load - off) / (full - off), 0.0), 1.0)
             margin_x = 2.0 * min(x - x_min, x_max - x) / (x_max - x_min)
             margin_y = 2.0 * min(y - y_min, y_max - y) / (y_max - y_min)
-            confidence[foot, 1] = min(min(margin_x, margin_y) / edge_margin, 1.0)
+            flat = min(min(margin_x, margin_y) / edge_margin, 1.0)
+            confidence[foot, 1] = flat
+            pivots[foot, 0], pivots[foot, 1] = (1.0 - flat) * x, (1.0 - flat) * y
             if fault[foot] > 0.0 or samples[foot] == 2.0:
                 confidence[foot, 1] *= limits[7]
         else:
@@ -80,6 +82,8 @@ class ContactDetector:
         active: 1 where the foot bears, else 0 (2,).
         confidence: c and m of each foot (2, 2) [-].
         cops: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m].
+        pivots: Point about which the sole turns, in the sole frame (2, 2) [m]: a sole that bears on its whole area
+            gives way about its middle, one that tips about its centre of pressure, so (1 - m) times that.
         densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
 
     Args:
@@ -113,6 +117,7 @@ class ContactDetector:
         self._timers = np.zeros(2)
         self.confidence = np.zeros((2, 2))
         self.cops = np.zeros((2, 2))
+        self.pivots = np.zeros((2, 2))
         self.densities = np.zeros((2, 2))
         self.reset(np.zeros((2, 6)), np.zeros(2))
 
@@ -135,5 +140,5 @@ class ContactDetector:
         """
         _assess(
             wrenches, samples, fault, expected, self._limits, self._rectangles, self._edge_margin, dt, self._logs,
-            self.active, self._timers, self.confidence, self.cops, self.densities,
+            self.active, self._timers, self.confidence, self.cops, self.pivots, self.densities,
         )  # fmt: skip

@@ -25,7 +25,7 @@ from controllers.estimation.guard import (
 from controllers.estimation.kernels_kinematics import base_state
 from controllers.estimation.kinematics import SoleKinematics
 from controllers.estimation.observer import ForceObserver
-from controllers.estimation.odometry import odometry_covariance
+from controllers.estimation.odometry import base_covariance
 from controllers.estimation.slip import SlipMonitor
 from models.config import default_config
 from models.errors import MessageError
@@ -89,8 +89,6 @@ class StateEstimator:
         self._level_due = True
         self._t = 0.0
         self._rate = np.zeros(3)
-        self._pivots = np.zeros((2, 2))
-        self._tipping = np.zeros((2, 1))
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
@@ -104,7 +102,7 @@ class StateEstimator:
         self.reset(hanging)
         self.step(replace(hanging, t=NOMINAL_STEP), NOMINAL_STEP)
         self.filter.measure_level()
-        self.odometry_covariance()
+        self.base_covariance()
         self._ready = False
 
     @property
@@ -124,13 +122,17 @@ class StateEstimator:
             Of the pose in odom: x, y, z, then rotation about the fixed axes X, Y, Z (6, 6) [m, rad]; and of the twist
             in base_link: linear, angular (6, 6) [m/s, rad/s]. New arrays; yaw, x and y of the pose grow with time.
         """
-        pose, twist = np.empty((6, 6)), np.empty((6, 6))
-        kinematics = self._kinematics
-        odometry_covariance(
+        joint = self.base_covariance()
+        return joint[:6, :6].copy(), joint[6:, 6:].copy()
+
+    def base_covariance(self) -> Matrix:
+        """Of both together (12, 12): pose as in ``odometry_covariance``, then the twist; a new array."""
+        covariance, kinematics = np.empty((12, 12)), self._kinematics
+        base_covariance(
             self.filter.rotation, self.filter.vectors[1], self.filter.covariance, kinematics.imu_rotation,
-            kinematics.imu_position, kinematics.imu_jacobian, self._variances, pose, twist,
+            kinematics.imu_position, kinematics.imu_jacobian, self._variances, covariance,
         )  # fmt: skip
-        return pose, twist
+        return covariance
 
     @property
     def push(self) -> PushEstimate:
@@ -237,10 +239,7 @@ class StateEstimator:
         self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
         np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
         self._rate *= 0.5
-        # A sole that bears on its whole area gives way about its middle; one that tips, about its centre of pressure.
-        np.subtract(1.0, self._contacts.confidence[:, 1:], out=self._tipping)
-        np.multiply(self._contacts.cops, self._tipping, out=self._pivots)
-        self.filter.predict(self._rate, imu[1], dt, self._contacts.densities, self._pivots, scale)
+        self.filter.predict(self._rate, imu[1], dt, self._contacts.densities, self._contacts.pivots, scale)
 
     def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
         """Advance the force observer; over missing samples it takes one longer step afterwards."""

@@ -84,7 +84,10 @@ class InvariantFilter:
         self._foot_variances = np.zeros((2, 3))
         foot = config.foot
         # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
-        self._sink_exponent = math.log(foot.swing / foot.sink) / math.log(foot.swing / foot.slip)
+        span = math.log(foot.swing / foot.slip)
+        self._exponents = (math.log(foot.swing / foot.settling) / span, math.log(foot.swing / foot.sink) / span)
+        self._middle = math.sqrt(foot.swing * foot.slip)
+        self._standing = [0.0, 0.0]
 
     def initialise(self, kinematics: SoleKinematics, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
@@ -110,6 +113,7 @@ class InvariantFilter:
             self.soles[foot] = self.rotation @ kinematics.rotations[foot]
         self.biases[:] = 0.0
         self.innovation[:] = 0.0
+        self._standing[:] = 0.0, 0.0
         self._initialise_covariance(kinematics)
 
     def _initialise_covariance(self, kinematics: SoleKinematics) -> None:
@@ -156,10 +160,12 @@ class InvariantFilter:
             scale: Multiplier of the inertial noise densities [-].
         """
         np.multiply(self._densities, scale * scale * dt, out=self._imu_variances)
-        swing, variances = self._config.foot.swing, self._foot_variances
+        config, variances = self._config.foot, self._foot_variances
         for foot in range(2):
-            position, orientation = foot_densities[foot]
-            height = swing * (position / swing) ** self._sink_exponent
+            position, orientation = float(foot_densities[foot, 0]), float(foot_densities[foot, 1])
+            self._standing[foot] = self._standing[foot] + dt if position < self._middle else 0.0
+            exponent = self._exponents[self._standing[foot] > config.settle_time]
+            height = config.swing * (position / config.swing) ** exponent
             variances[foot] = position * position, height * height, orientation * orientation
         variances *= dt
         predict(

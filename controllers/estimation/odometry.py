@@ -34,7 +34,7 @@ def _add_product(jacobian: Array, covariance: Array, out: Array) -> None:
 
 
 @njit(cache=True)
-def odometry_covariance(
+def base_covariance(
     rotation: Array,
     position: Array,
     covariance: Array,
@@ -42,10 +42,9 @@ def odometry_covariance(
     imu_position: Array,
     imu_jacobian: Array,
     variances: Array,
-    pose: Array,
-    twist: Array,
+    out: Array,
 ) -> None:
-    """Covariances of the base's pose in W and of its twist in B.
+    """Joint covariance of the base's pose in W and its twist in B.
 
     With the right-invariant error xi, the error n_g of the present rate sample, and the errors dq, dv of position and
     velocity of the joints between base and inertial unit (Jacobian J of the unit in its own frame), to first order::
@@ -66,54 +65,48 @@ def odometry_covariance(
         imu_position: Origin of the inertial unit in B, r_BI (3,) [m].
         imu_jacobian: J (6, k); k may be 0.
         variances: Of a joint position, a joint velocity and one sample of the rate (3,) [rad^2, (rad/s)^2, (rad/s)^2].
-        pose: Out, of x, y, z and the rotation about X, Y, Z of W (6, 6) [m, rad].
-        twist: Out, linear then angular, in B (6, 6) [m/s, rad/s].
+        out: Out, of x, y, z, the rotation about X, Y, Z of W, and the twist in B, linear then angular (12, 12)
+            [m, rad, m/s, rad/s].
 
     Assumptions:
         The errors of joints and rate sample are independent of xi, and an error of a joint position, times the speed
         of the robot, is too small to count in the twist (0.3 mrad at 1 m/s: 0.3 mm/s).
     """
     base = rotation @ imu_rotation.T  # R_WB
-    lever = base @ imu_position  # of the unit, seen from the base, in W
     skew = np.empty((3, 3))
-    jacobian = np.zeros((6, 9))  # of the pose, by xi_R, xi_v, xi_p
-    _skew(position - lever, skew)
+    columns = np.empty(12, dtype=np.int64)  # of xi_R, xi_v, xi_p, xi_bg
+    jacobian = np.zeros((12, 12))
     for i in range(3):
-        jacobian[i, POSITION + i] = 1.0
-        jacobian[3 + i, ROTATION + i] = 1.0
-        for j in range(3):
-            jacobian[i, ROTATION + j] = -skew[i, j]
-    pose[:] = 0.0
-    _add_product(jacobian, covariance[:9, :9].copy(), pose)
-
-    columns = np.empty(6, dtype=np.int64)  # of xi_v and xi_bg
-    for i in range(3):
-        columns[i], columns[3 + i] = VELOCITY + i, GYRO_BIAS + i
-    block = np.empty((6, 6))
-    for i in range(6):
-        for j in range(6):
-            block[i, j] = covariance[columns[i], columns[j]]
-    for i in range(3):
-        block[3 + i, 3 + i] += variances[2]  # n_g enters as -xi_bg does
+        columns[i], columns[3 + i] = ROTATION + i, VELOCITY + i
+        columns[6 + i], columns[9 + i] = POSITION + i, GYRO_BIAS + i
+        jacobian[i, 6 + i] = 1.0
+        jacobian[3 + i, i] = 1.0
+    _skew(position - base @ imu_position, skew)  # of the base in W
+    jacobian[:3, :3] = -skew
     _skew(imu_position, skew)
     turned = skew @ imu_rotation
-    from_unit = np.zeros((6, 6))  # twist of B by an error of the unit's twist in its own frame
-    from_unit[:3, :3] = imu_rotation
-    from_unit[:3, 3:] = turned
-    from_unit[3:, 3:] = imu_rotation
-    jacobian = np.zeros((6, 6))
-    jacobian[:3, :3] = imu_rotation @ rotation.T
-    jacobian[:3, 3:] = -turned
-    jacobian[3:, 3:] = -imu_rotation
-    twist[:] = 0.0
-    _add_product(jacobian, block, twist)
+    jacobian[6:9, 3:6] = imu_rotation @ rotation.T
+    jacobian[6:9, 9:] = -turned
+    jacobian[9:, 9:] = -imu_rotation
+    block = np.empty((12, 12))
+    for i in range(12):
+        for j in range(12):
+            block[i, j] = covariance[columns[i], columns[j]]
+    for i in range(9, 12):
+        block[i, i] += variances[2]  # n_g enters the twist as -xi_bg does, and nothing else
+    out[:] = 0.0
+    _add_product(jacobian, block, out)
 
     count = imu_jacobian.shape[1]
     if count > 0:
-        noise = np.eye(count)
-        moved = from_unit @ imu_jacobian
-        _add_product(moved, variances[1] * noise, twist)
+        moved = np.zeros((12, 2 * count))  # by the positions of the joints, then by their velocities
+        linear, angular = imu_jacobian[:3].copy(), imu_jacobian[3:].copy()
+        moved[6:9, count:] = imu_rotation @ linear + turned @ angular
+        moved[9:, count:] = imu_rotation @ angular
         _skew(-(imu_rotation.T @ imu_position), skew)  # r_IB
-        moved[:3] = rotation @ (imu_jacobian[:3] - skew @ imu_jacobian[3:])
-        moved[3:] = rotation @ imu_jacobian[3:]
-        _add_product(moved, variances[0] * noise, pose)
+        moved[:3, :count] = rotation @ (linear - skew @ angular)
+        moved[3:6, :count] = rotation @ angular
+        noise = np.zeros((2 * count, 2 * count))
+        for i in range(count):
+            noise[i, i], noise[count + i, count + i] = variances[0], variances[1]
+        _add_product(moved, noise, out)

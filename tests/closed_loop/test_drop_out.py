@@ -30,7 +30,7 @@ def test_drop_out_of_20_ms_is_bridged(monkeypatch: pytest.MonkeyPatch) -> None:
     height = loop.truth.q[2]
     _silence(loop, monkeypatch, 0.02)
     loop.run(1.5)
-    assert loop._lockstep._estimator.health.invalid_imu == 20
+    assert loop.estimator.health.invalid_imu == 20
     assert loop.mode is Mode.STAND
     assert not loop.fallen
     assert loop.truth.q[2] == pytest.approx(height, abs=0.002)

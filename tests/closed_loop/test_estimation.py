@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.estimate import interval
+from benchmarks.estimate_runs import PARTS, ErrorLog, nees
 from bridge.closed_loop import ClosedLoop
 
 
@@ -43,3 +45,24 @@ def test_errors_while_squatting_and_pushed(robot: str) -> None:
     assert np.degrees(rms(tilt)) < 0.5
     assert np.abs(height).max() < 0.005
     assert all(contact.active for contact in loop.state.contacts)
+
+
+def test_covariance_is_honest_and_knows_more_about_yaw_never() -> None:
+    """Standing, then pushed, over independent runs: errors as large as the covariance says, within 99.9 %."""
+    loop, seeds = ClosedLoop("g1", record=False), range(5)
+    values: dict[str, list[float]] = {part: [] for part in PARTS}
+    for seed in seeds:
+        loop.reset(seed)
+        log = ErrorLog(loop, 0.05)
+        log.run(0.4)
+        loop.apply_push((0.2 * loop.robot.mass / 0.1, 0.0, 0.0), duration=0.1)
+        log.run(0.6)
+        errors, covariances = np.array(log.errors), np.array(log.covariances)
+        for part, rows in PARTS.items():
+            values[part].append(float(nees(errors, covariances, rows).mean()))
+        yaw = covariances[:, 5, 5]
+        assert (np.diff(yaw) >= -1e-9 * yaw[0]).all()
+    for part, rows in PARTS.items():
+        assert np.mean(values[part]) < interval(rows.size, len(seeds), 0.999)[1]
+    for part in ("velocity", "tilt"):  # and not by being timid; the height is, see docs/estimation.md
+        assert np.mean(values[part]) > 0.25 * PARTS[part].size

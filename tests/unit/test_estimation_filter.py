@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -290,18 +291,23 @@ def test_level_floor_corrects_tilt_but_a_slope_is_left_alone() -> None:
             np.testing.assert_array_equal(left, pin.log3(turn))
 
 
-@pytest.mark.parametrize("bearing", [True, False])
-def test_a_bearing_foot_sinks_less_than_it_slips_and_a_swinging_one_moves_anywhere(bearing: bool) -> None:
-    filter_ = InvariantFilter(CONFIG)
+@pytest.mark.parametrize(
+    ("state", "height"),
+    [("swing", CONFIG.foot.swing), ("landed", CONFIG.foot.settling), ("bearing", CONFIG.foot.sink)],
+)
+def test_height_of_a_foot_wanders_less_the_longer_it_bears(state: str, height: float) -> None:
+    filter_, foot = InvariantFilter(CONFIG), CONFIG.foot
+    bears = np.tile([foot.slip, foot.flat], (2, 1))
+    swings = np.tile([foot.swing, foot.swing_rotation], (2, 1))
+    past = {"swing": 0.0, "landed": 0.5 * foot.settle_time, "bearing": foot.settle_time}[state]
+    for densities in [swings] + [bears] * round(past / DT):
+        filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, densities, np.zeros((2, 2)), 1.0)
+    filter_.vectors[2:] = 0.0  # no lever for the noise of the gyro
     filter_.covariance[:] = 0.0
-    foot = CONFIG.foot
-    densities = np.tile([foot.slip, foot.flat] if bearing else [foot.swing, foot.swing_rotation], (2, 1))
+    densities = swings if state == "swing" else bears
     filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, densities, np.zeros((2, 2)), 1.0)
-    gyro = CONFIG.imu.gyro_noise**2 * DT * np.array([np.sum(np.delete(d, axis) ** 2) for d in filter_.vectors[2:]
-                                                     for axis in range(3)])  # fmt: skip
-    spread = np.diag(filter_.covariance)[FOOT : FOOT + 6] - gyro
-    expected = [foot.slip, foot.slip, foot.sink] if bearing else [foot.swing] * 3
-    np.testing.assert_allclose(spread, np.tile(np.square(expected) * DT, 2), rtol=1e-9)
+    expected = np.array([densities[0, 0], densities[0, 0], height])
+    np.testing.assert_allclose(np.diag(filter_.covariance)[FOOT : FOOT + 6], np.tile(expected**2 * DT, 2), rtol=1e-9)
 
 
 def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
@@ -318,3 +324,68 @@ def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
     assert total.gyro_bias_walk == pytest.approx(np.hypot(7.0, own.gyro_bias_walk))
     assert total.accel_bias_walk == pytest.approx(np.hypot(8.0, own.accel_bias_walk))
     assert total.coast_factor == own.coast_factor
+
+
+def observability(rng: np.random.Generator, *, moving: bool, steps: int = 40) -> np.ndarray:
+    """Rows ``H Phi_k ... Phi_1`` of both soles over several steps of 20 ms (12 steps, 27), all soles bearing."""
+    state, dt = State.random(rng), 0.02
+    state.vectors[0] *= moving
+    rows = np.zeros((12, SIZE))
+    for foot in range(2):
+        rows[6 * foot + np.arange(6), FOOT_PLUS] = 1.0
+        rows[6 * foot + np.arange(6), FOOT_MINUS[foot]] -= 1.0
+    product, blocks = np.eye(SIZE), []
+    for k in range(steps):
+        blocks.append(rows @ product)
+        apply_transition(state.rotation, state.vectors, dt, GRAVITY, product)
+        if moving:
+            rate = np.array([np.sin(0.7 * k), np.cos(0.4 * k), np.sin(0.3 * k + 1.0)]) * 2.0
+            state.rotation = state.rotation @ pin.exp3(dt * rate)
+            state.vectors[1] += dt * state.vectors[0]
+            state.vectors[0] += dt * rng.normal(size=3)
+    return np.vstack(blocks)
+
+
+@pytest.mark.parametrize(("moving", "expected"), [(True, 4), (False, 6)])
+def test_nothing_else_is_unobservable(moving: bool, expected: int) -> None:
+    """Over many steps, biases included: yaw and position when the robot turns; tilt against accelerometer bias besides
+    when it does not. A bias of the gyro, the velocity and the direction of gravity are always seen."""
+    matrix = observability(np.random.default_rng(12), moving=moving)
+    scale = np.linalg.norm(matrix, axis=0)
+    assert (scale > 0.0).all()
+    _, values, basis = np.linalg.svd(matrix)
+    relative = values / values[0]
+    assert (relative > 1e-7).sum() == SIZE - expected
+    hidden = basis[SIZE - expected :]  # (expected, 27)
+    known = np.zeros((4, SIZE))
+    known[0, [2, SOLE + 2, SOLE + 5]] = 1.0
+    for axis in range(3):
+        known[1 + axis, [6 + axis, FOOT + axis, FOOT + 3 + axis]] = 1.0
+    np.testing.assert_allclose(known - known @ hidden.T @ hidden, 0.0, atol=1e-6)
+    assert np.abs(hidden[:, GYRO_BIAS : GYRO_BIAS + 3]).max() < 1e-6
+    assert np.abs(hidden[:, 3:6]).max() < 1e-6
+    if moving:
+        assert np.abs(hidden[:, GYRO_BIAS + 3 :]).max() < 1e-6
+
+
+def test_an_accelerometer_bias_does_not_leak_into_yaw() -> None:
+    """A robot that stands: the bias becomes tilt and bias, and the yaw stays what it was to the last digits."""
+    soles = SimpleNamespace(
+        imu_rotation=np.eye(3),
+        positions=np.array([[0.05, 0.1, -0.8], [0.05, -0.1, -0.8]]),
+        rotations=np.tile(np.eye(3), (2, 1, 1)),
+        covariances=np.tile(1e-7 * np.eye(6), (2, 1, 1)),
+    )
+    quiet = np.tile([CONFIG.foot.slip, CONFIG.foot.flat], (2, 1))
+    for bias in ([0.1, 0.0, 0.0], [0.0, -0.1, 0.0], [0.07, 0.07, 0.1]):
+        filter_ = InvariantFilter(CONFIG)
+        filter_.initialise(soles, np.array([0.0, 0.0, GRAVITY]))
+        yaw = filter_.covariance[2, 2]
+        for _ in range(2000):
+            filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]) + bias, DT, quiet, np.zeros((2, 2)), 1.0)
+            assert filter_.measure_soles(soles) == 0
+            assert filter_.covariance[2, 2] >= yaw * (1.0 - 1e-9)
+            yaw = filter_.covariance[2, 2]
+        turn = pin.log3(filter_.rotation)
+        assert np.linalg.norm(turn[:2]) > 1e-5 or np.abs(filter_.biases[1]).max() > 1e-4  # it did go somewhere
+        assert abs(turn[2]) < 1e-6
