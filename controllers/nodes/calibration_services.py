@@ -40,8 +40,8 @@ class CalibrationServices:
         self._applied: Calibration | None = None
         self._encoder_offsets: Vector | None = None
         node.listen(JointState, topics.ENCODER_OFFSETS, self._on_encoder_offsets, LATCHED, raw=True)
-        node.serve(Trigger, "calibrate/show", partial(self._on_file, lambda store: store.load()[0]))
-        node.serve(Trigger, "calibrate/rollback", partial(self._on_file, CalibrationStore.rollback))
+        node.serve(Trigger, "calibrate/show", partial(self._on_file, lambda store: store.load()[0], "in"))
+        node.serve(Trigger, "calibrate/rollback", partial(self._on_file, CalibrationStore.rollback, "back in"))
 
     def start(self) -> None:
         """Take the newest calibration: the estimator starts, or starts over.
@@ -58,13 +58,13 @@ class CalibrationServices:
             self._run.add(None if offsets is None else correct_encoders(sensors, -offsets))
         return sensors if self._applied is None else apply_calibration(sensors, self._applied)
 
-    def _on_file(self, act: Callable[[CalibrationStore], Calibration], request: Any, response: Any) -> Any:
-        """Answer with the numbers of a file."""
+    def _on_file(self, act: Callable[[CalibrationStore], Calibration], where: str, request: Any, response: Any) -> Any:
+        """Answer with the numbers of a file; the next start takes them."""
         try:
             store = self._file.store
             if store is None:
                 raise ConfigError("calibration_dir is 'none'")
-            reply = calibration_to_reply(act(store), self._node.model, f"in effect at the next start ({store.path})")
+            reply = calibration_to_reply(act(store), self._node.model, f"{where} {store.path}")
         except PoiseError as error:
             reply = CommandReply(False, str(error))
         response.success, response.message = reply.accepted, reply_to_text(reply)
