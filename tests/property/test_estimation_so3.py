@@ -72,3 +72,52 @@ def test_orthonormalising_repairs_rounding_and_leaves_rotations(
     orthonormalise(damaged)
     np.testing.assert_allclose(damaged.T @ damaged, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(damaged, rotation, atol=1e-6)
+
+
+near_half_turn = st.floats(0.0, 1e-4).map(lambda gap: np.pi - gap)
+
+
+@settings(max_examples=200, deadline=None)
+@given(direction, near_half_turn)
+def test_logarithm_holds_up_to_a_half_turn(axis: tuple[float, float, float], size: float) -> None:
+    """Where the sign of the axis is undetermined the rotation is still the same."""
+    rotation, back = exp(vector(axis, size)), np.empty(3)
+    logarithm(rotation, back)
+    np.testing.assert_allclose(exp(back), rotation, atol=1e-9)
+    assert np.linalg.norm(back) <= np.pi + 1e-12
+
+
+@settings(max_examples=200, deadline=None)
+@given(direction, st.one_of(angle, near_half_turn), direction, angle)
+def test_adjoint_moves_a_rotation_vector_through_the_exponential(
+    axis: tuple[float, float, float], size: float, other: tuple[float, float, float], turn: float
+) -> None:
+    """``R Exp(phi) R' = Exp(R phi)``: the adjoint of SO(3) is the rotation itself."""
+    rotation, phi = exp(vector(axis, size)), vector(other, turn)
+    np.testing.assert_allclose(rotation @ exp(phi) @ rotation.T, exp(rotation @ phi), atol=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(direction, st.one_of(angle, near_half_turn))
+def test_left_jacobian_against_right_one_and_exponential(axis: tuple[float, float, float], size: float) -> None:
+    """``J_l(phi) = Exp(phi) J_l(-phi)`` (the right Jacobian), ``Exp(phi) = I + [phi]x J_l``, and ``J_l phi = phi``."""
+    phi = vector(axis, size)
+    left, right = np.empty((3, 3)), np.empty((3, 3))
+    left_jacobian(phi, left)
+    left_jacobian(-phi, right)
+    np.testing.assert_allclose(left, exp(phi) @ right, atol=1e-10)
+    np.testing.assert_allclose(right, pin.Jexp3(phi), atol=1e-8)
+    np.testing.assert_allclose(np.eye(3) + pin.skew(phi) @ left, exp(phi), atol=1e-10)
+    np.testing.assert_allclose(left @ phi, phi, atol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(1e-7, 1e-3), direction)
+def test_series_and_closed_forms_meet(size: float, axis: tuple[float, float, float]) -> None:
+    """Across the angles at which they take over, neighbours differ by no more than the angles do."""
+    near, far = np.empty((3, 3)), np.empty((3, 3))
+    phi = vector(axis, size)
+    left_jacobian(phi, near)
+    left_jacobian(1.001 * phi, far)
+    assert np.abs(near - far).max() <= 1e-3 * size + 1e-11
+    assert np.abs(exp(phi) - exp(1.001 * phi)).max() <= 2e-3 * size + 1e-11
