@@ -100,6 +100,8 @@ class SwingConfig:
         speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
         freeze: Time before touchdown at which the target is frozen [s].
         reaction_share: Share of the leg's reaction that is planned into the ZMP [-].
+        rise_share: How far the expected height of a foot's next landing follows that of its last one [-].
+        rise_max: Largest expected height over the stance foot, up or down [m].
     """
 
     clearance: Positive
@@ -109,6 +111,8 @@ class SwingConfig:
     speed_max: Positive
     freeze: Positive
     reaction_share: Annotated[float, Field(ge=0.0, le=1.5)]
+    rise_share: Share
+    rise_max: NonNegative
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -216,5 +220,10 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
             backward=velocity.backward * time,
             lateral=velocity.lateral * time,
         ),
-        swing=replace(swing, clearance=swing.clearance * length, speed_max=swing.speed_max * time),
+        swing=replace(
+            swing,
+            clearance=swing.clearance * length,
+            speed_max=swing.speed_max * time,
+            rise_max=swing.rise_max * length,
+        ),
     )

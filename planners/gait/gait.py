@@ -99,7 +99,7 @@ class GaitPlanner:
         """Start over from a robot that stands on both feet."""
         measured = self._measured
         measured.update(state)
-        self._soles.holds = list(measured.soles)
+        self._soles.reset(measured)
         self._limiter.reset()
         self._builder.reset(measured.com[2] - self._soles.ground())
         self._dcm.reset(measured.com[:2])
@@ -192,7 +192,8 @@ class GaitPlanner:
             self._next_adjustment = self._elapsed + config.timing.adjust_period
         target = self.footholds[foot]
         yaw = float(self._swing.position[3])
-        pose = np.array([target.x, target.y, self.footholds[self.stance].z, yaw + wrap(target.yaw - yaw)])
+        height = self._soles.landing_height(foot, self._measured)
+        pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
         self._swing.step(pose, self._elapsed, self.step_time, dt)
         self._dcm.single(
             self._soles.point(self.stance),
@@ -236,7 +237,7 @@ class GaitPlanner:
     def _land(self, foot: int) -> None:
         self.steps += 1
         self._early = max(self.step_time - self._elapsed, 0.0)
-        self.footholds[foot] = self._measured.soles[foot]
+        self._soles.land(foot, self._measured)
         self.stance = foot
         if self._steps_left is not None:
             self._steps_left -= 1

@@ -28,6 +28,28 @@ class Soles:
         self._centres = [(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles]
         self._half = [np.array([0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])]) for r in rectangles]
         self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
+        self._rise = [0.0, 0.0]
+
+    def reset(self, measured: GaitMeasurement) -> None:
+        """Both feet planted where they are measured, on level ground."""
+        self.holds = list(measured.soles)
+        self._rise = [0.0, 0.0]
+
+    def landing_height(self, foot: int, measured: GaitMeasurement) -> float:
+        """Height at which a foot is expected to land [m].
+
+        As far above or below the measured stance sole as it landed before: a slope of the ground, an error of the
+        estimated inclination and encoder offsets all make feet land early or late, the same way at every step.
+        """
+        return measured.soles[1 - foot].z + self._rise[foot]
+
+    def land(self, foot: int, measured: GaitMeasurement) -> None:
+        """A foot has touched down where it is measured."""
+        config = self._config.swing
+        rise = measured.soles[foot].z - measured.soles[1 - foot].z
+        followed = self._rise[foot] + config.rise_share * (rise - self._rise[foot])
+        self._rise[foot] = min(max(followed, -config.rise_max), config.rise_max)
+        self.holds[foot] = measured.soles[foot]
 
     def half_sole(self, foot: int) -> Vector:
         """Half length and half width of a sole (2,) [m]."""

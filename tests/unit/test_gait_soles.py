@@ -1,0 +1,69 @@
+"""Soles of the gait: where a foot is expected to land, which planted soles are followed, when standing is lost."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from models.config import default_config
+from models.robot_model import RobotModel
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
+from planners.gait.soles import Soles
+
+CONFIG = default_config(GaitConfig, "planners", "gait")
+
+
+def measured(left_z: float = 0.0, right_z: float = 0.0, loads: tuple[float, float] = (0.5, 0.5)) -> SimpleNamespace:
+    return SimpleNamespace(soles=[Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)], loads=loads)
+
+
+@pytest.fixture()
+def soles() -> Soles:
+    made = Soles(RobotModel.load("g1"), CONFIG)
+    made.reset(measured())
+    return made
+
+
+def test_a_foot_is_expected_to_land_as_high_as_before(soles: Soles) -> None:
+    assert soles.landing_height(0, measured()) == 0.0
+    for _ in range(20):
+        soles.land(0, measured(left_z=0.012, right_z=0.002))
+    assert soles.landing_height(0, measured(right_z=0.002)) == pytest.approx(0.012, abs=1e-5)
+    assert soles.landing_height(1, measured(left_z=0.012)) == 0.012  # the other foot has its own habit
+    soles.reset(measured())
+    assert soles.landing_height(0, measured()) == 0.0
+
+
+def test_the_expected_rise_is_bounded(soles: Soles) -> None:
+    for sign in (1.0, -1.0):
+        for _ in range(20):
+            soles.land(0, measured(left_z=sign * 0.5))
+        assert soles.landing_height(0, measured()) == pytest.approx(sign * CONFIG.swing.rise_max)
+
+
+def test_only_planted_soles_that_bear_are_followed(soles: Soles) -> None:
+    moved = measured(left_z=0.01, right_z=0.01)
+    soles.follow(moved, 0, CONFIG.anchor_time)
+    assert [hold.z for hold in soles.holds] == [0.0, 0.01]
+    soles.follow(measured(left_z=0.01, loads=(0.5 * CONFIG.anchor_load, 1.0)), None, CONFIG.anchor_time)
+    assert soles.holds[0].z == 0.0
+
+
+def test_standing_is_lost_near_the_edge_of_the_box_around_both_soles(soles: Soles) -> None:
+    middle = soles.middle()
+    x_edge = float(soles.half_sole(0)[0]) * CONFIG.step_share
+    assert not soles.beyond_standing(middle + np.array([x_edge - 1e-3, 0.0]))
+    assert soles.beyond_standing(middle + np.array([x_edge + 1e-3, 0.0]))
+    y_edge = (0.1 + float(soles.half_sole(0)[1])) * CONFIG.step_share
+    assert not soles.beyond_standing(middle + np.array([0.0, y_edge - 1e-3]))
+    assert soles.beyond_standing(middle + np.array([0.0, y_edge + 1e-3]))
+
+
+def test_the_weight_is_shared_by_where_the_zmp_lies(soles: Soles) -> None:
+    left, right = soles.point(0), soles.point(1)
+    assert soles.shares(left) == pytest.approx((1.0, 0.0))
+    assert soles.shares(0.75 * left + 0.25 * right) == pytest.approx((0.75, 0.25))
+    assert soles.shares(right + (right - left)) == pytest.approx((0.0, 1.0))
