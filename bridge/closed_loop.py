@@ -191,6 +191,11 @@ class ClosedLoop:
         return self._lockstep.result
 
     @property
+    def estimator(self) -> StateEstimator:
+        """The state estimator: its health, and the push it feels."""
+        return self._lockstep.estimator
+
+    @property
     def controller(self) -> Controller:
         """The whole-body controller."""
         return self._lockstep.controller

@@ -128,6 +128,7 @@ class Lockstep:
         self._hang = hanging_command(plant.robot)
         self._queue: deque[tuple[int, JointCommand]] = deque()
         self._command_t = 0.0
+        self._scheduled: tuple[bool, bool] | None = None
 
     def start(self, seed: int | None = None) -> None:
         """Reset everything; hang, average, hand over to the controller, and let go when the feet carry the robot.
@@ -142,6 +143,7 @@ class Lockstep:
         self.servo.blend()
         state = self.estimator.reset(sensors)
         self.tick = 0
+        self._scheduled = None
         self.state = plant.truth if self._use_truth else state
         self.controller.reset(self.state)
         evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
@@ -232,11 +234,16 @@ class Lockstep:
 
     def _control(self, sensors: SensorData) -> None:
         """Estimator and controller; the command enters the delay line."""
-        self.state = self.plant.truth if self._use_truth else self.estimator.step(sensors, self._control_dt)
+        if self._use_truth:
+            self.state = self.plant.truth
+        else:
+            self.state = self.estimator.step(sensors, self._control_dt, self._scheduled)
+        self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
             return
         active = self.walker if self.supervisor.mode is Mode.WALK else self.controller
         self.result = active.step(self.state, self._control_dt)
+        self._scheduled = active.reference.contacts
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,7 +13,40 @@ from numpy.typing import ArrayLike
 from models.config import parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from models.types import Matrix, Vector
+from models.types import FOOT_NAMES, Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class FootFault:
+    """A foot sensor that says the same whatever it feels.
+
+    Attributes:
+        foot: 'left' or 'right'.
+        wrench: What it says, in its sole frame (6,) [N, N.m]: zero for stuck off, nan for absent.
+        start: Stamp from which it does [s].
+        end: Stamp from which it does no longer [s].
+
+    Raises:
+        ConfigError: The foot is unknown, the wrench does not have six numbers, or the end is not after the start.
+    """
+
+    foot: str
+    wrench: ArrayLike = 0.0
+    start: float = 0.0
+    end: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.foot not in FOOT_NAMES:
+            raise ConfigError(f"foot fault: unknown foot '{self.foot}'; known: {', '.join(FOOT_NAMES)}")
+        if np.shape(self.wrench) not in ((), (6,)):
+            raise ConfigError(f"foot fault: wrench of shape {np.shape(self.wrench)}, expected one number or six")
+        if not self.start < self.end:
+            raise ConfigError(f"foot fault: it ends at {self.end} s, before it begins at {self.start} s")
+
+    def spoil(self, t: float, wrenches: Matrix) -> None:
+        """Put the fault into a sample (2, 6) [N, N.m] of a stamp [s]."""
+        if self.start <= t < self.end:
+            wrenches[FOOT_NAMES.index(self.foot)] = self.wrench
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +66,7 @@ class SensorErrors:
         force_offsets: What each foot's force reads at no load, in its sole frame, per foot (2, 3) [N].
         torque_offsets: The same for the torque (2, 3) [N.m].
         wrench_gains: Share by which each axis of each foot reads too much (2, 6) [-].
+        foot_faults: Foot sensors that fail, and when.
     """
 
     gyro_bias: ArrayLike = 0.0
@@ -43,6 +78,7 @@ class SensorErrors:
     force_offsets: ArrayLike = 0.0
     torque_offsets: ArrayLike = 0.0
     wrench_gains: ArrayLike = 0.0
+    foot_faults: tuple[FootFault, ...] = ()
 
     def array(self, name: str, shape: tuple[int, ...]) -> Matrix:
         """One field as an array of a shape.

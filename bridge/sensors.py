@@ -77,7 +77,7 @@ class SensorNoise:
         self._given = errors or SensorErrors()
         self._given_bias = self._added(model)
         self._imu_spec, self._feet_spec = imu, feet
-        self._exact = scale == 0.0 and errors is None
+        self._exact = scale == 0.0 and errors is None and feet.fitted
         self._seed = seed
         self._drawn = np.zeros(self.size + 6)
         self._white, self._white_walk = self._drawn[: self.size], self._drawn[self.size :]
@@ -179,7 +179,12 @@ class SensorNoise:
             np.multiply(tail, self._step, out=tail, where=self._rounded)
             np.minimum(tail, self._range, out=tail)
             np.maximum(tail, -self._range, out=tail)
-        return unpack(t, exact, nj)
+        sensors = unpack(t, exact, nj)
+        for fault in self._given.foot_faults:
+            fault.spoil(t, sensors.wrenches)
+        if not self._feet_spec.fitted:
+            sensors.wrenches[:] = np.nan
+        return sensors
 
     def _delay(self, exact: NDArray[np.float64]) -> None:
         """Replace the values by those of a share of a tick ago; the first sample has no past."""

@@ -83,10 +83,14 @@ class FootSensorConfig:
     """Foot sensors against leg torques; loads are shares of the weight."""
 
     load_error: Annotated[float, Field(gt=0.0, lt=1.0, description="difference of the loads that contradicts [-]")]
+    contact_error: Annotated[
+        float, Field(gt=0.0, lt=1.0, description="the same of a foot that sensor or torques have in the air [-]")
+    ]
     sum_error: Annotated[float, Field(gt=0.0, lt=1.0, description="of both legs' torques against the motion [-]")]
     fault_time: Annotated[float, Field(gt=0.0, description="contradicted or missing before a sensor is out [s]")]
     scheduled_time: Annotated[float, Field(gt=0.0, description="the same where the schedule sides with torques [s]")]
     recover_time: Annotated[float, Field(gt=0.0, description="of agreement before it is back [s]")]
+    settle_time: Annotated[float, Field(ge=0.0, description="no push begins for so long after a sensor's fault [s]")]
     swing_load: Annotated[float, Field(gt=0.0, lt=1.0, description="load by torques of a foot in the air, at most [-]")]
     stance_load: Annotated[float, Field(gt=0.0, lt=1.0, description="load by torques of a bearing foot, at least [-]")]
     unscheduled: Annotated[

@@ -10,7 +10,7 @@ import numpy as np
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.contact import ContactDetector
 from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.foot_sensors import UNKNOWN, FootSensorMonitor
+from controllers.estimation.foot_sensors import NOT_FINITE, UNKNOWN, FootSensorMonitor
 from controllers.estimation.guard import (
     BAD_FEET,
     BAD_IMU,
@@ -169,7 +169,8 @@ class StateEstimator:
         self._level_due = True
         self._unobserved = 0.0
         q, v = self._configuration()
-        self.observer.reset(q, v, self._buffer.joints[2], self._buffer.wrenches)
+        absent = 1.0 * (self._buffer.feet == NOT_FINITE)
+        self.observer.reset(q, v, self._buffer.joints[2], self._buffer.wrenches, absent)
         self._feet.reset(self._buffer.feet, self._buffer.wrenches, self.observer.estimated)
         self._contacts.reset(self._feet.used, self._feet.fault)
         self._slip.reset()
@@ -228,9 +229,11 @@ class StateEstimator:
         feet.update(self._buffer.feet, self._buffer.wrenches, self.observer, torques_good, self._expected, dt)
         contacts.update(feet.used, self._buffer.feet, feet.fault, self._expected, dt)
         self._slip.update(self.filter.innovation, contacts.confidence[:, 0], dt, contacts.densities)
-        health.foot_sensors = feet.states
-        health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
-        health.slips = int(self._slip.counts[0]), int(self._slip.counts[1])
+        if feet.changed:
+            health.foot_sensors = feet.states
+            health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
+        if self._slip.changed:
+            health.slips = int(self._slip.counts[0]), int(self._slip.counts[1])
 
     def _predict(self, dt: float, missing: int) -> None:
         imu = self._buffer.imu
@@ -246,8 +249,9 @@ class StateEstimator:
         if missing & (STALE | BAD_JOINTS):
             self._unobserved += dt
             return
+        feet = self._feet
         self.observer.update(
-            q, v, self._buffer.joints[2], self._feet.used, self._buffer.wrenches, dt + self._unobserved
+            q, v, self._buffer.joints[2], self._buffer.wrenches, feet.fault, dt + self._unobserved, feet.doubtful
         )
         self._unobserved = 0.0
 

@@ -42,32 +42,38 @@ _STATES = (FootSensorState.SOUND, FootSensorState.ABSENT, FootSensorState.CONTRA
 def _judge(
     samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
     expected: Array, limits: Array, dt: float, fault: Array, timers: Array, last: Array, counts: Array, used: Array,
-) -> None:  # fmt: skip
+    doubt: Array,
+) -> bool:  # fmt: skip
     """One step of ``FootSensorMonitor``; ``timers``: of absence, contradiction and agreement, per foot [s].
 
     ``limits``: load error [N], sum error [N], fault time, time where the schedule sides with the torques, recovery
-    time [s], estimated load below and above which a foot swings or stands for certain [N].
+    time [s], estimated load below and above which a foot swings or stands for certain [N], load error of a foot that
+    one witness has in the air [N], time that the low-passes take to forget a fault [s].
     """
     wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
     wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
+    doubt[0] = max(doubt[0] - dt, 0.0)
+    before = fault[0] + 3.0 * fault[1]
     credible = torques_good and wrong_torques <= max(limits[1], wrong_sensors)
     for foot in range(2):
         if samples[foot] == 1.0:
-            timers[foot, 0] += dt
+            timers[foot, 0] += dt if fault[foot] != 1.0 else 0.0
             timers[foot, 2] = 0.0
             if timers[foot, 0] > limits[2] and fault[foot] != 1.0:
                 counts[foot] += fault[foot] == 0.0
-                fault[foot] = 1.0
+                fault[foot], timers[foot, 0] = 1.0, 0.0
         else:
             timers[foot, 0] = 0.0
             load = estimated[foot, 2]
-            if abs(low_passed[foot, 2] - load) > limits[0]:
+            read = low_passed[foot, 2]
+            # Whether a foot bears at all is the graver question: smaller differences count where one says no.
+            if abs(read - load) > (limits[7] if min(read, load) < limits[5] else limits[0]):
                 timers[foot, 2] = 0.0
                 if credible and fault[foot] == 0.0:
                     timers[foot, 1] += dt
                     sides = (expected[foot] == 0.0 and load < limits[5]) or (expected[foot] > 0.0 and load > limits[6])
                     if timers[foot, 1] > (limits[3] if sides else limits[2]):
-                        fault[foot] = 2.0
+                        fault[foot], timers[foot, 1] = 2.0, 0.0
                         counts[foot] += 1.0
             else:
                 timers[foot, 1] = 0.0
@@ -81,21 +87,27 @@ def _judge(
         for i in range(6):
             last[foot, i] = readings[foot, i]
             used[foot, i] = readings[foot, i] if fault[foot] == 0.0 else estimated[foot, i]
+    changed = bool(before != fault[0] + 3.0 * fault[1])
+    if changed or timers[0, 1] + timers[1, 1] + timers[0, 0] + timers[1, 0] > 0.0:
+        doubt[0] = limits[8]
+    return changed
 
 
 class FootSensorMonitor:
     """Which foot sensors can be believed, and the wrenches to go by.
 
     Three witnesses speak of the load on the feet: the sensors, the leg torques, and the motion of the CoM, which gives
-    the sum of both. A sensor that contradicts the torques by more than ``load_error`` for ``fault_time`` is out, if the
-    torques' sum fits the motion (within ``sum_error``, or better than the sensors' sum does); half-way, after
-    ``scheduled_time``, if the gait schedule sides with the torques. So is one that says nothing for ``fault_time``. It
-    comes back after it has agreed with the torques for ``recover_time`` in readings that are not always the same.
+    the sum of both. A sensor that contradicts the torques by more than ``load_error`` for ``fault_time`` is out (by
+    more than ``contact_error`` where one of them has the foot in the air), if the torques' sum fits the motion (within
+    ``sum_error``, or better than the sensors' sum does); after ``scheduled_time`` already, if the gait schedule sides
+    with the torques. So is one that says nothing for ``fault_time``. It comes back after it has agreed with the torques
+    for ``recover_time`` in readings that are not always the same.
 
     Attributes:
         used: Wrench of each sole to go by, in its frame (2, 6) [N, N.m].
         fault: 0 sound, 1 absent, 2 contradicted, of each foot (2,).
         counts: How often each sensor has failed (2,).
+        changed: Whether the last step has changed ``fault``.
 
     Args:
         config: Limits.
@@ -113,12 +125,21 @@ class FootSensorMonitor:
                 config.recover_time,
                 config.swing_load * weight,
                 config.stance_load * weight,
+                config.contact_error * weight,
+                config.settle_time,
             ]
         )
         self.fitted = fitted
         self.used = np.zeros((2, 6))
         self.fault, self.counts = np.zeros(2), np.zeros(2)
+        self.changed = False
+        self._doubt = np.zeros(1)
         self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a sensor is in doubt now, or the low-passes still remember that one was."""
+        return bool(self._doubt[0] > 0.0)
 
     @property
     def states(self) -> tuple[FootSensorState, FootSensorState]:
@@ -127,7 +148,7 @@ class FootSensorMonitor:
 
     def reset(self, samples: Array, readings: Matrix, estimated: Matrix) -> None:
         """Start over; a foot whose first sample is not finite has no sensor until it speaks."""
-        self._timers[:], self.counts[:] = 0.0, 0.0
+        self._timers[:], self.counts[:], self._doubt[:] = 0.0, 0.0, 0.0
         self.fault[:] = samples == NOT_FINITE
         self._last[:] = readings
         self.used[:] = np.where(self.fault[:, None] > 0.0, estimated, readings)
@@ -145,7 +166,8 @@ class FootSensorMonitor:
             expected: What the gait schedule says of each foot: 1 stands, 0 swings, ``UNKNOWN`` (2,).
             dt: Step [s].
         """
-        _judge(
+        self.changed = _judge(
             samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected,
             self._limits, dt, self.fault, self._timers, self._last, self.counts, self.used,
+            self._doubt,
         )  # fmt: skip

@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 OBSERVER = (
-    "base", "joints", "past", "past_joints", "feet", "estimated", "measured", "push", "offset", "impulse", "detection"
+    "base", "joints", "past", "past_joints", "feet", "estimated", "measured", "push", "offset", "impulse", "detection",
+    "lagged",
 )  # fmt: skip
 """Parts of the observer's block; ``ForceObserver`` has their meaning."""
 
@@ -35,7 +36,7 @@ GAINS = (
 )  # fmt: skip
 """Order of the gains handed to the kernels, in SI units (forces in N)."""
 
-BASE, JOINTS, PAST, PAST_JOINTS, FEET, ESTIMATED, MEASURED, PUSH, OFFSET, IMPULSE, DETECTION = range(11)
+BASE, JOINTS, PAST, PAST_JOINTS, FEET, ESTIMATED, MEASURED, PUSH, OFFSET, IMPULSE, DETECTION, LAGGED = range(12)
 
 
 @njit(cache=True)
@@ -89,7 +90,7 @@ def _leg_wrench(
 
 @njit(cache=True)
 def observe(
-    speeds: Array, tau: Array, wrenches: Array, measured: Array, dt: float, gains: Array, gravity: float,
+    speeds: Array, tau: Array, measured: Array, fault: Array, dt: float, gains: Array,
     legs: Index, bodies: Array, bodies_layout: Index, sweep: Array, layout: Index, observer: Array, own: Index,
 ) -> None:  # fmt: skip
     """One step of ``ForceObserver``, after ``generalised_momentum``; a step of 0 s starts it in a steady state.
@@ -97,11 +98,10 @@ def observe(
     Args:
         speeds: Joint velocities (nj,) [rad/s].
         tau: Joint torques (nj,) [N.m].
-        wrenches: Wrench of each sole that the push is told apart from, in its frame (2, 6) [N, N.m].
-        measured: What the foot sensors say, for the low-passed copy (2, 6) [N, N.m].
+        measured: What the foot sensors say, in the sole frames (2, 6) [N, N.m].
+        fault: Not 0 where the leg torques are to be believed instead (2,).
         dt: Step [s].
         gains: ``GAINS``.
-        gravity: [m/s^2].
         legs: Joints of each leg, filled up with -1 (2, k).
         bodies: Masses and drives.
         bodies_layout: Its layout.
@@ -119,6 +119,7 @@ def observe(
     past, past_joints = part_1(observer, own, PAST), part_1(observer, own, PAST_JOINTS)
     feet, estimated = part_1(observer, own, FEET), part_2(observer, own, ESTIMATED)
     low_passed, push = part_2(observer, own, MEASURED), part_1(observer, own, PUSH)
+    lagged = part_1(observer, own, LAGGED)
     weight = gains[5]
     start = dt <= 0.0
     for n in range(joints.shape[0]):
@@ -143,27 +144,31 @@ def observe(
             joints, legs[foot], part_2(sweep, layout, JOINT_AXES), part_2(sweep, layout, ORIGINS), soles[foot],
             turns[foot], gains[2], gains[3], estimated[foot],
         )  # fmt: skip
-        rotate(turns[foot], wrenches[foot, 0:3], force)
-        rotate(turns[foot], wrenches[foot, 3:6], torque)
+        for i in range(6):
+            low_passed[foot, i] += (1.0 if start else joint_gain) * (measured[foot, i] - low_passed[foot, i])
+        # Either kind of wrench has been through the joints' low-pass: the base's rows must be too.
+        wrench = low_passed[foot] if fault[foot] == 0.0 else estimated[foot]
+        rotate(turns[foot], wrench[0:3], force)
+        rotate(turns[foot], wrench[3:6], torque)
         x, y, z = soles[foot, 0] - centroid[0, 0], soles[foot, 1] - centroid[0, 1], soles[foot, 2] - centroid[0, 2]
         sums[3] += torque[0] + y * force[2] - z * force[1]
         sums[4] += torque[1] + z * force[0] - x * force[2]
         sums[5] += torque[2] + x * force[1] - y * force[0]
         for i in range(3):
             sums[i] += force[i]
-        for i in range(6):
-            low_passed[foot, i] += (1.0 if start else joint_gain) * (measured[foot, i] - low_passed[foot, i])
     for i in range(6):
         feet[i] += (1.0 if start else push_gain) * (sums[i] - feet[i])
-        push[i] = base[i] - feet[i]
+        lagged[i] += (1.0 if start else joint_gain) * (base[i] - lagged[i])
+        push[i] = lagged[i] - feet[i]
 
 
 @njit(cache=True)
-def detect_push(dt: float, gains: Array, observer: Array, own: Index) -> bool:
+def detect_push(dt: float, doubtful: bool, gains: Array, observer: Array, own: Index) -> bool:
     """Offset, detection with hysteresis and impulse of the push; ``detection`` is (active, timer [s]).
 
     Offsets of the foot sensors and errors of the masses look like a push that never ends: what stays within the
-    dead-band is learnt as an offset, itself no larger than the dead-band, and taken off.
+    dead-band is learnt as an offset, itself no larger than the dead-band, and taken off. While a foot sensor is in
+    doubt, its lie looks like a push: then none begins.
     """
     push, offset = part_1(observer, own, PUSH), part_1(observer, own, OFFSET)
     impulse, detection = part_1(observer, own, IMPULSE), part_1(observer, own, DETECTION)
@@ -171,6 +176,10 @@ def detect_push(dt: float, gains: Array, observer: Array, own: Index) -> bool:
         push[i] -= offset[i]
     size = math.sqrt(push[0] * push[0] + push[1] * push[1] + push[2] * push[2])
     active = detection[0] > 0.0
+    if doubtful and not active:
+        detection[1] = 0.0
+        impulse[:] = 0.0
+        return False
     if size < gains[8] if active else size > gains[7]:
         detection[1] += dt
         if detection[1] > (gains[10] if active else gains[9]):

@@ -24,7 +24,9 @@ class ForceObserver:
     the CoM in W, where C' v - g is the weight alone. The rows of a leg are due to the sole it ends in: its wrench
     F = (J_leg')^+ r_leg, by damped least squares. What is left of the base's rows is the push::
 
-        push = r_base - (wrenches of the soles at the CoM, through the same low-pass) - (learnt offset)
+        push = r_base - (wrenches of the soles at the CoM) - (learnt offset)
+
+    All of it passes both low-passes, that of the joints and that of the push, or a walking robot would push itself.
 
     Args:
         model: The robot.
@@ -68,7 +70,7 @@ class ForceObserver:
             "offset_time": config.offset_time,
         }
         self._gains = np.array([gains[name] for name in GAINS])
-        shapes = ((6,), (model.nj,), (6,), (model.nj,), (6,), (2, 6), (2, 6), (6,), (6,), (3,), (2,))
+        shapes = ((6,), (model.nj,), (6,), (model.nj,), (6,), (2, 6), (2, 6), (6,), (6,), (3,), (2,), (6,))
         self._block = block = Block(dict(zip(OBSERVER, shapes, strict=True)))
         self.base, self.joints = block["base"], block["joints"]
         self.estimated, self.measured = block["estimated"], block["measured"]
@@ -77,32 +79,42 @@ class ForceObserver:
             row[: len(foot.joint_ids_v)] = np.asarray(foot.joint_ids_v) - 6
         momentum = self.momentum
         self._arguments = (
-            self._gains, gravity, legs, momentum.bodies.data, momentum.bodies.layout,
+            self._gains, legs, momentum.bodies.data, momentum.bodies.layout,
             momentum.sweep.data, momentum.sweep.layout, block.data, block.layout,
         )  # fmt: skip
         self._active = False
         self._base_position = np.zeros(3)
 
-    def reset(self, q: Vector, v: Vector, tau: Vector, wrenches: Matrix) -> None:
+    def reset(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector) -> None:
         """Start in a steady state: forces in balance, no push in memory; arguments as for ``update``."""
         self._block.data[:] = 0.0
         self._active = False
-        self.update(q, v, tau, wrenches, wrenches, 0.0)
+        self.update(q, v, tau, measured, fault, 0.0)
 
-    def update(self, q: Vector, v: Vector, tau: Vector, wrenches: Matrix, measured: Matrix, dt: float) -> None:
+    def update(
+        self,
+        q: Vector,
+        v: Vector,
+        tau: Vector,
+        measured: Matrix,
+        fault: Vector,
+        dt: float,
+        doubtful: bool = False,
+    ) -> None:
         """Advance by one step.
 
         Args:
             q: Configuration (nq,).
             v: Velocity (nv,).
             tau: Joint torques (nj,) [N.m].
-            wrenches: Wrench of each sole to tell the push from, in its frame (2, 6) [N, N.m].
-            measured: What the foot sensors say (2, 6) [N, N.m].
+            measured: What the foot sensors say, in the sole frames (2, 6) [N, N.m].
+            fault: Not 0 where the leg torques are to be believed instead (2,).
             dt: Step; 0 starts in a steady state [s].
+            doubtful: Whether a foot sensor is in doubt; then no push begins.
         """
         generalised_momentum(q, v, *self.momentum.arguments)
-        observe(v[6:], tau, wrenches, measured, dt, *self._arguments)
-        self._active = detect_push(dt, self._gains, self._block.data, self._block.layout)
+        observe(v[6:], tau, measured, fault, dt, *self._arguments)
+        self._active = detect_push(dt, doubtful, self._gains, self._block.data, self._block.layout)
         self._base_position[:] = q[:3]
 
     @property

@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 def _watch(
     innovation: Array, stands: Array, gate: float, limits: Array, dt: float, timers: Array, slipping: Array,
     counts: Array, densities: Array,
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     """One step of ``SlipMonitor``; ``timers``: over the gate, quiet (2, 2) [s]; ``limits``: their ends, density."""
+    changed = False
     for foot in range(2):
         if stands[foot] <= 0.0:  # in the air nothing is expected of it
             timers[foot, 0], timers[foot, 1], slipping[foot] = 0.0, 0.0, 0.0
@@ -34,8 +35,10 @@ def _watch(
         elif timers[foot, 0] > limits[0]:
             slipping[foot] = 1.0
             counts[foot] += 1.0
+            changed = True
         if slipping[foot] > 0.0:
             densities[foot, 0] = max(densities[foot, 0], limits[2])
+    return changed
 
 
 class SlipMonitor:
@@ -47,6 +50,7 @@ class SlipMonitor:
     Attributes:
         slipping: 1 where a foot slips, else 0 (2,).
         counts: Slips of each foot (2,).
+        changed: Whether a slip began in the last step.
 
     Args:
         config: Limits.
@@ -56,6 +60,7 @@ class SlipMonitor:
     def __init__(self, config: SlipConfig, gate: float) -> None:
         self._gate = gate
         self._limits = np.array([config.time, config.recover_time, config.density])
+        self.changed = False
         self._timers = np.zeros((2, 2))
         self.slipping, self.counts = np.zeros(2), np.zeros(2)
 
@@ -72,6 +77,6 @@ class SlipMonitor:
             dt: Step [s].
             densities: In and out: random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
         """
-        _watch(
+        self.changed = _watch(
             innovation, stands, self._gate, self._limits, dt, self._timers, self.slipping, self.counts, densities,
         )  # fmt: skip

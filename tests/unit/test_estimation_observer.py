@@ -14,6 +14,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 
 DT = 0.001
+SOUND, BROKEN = np.zeros(2), np.ones(2)
 CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
 
 
@@ -87,10 +88,10 @@ class Scene:
 def run(scene: Scene, observer: ForceObserver, duration: float, start: float = 0.0) -> None:
     if start == 0.0:
         q, v, tau, wrenches = scene.at(0.0)
-        observer.reset(q, v, tau, wrenches)
+        observer.reset(q, v, tau, wrenches, SOUND)
     for k in range(1, round(duration / DT) + 1):
         q, v, tau, wrenches = scene.at(start + k * DT)
-        observer.update(q, v, tau, wrenches, wrenches, DT)
+        observer.update(q, v, tau, wrenches, SOUND, DT)
 
 
 @pytest.mark.parametrize("axis", range(6))
@@ -117,11 +118,11 @@ def test_sole_wrenches_come_from_the_leg_torques_alone(robot: RobotModel) -> Non
     scene, observer = Scene(robot, push), ForceObserver(robot, CONFIG.observer, CONFIG.gravity)
     nothing = np.zeros((2, 6))
     q, v, tau, wrenches = scene.at(0.0)
-    observer.reset(q, v, tau, nothing)
+    observer.reset(q, v, tau, nothing, BROKEN)
     np.testing.assert_allclose(observer.estimated[:, 2], wrenches[:, 2], atol=0.05 * observer.weight)  # it accelerates
     for k in range(1, 1000):
         q, v, tau, wrenches = scene.at(k * DT)
-        observer.update(q, v, tau, observer.estimated, nothing, DT)
+        observer.update(q, v, tau, nothing, BROKEN, DT)
         if k > 600:
             np.testing.assert_allclose(observer.estimated[:, :3], wrenches[:, :3], atol=0.04 * observer.weight)
             np.testing.assert_allclose(observer.estimated[:, 3:], wrenches[:, 3:], atol=0.01 * observer.weight)
@@ -134,10 +135,10 @@ def test_a_lasting_small_force_is_learnt_and_a_large_one_is_not(g1: RobotModel) 
         observer = ForceObserver(g1, CONFIG.observer, CONFIG.gravity)
         scene = Scene(g1, np.array([share * weight, 0.0, 0.0, 0.0, 0.0, 0.0]), still=True)
         q, v, tau, wrenches = scene.at(0.0)
-        observer.reset(q, v, tau, wrenches)
+        observer.reset(q, v, tau, wrenches, SOUND)
         q, v, tau, wrenches = scene.at(1.0)
         for _ in range(round(5.0 * CONFIG.observer.offset_time / DT)):
-            observer.update(q, v, tau, wrenches, wrenches, DT)
+            observer.update(q, v, tau, wrenches, SOUND, DT)
         assert observer._block["push"][0] / weight == pytest.approx(expected, abs=0.002)
         assert observer.push.active == (expected > 0.0)
 
@@ -148,14 +149,14 @@ def test_detection_has_hysteresis_and_ends(g1: RobotModel) -> None:
     between = 0.5 * (config.detect_on + config.detect_off) * observer.weight
     still = Scene(g1, np.zeros(6), still=True)
     q, v, tau, wrenches = still.at(0.0)
-    observer.reset(q, v, tau, wrenches)
+    observer.reset(q, v, tau, wrenches, SOUND)
 
     def feel(force: float, duration: float) -> bool:
         less = wrenches.copy()
         for foot in range(2):  # what the soles lack, something else bears
             less[foot, 2] -= 0.5 * force
         for _ in range(round(duration / DT)):
-            observer.update(q, v, tau, less, less, DT)
+            observer.update(q, v, tau, less, SOUND, DT)
         return observer.push.active
 
     assert not feel(between, 0.3)
@@ -173,7 +174,7 @@ def test_centroidal_state_of_a_robot_at_rest(robot: RobotModel) -> None:
     observer, scene = ForceObserver(robot, CONFIG.observer, CONFIG.gravity), Scene(robot, np.zeros(6), still=True)
     q, v, tau, wrenches = scene.at(0.0)
     v[:3] = 0.1, -0.05, 0.0
-    observer.reset(q, v, tau, wrenches)
+    observer.reset(q, v, tau, wrenches, SOUND)
     state = observer.centroidal
     com = pin.centerOfMass(robot.pin, robot.data(), q)
     np.testing.assert_allclose(state.com, com, atol=1e-12)
