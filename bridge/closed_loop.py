@@ -191,18 +191,13 @@ class ClosedLoop:
         return self._lockstep.result
 
     @property
-    def estimator(self) -> StateEstimator:
-        """The state estimator: its health, and the push it feels."""
-        return self._lockstep.estimator
-
-    @property
     def controller(self) -> Controller:
         """The whole-body controller."""
         return self._lockstep.controller
 
     @property
     def estimator(self) -> StateEstimator:
-        """The state estimator: its health, and how sure it is of ``state``."""
+        """The state estimator: its health, the push it feels, and how sure it is of ``state``."""
         return self._lockstep.estimator
 
     @property
