@@ -205,7 +205,7 @@ class CalibrationStore:
         """Take the present file away and return to the one before it; the present one is kept as ``.rejected``.
 
         Raises:
-            ConfigError: There is no previous file that is usable; nothing is changed then.
+            ConfigError: There is no previous file that is usable; nothing is changed then. Or the disk refuses.
         """
         for path in self.files():
             if path == self.path:
@@ -214,11 +214,14 @@ class CalibrationStore:
                 previous = self.read(path)
             except (ConfigError, JointNameError):
                 continue
-            if self.path.is_file():
-                self.path.replace(self.path.with_name(f"{self.path.name}.rejected"))
-            path.replace(self.path)
-            self._close_gaps()
-            _sync(self.path.parent)
+            try:
+                if self.path.is_file():
+                    self.path.replace(self.path.with_name(f"{self.path.name}.rejected"))
+                path.replace(self.path)
+                self._close_gaps()
+                _sync(self.path.parent)
+            except OSError as error:
+                raise ConfigError(f"{self.path}: cannot be rolled back: {error.strerror}") from error
             return previous
         raise ConfigError(f"{self.path}: there is no previous calibration to return to")
 

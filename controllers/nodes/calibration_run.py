@@ -91,7 +91,10 @@ class CalibrationRun:
         elif procedure.ready:
             store = self._file.store
             base = Calibration.none(self._node.model) if store is None else store.load()[0]
-            self._solver.start(procedure.job(base))
+            try:
+                self._solver.start(procedure.job(base))
+            except OSError as error:  # no room, no process: no reason to stop estimating
+                self._answer(CommandReply(False, f"calibration given up: the solver does not start: {error.strerror}"))
         outcome = self._solver.poll()
         if outcome is not None:
             self._answer(self._save(outcome))

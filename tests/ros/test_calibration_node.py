@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from typing import Any
 
 import numpy as np
@@ -126,6 +127,22 @@ def test_a_calibration_is_given_up_when_the_node_is_deactivated(bench: Any, g1: 
     services.node.trigger_deactivate()
     bench.wait(future.done)
     assert "not active" in future.result().message
+
+
+def test_a_calibration_is_given_up_when_its_solver_does_not_start(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_room(self: CalibrationSolver, job: CalibrationJob) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(CalibrationSolver, "start", no_room)
+    services = Services(bench, g1)
+    services.tell(np.zeros(g1.nj))
+    services.hang()
+    accepted, text = services.answer(services.ask("imu"))
+    assert not accepted
+    assert "does not start: No space left on device" in text
+    assert services.calibration._run.what == ""
 
 
 def test_without_a_folder_nothing_is_calibrated(bench: Any, g1: RobotModel) -> None:

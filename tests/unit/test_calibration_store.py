@@ -184,6 +184,15 @@ def test_rollback_skips_a_spoiled_file(g1: RobotModel, store: CalibrationStore) 
     assert same(store.rollback(), sample(g1, 0))
 
 
+def test_a_rollback_that_the_disk_refuses_changes_nothing(g1: RobotModel, store: CalibrationStore) -> None:
+    for seed in range(2):
+        store.save(sample(g1, seed), now=NOW)
+    store.path.with_name("g1.yaml.rejected").mkdir()
+    with pytest.raises(ConfigError, match="cannot be rolled back"):
+        store.rollback()
+    assert same(store.load()[0], sample(g1, 1))
+
+
 def test_no_zone_other_robot_and_full_disk_are_refused(
     g1: RobotModel, talos: RobotModel, store: CalibrationStore, tmp_path: Path
 ) -> None:
