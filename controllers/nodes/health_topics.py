@@ -26,6 +26,10 @@ IDLE = ("idle", "active", "inactive", "configured", "unconfigured", "finalized")
 """First word of the controller's report while it solves nothing."""
 
 
+DIGITS_MAX = 20
+"""Longest count or stamp that is read from a report [characters]; 64 bits have 20."""
+
+
 class HealthTopics:
     """Newest report of each kind; ages are counted on the stamps, only the silence of ``/clock`` on this machine's.
 
@@ -122,7 +126,7 @@ class HealthTopics:
         since = values.get(topics.COASTING, "")
         if not since:
             self._coasting_since = None
-        elif since.isdecimal():
+        elif _is_count(since):
             self._coasting_since = int(since)
         else:
             self._node.refuse("/diagnostics", f"state_estimator: {topics.COASTING}: '{since[:32]}'")
@@ -136,7 +140,12 @@ class HealthTopics:
             self._node.refuse("/diagnostics", f"balance_controller: unknown status '{status[:32]}'")
             self._status = SolveStatus.DAMPED
         overruns = values.get(topics.OVERRUNS, "0")
-        if overruns.isdecimal():
+        if _is_count(overruns):
             self._overruns = int(overruns)
         else:
             self._node.refuse("/diagnostics", f"balance_controller: {topics.OVERRUNS}: '{overruns[:32]}'")
+
+
+def _is_count(text: str) -> bool:
+    """Whether a text is a number that ``int`` reads: it raises on one of more than 4300 digits."""
+    return text.isdecimal() and len(text) <= DIGITS_MAX

@@ -170,6 +170,25 @@ def test_what_the_controller_reports_damps(
     assert node.counters["refused /diagnostics"] == (status == "splendid")
 
 
+def test_a_number_that_is_too_long_is_refused_and_the_supervisor_lives(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
+    digits = "9" * 5000
+    told = DiagnosticStatus(name="/balance_controller", message="optimal")
+    told.values = [KeyValue(key=topics.OVERRUNS, value=digits)]
+    reports.publish(DiagnosticArray(status=[told]))
+    bench.wait(lambda: node.counters["refused /diagnostics"] == 1)
+    told = DiagnosticStatus(name="/state_estimator", values=[KeyValue(key=topics.COASTING, value=digits)])
+    reports.publish(DiagnosticArray(status=[told]))
+    bench.wait(lambda: node.counters["refused /diagnostics"] == 2)
+    assert node.active
+
+
 def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, world: World, g1: RobotModel) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
