@@ -9,12 +9,15 @@ from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
 from controllers.supervisor import ACTIVE_MODES
-from models.errors import PoiseError
+from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import decode, trajectory_from_message
 from models.nodes.qos import EVENT
 from models.types import Mode
+
+TRAJECTORY_BYTES_MAX = 400_000
+"""Largest trajectory that is decoded [bytes]: 600 points of 32 joints with velocities, and half a driver's time-out."""
 
 
 class MotionTopics:
@@ -59,6 +62,8 @@ class MotionTopics:
     def _on_trajectory(self, data: bytes) -> None:
         request, mode = "", self._mode()
         try:
+            if len(data) > TRAJECTORY_BYTES_MAX:  # its decoding would take ticks that keep the robot standing
+                raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id
             wanted = mode is Mode.MOTION and request == self.requested if request else True

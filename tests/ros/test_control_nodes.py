@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from controllers.nodes import motion_topics
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.nodes import realtime, topics
@@ -135,6 +136,24 @@ def test_a_status_that_flaps_does_not_flood_the_diagnostics(
     assert collected == []
     node._on_diagnostics_due()
     assert collected == [True]
+
+
+def test_a_trajectory_that_takes_too_long_to_read_is_refused_unread(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = Controlled(bench, g1)
+    robot.set_mode("stand")
+    motions = robot.node._motions
+
+    def read(*_: object) -> None:
+        raise AssertionError("was read")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(motion_topics, "decode", read)
+        motions._on_trajectory(bytes(motion_topics.TRAJECTORY_BYTES_MAX + 1))
+    assert "bytes, at most" in robot.node.values["last refusal"]
+    motions._on_trajectory(bytes(motion_topics.TRAJECTORY_BYTES_MAX))
+    assert "bytes, at most" not in robot.node.values["last refusal"]
 
 
 def test_a_plan_that_comes_too_late_is_dropped(bench: Any, g1: RobotModel) -> None:
