@@ -25,7 +25,6 @@ HOLD = "hold"
 CAMERA = "track"
 """Name of the camera that follows the robot (only with visuals)."""
 
-_VISUAL_GROUP = 1
 _COLLISION_GROUP = 3
 _CONDIM = 4  # normal, two tangential and drilling friction
 _FLOOR = "floor"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -269,11 +269,6 @@ def trajectory_to_message(trajectory: JointTrajectory) -> JointTrajectoryMsg:
         set_stamp(point.time_from_start, to_ns(float(t)))
         message.points.append(point)
     return message
-
-
-def trajectory_to_bytes(trajectory: JointTrajectory) -> bytes:
-    """Serialised ``trajectory_to_message``."""
-    return bytes(serialize_message(trajectory_to_message(trajectory)))
 
 
 def wrench_vector(wrench: Any) -> Vector:
