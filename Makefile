@@ -7,6 +7,7 @@ export MUJOCO_GL ?= egl
 BIN := .venv/bin
 ROBOT ?= g1
 OUT ?= out
+BENCHES ?= tick push stand latency calibrate estimate walk
 
 .PHONY: help demo test test-slow check bench clean distclean
 
@@ -31,10 +32,10 @@ check:  ## Linting, formatting, types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench:  ## All benchmarks; JSON and plots in out/bench/
+bench:  ## All benchmarks, or BENCHES='tick push'; JSON and plots in out/bench/
 	@.ci/setup dev
 	@mkdir -p $(OUT)/bench
-	@status=0; for name in tick push stand latency calibrate; do \
+	@status=0; for name in $(BENCHES); do \
 	  $(BIN)/poise bench $$name --robot $(ROBOT) --json $(OUT)/bench/$$name-$(ROBOT).json --plot $(OUT)/bench || status=1; \
 	done; exit $$status
 
