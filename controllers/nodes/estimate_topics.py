@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,8 +13,7 @@ from std_msgs.msg import UInt8MultiArray
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.kernels_predict import ROTATION
-from models.errors import MessageError
-from models.footprint import base_footprint
+from controllers.nodes.transform_topics import TransformTopics
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
@@ -23,12 +21,8 @@ from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.messages import WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import describe
-from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
-from models.nodes.tf_type import tf_message_type
-from models.nodes.transforms import TransformsCodec
+from models.nodes.qos import SENSOR, sensor
 from models.types import RobotState, SensorData
-
-_MOVING_FRAMES = ((topics.ODOM_FRAME, topics.BASE_FRAME), (topics.BASE_FRAME, topics.FOOTPRINT_FRAME))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,30 +97,11 @@ class EstimateTopics:
         self._imu = node.announce(Imu, topics.IMU_DATA, SENSOR)
         self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, SENSOR)
         self._wrench_codec = WrenchCodec(topics.ODOM_FRAME)
-        self._workspace = node.model.data()
-        self._soles = [foot.frame_id for foot in node.model.feet]
-        self._tf_codec = TransformsCodec(_MOVING_FRAMES)
-        base_footprint(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3)))  # compiles now, not in a tick
-        self._tf = self._announce_transforms()
-
-    def _announce_transforms(self) -> Any:
-        """Publisher of ``/tf``; None where this ROS 2 has no such message, which is told."""
-        try:
-            kind = tf_message_type()
-        except MessageError as error:
-            self._node.get_logger().warning(f"no transforms on {topics.TF}: {error}")
-            self._node.values[topics.TF] = str(error)
-            return None
-        self._static = self._node.announce(kind, topics.TF_STATIC, LATCHED)
-        return self._node.announce(kind, topics.TF, EVENT)
+        self._transforms = TransformTopics(node)
 
     def start(self, stamp: int) -> None:
         """Publish what does not change, for a robot that begins to be estimated at a stamp [ns]."""
-        if self._tf is None:
-            return
-        frames = static_frames(self._node.model)
-        codec = TransformsCodec([(parent, child) for parent, child, _ in frames])
-        self._static.publish(codec.encode(stamp, [pose for _, _, pose in frames]))
+        self._transforms.start(stamp)
 
     def publish(self, state: RobotState, stamp: int, sensors: SensorData) -> None:
         """Publish what is due.
@@ -145,8 +120,8 @@ class EstimateTopics:
         if self._push_due(stamp):
             push = self._law.push
             self._wrench.publish(self._wrench_codec.encode(stamp, np.concatenate([push.force, push.moment])))
-        if self._tf is not None and self._tf_due(stamp):
-            self._tf.publish(self._tf_codec.encode(stamp, [state.q[:7], self._footprint(state)]))
+        if self._tf_due(stamp):
+            self._transforms.publish(state, stamp)
 
     def publish_odometry(self, state: RobotState, stamp: int) -> None:
         """Publish contacts and odometry; the controller in another process waits for the latter."""
@@ -162,32 +137,3 @@ class EstimateTopics:
             gyro=sensors.gyro - law.gyro_bias,
             accel=sensors.accel - law.accel_bias,
         )
-
-    def _footprint(self, state: RobotState) -> Any:
-        model, data = self._node.model.pin, self._workspace
-        pin.forwardKinematics(model, data, state.q)
-        soles = np.array([pin.updateFramePlacement(model, data, sole).translation for sole in self._soles])
-        return base_footprint(state.q[:7], soles)
-
-
-def static_frames(model: Any) -> list[tuple[str, str, Any]]:
-    """REP-120 frames that sit on links of the URDF: what ``robot_state_publisher`` cannot know.
-
-    The root link hangs under ``base_link``, so that the tree stays one. A frame named as one of the links is that link
-    and left out.
-
-    Args:
-        model: The robot.
-
-    Returns:
-        Parent, child and pose (7,) of the child in its parent, for each.
-    """
-    root = model.profile.base_link
-    frames = [] if root == topics.BASE_FRAME else [(topics.BASE_FRAME, root, pin.SE3ToXYZQUAT(pin.SE3.Identity()))]
-    for name in model.frame_names:
-        frame = model.pin.frames[model.frame_id(name)]
-        link = model.pin.frames[frame.parentFrame]
-        if name == topics.BASE_FRAME or model.pin.existFrame(name, pin.FrameType.BODY):
-            continue
-        frames.append((link.name, name, pin.SE3ToXYZQUAT(link.placement.actInv(frame.placement))))
-    return frames

@@ -82,7 +82,7 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
         bench.world.create_subscription(kind, topic, heard[topic].append, qos, raw=True)
     robot_ = Estimated(bench, robot, robot=robot.name)
     estimates = robot_.node._estimates
-    for publisher in (estimates._odom, estimates._imu, estimates._tf, estimates._wrench):
+    for publisher in (estimates._odom, estimates._imu, estimates._transforms._moving, estimates._wrench):
         bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
     robot_.tick(START + 200)
     bench.wait(lambda: all(heard.values()))
@@ -119,10 +119,10 @@ def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytes
     robot = Estimated(bench, g1, odom_rate=200.0, imu_rate=100.0, tf_rate=50.0, covariance_rate=20.0, push_rate=10.0)
     robot.tick(START)
     estimates, law = robot.node._estimates, robot.node._law
-    counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_tf", "_wrench"), 0)
+    counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_transforms", "_wrench"), 0)
     for name in counts:
 
-        def count(data: object, name: str = name) -> None:
+        def count(*data: object, name: str = name) -> None:
             counts[name] += 1
 
         monkeypatch.setattr(getattr(estimates, name), "publish", count)
@@ -130,7 +130,7 @@ def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytes
     covariance = law.odometry_covariance
     monkeypatch.setattr(law, "odometry_covariance", lambda: (computed.append(1), covariance())[1])
     robot.tick(1000)
-    assert counts == {"_odom": 200, "_contacts": 200, "_imu": 100, "_tf": 50, "_wrench": 10}
+    assert counts == {"_odom": 200, "_contacts": 200, "_imu": 100, "_transforms": 50, "_wrench": 10}
     assert len(computed) == 20
     assert len(robot.states) == 1001
 
@@ -270,7 +270,7 @@ def test_without_the_type_of_tf_the_rest_goes_on(bench: Any, g1: RobotModel, mon
     def refuse() -> None:
         raise MessageError("tf2_msgs is not installed")
 
-    monkeypatch.setattr("controllers.nodes.estimate_topics.tf_message_type", refuse)
+    monkeypatch.setattr("controllers.nodes.transform_topics.tf_message_type", refuse)
     robot = Estimated(bench, g1)
     robot.tick(START + 100)
     assert robot.states

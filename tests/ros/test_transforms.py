@@ -10,7 +10,7 @@ from geometry_msgs.msg import TransformStamped
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from controllers.nodes.estimate_topics import static_frames
+from controllers.nodes.transform_topics import static_frames
 from models.errors import MessageError
 from models.nodes import tf_type
 from models.nodes.message_text import message_text
