@@ -44,6 +44,8 @@ _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
 _LEVEL_MINUS = np.full(4, -1)
 _LEVEL_GATE = 3.0
 """Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]."""
+_LYING = 1e-6
+"""Sine of the angle between up and the base's x axis below which the robot lies and that axis has no heading [-]."""
 _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
 _REST_MINUS = np.full(3, -1)
 
@@ -102,6 +104,8 @@ class InvariantFilter:
         up = kinematics.imu_rotation @ (force / np.linalg.norm(force))
         # Base orientation without yaw: its x axis stays in the x-z plane of W.
         x_axis = np.array([1.0, 0.0, 0.0]) - up[0] * up
+        if np.linalg.norm(x_axis) < _LYING:
+            x_axis = np.array([0.0, 0.0, 1.0]) - up[2] * up
         x_axis /= np.linalg.norm(x_axis)
         base_rotation = np.stack([x_axis, np.cross(up, x_axis), up])
         self.rotation[:] = base_rotation @ kinematics.imu_rotation

@@ -229,6 +229,17 @@ def test_starts_between_the_soles_without_yaw(estimator: StateEstimator) -> None
     assert abs(base[1, 0]) < 1e-12
 
 
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_starts_lying_flat_with_some_heading(estimator: StateEstimator, direction: float) -> None:
+    """On its back or its face, the base's x axis is vertical and has no heading; the attitude is still told."""
+    robot = robot_of(estimator)
+    sample = sensors_of(robot, motion(robot), None)[0]
+    up = estimator._kinematics.imu_rotation.T @ [9.81 * direction, 0.0, 0.0]
+    state = estimator.reset(replace(sample, accel=up))
+    base = pin.Quaternion(state.q[3:7]).matrix()
+    np.testing.assert_allclose(base @ [1.0, 0.0, 0.0], [0.0, 0.0, direction], atol=1e-9)
+
+
 def test_another_world_frame_gives_the_same_motion_in_it(estimator: StateEstimator) -> None:
     """Turned and shifted at the start, the estimate stays turned and shifted, and its twist in B does not change."""
     robot = robot_of(estimator)
