@@ -125,7 +125,7 @@ class ContactDetector:
         """Start from one sample (2, 6) [N, N.m], without the delay: a loaded foot bears at once."""
         self._timers[:] = 0.0
         self.active[:] = wrenches[:, 2] > np.where(fault > 0.0, self._limits[5], self._limits[1])
-        self.cops[:] = 0.0
+        self.cops[:], self.pivots[:] = 0.0, 0.0
         self.update(wrenches, np.zeros(2), fault, np.full(2, UNKNOWN), 0.0)
 
     def update(self, wrenches: Matrix, samples: Vector, fault: Vector, expected: Vector, dt: float) -> None:

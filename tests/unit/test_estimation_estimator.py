@@ -117,6 +117,19 @@ def motion(robot: RobotModel) -> Motion:
     return Motion(q[1:-1], v[1:-1], gyro[1:-1], accel[1:-1], wrenches[1:-1])
 
 
+def torques_of(robot: RobotModel, truth: Motion) -> np.ndarray:
+    """Joint torques of the motion under its foot wrenches (n, nj); whatever else holds the base takes the rest."""
+    data, n = robot.data(), len(truth)
+    acceleration = np.gradient(truth.v, DT, axis=0) if n > 1 else np.zeros_like(truth.v)
+    torques = np.empty((n, robot.nv))
+    for k in range(n):
+        torques[k] = pin.rnea(robot.pin, data, truth.q[k], truth.v[k], acceleration[k])
+        pin.computeJointJacobians(robot.pin, data, truth.q[k])
+        for foot, wrench in zip(robot.feet, truth.wrenches[k], strict=True):
+            torques[k] -= pin.getFrameJacobian(robot.pin, data, foot.frame_id, pin.LOCAL).T @ wrench
+    return torques[:, 6:]
+
+
 def sensors_of(robot: RobotModel, truth: Motion, seed: int | None) -> list[SensorData]:
     """What the robot's sensors say, with the profile's noise; exact when ``seed`` is None."""
     n, nj, profile = len(truth), robot.nj, robot.profile.sensors
@@ -130,9 +143,8 @@ def sensors_of(robot: RobotModel, truth: Motion, seed: int | None) -> list[Senso
     accel = truth.accel + scale * profile.imu.accel_bias * rng.normal(size=3)
     accel = accel + scale * profile.imu.accel_noise_density / np.sqrt(DT) * rng.normal(size=(n, 3))
     wrenches = truth.wrenches + scale * profile.feet.force_noise * rng.normal(size=(n, 2, 6))
-    return [
-        SensorData(k * DT, q[k], v[k], np.zeros(nj), gyro[k], accel[k], wrenches[k]) for k in range(n)
-    ]  # fmt: skip
+    tau = torques_of(robot, truth)
+    return [SensorData(k * DT, q[k], v[k], tau[k], gyro[k], accel[k], wrenches[k]) for k in range(n)]
 
 
 def run(estimator: StateEstimator, sensors: list[SensorData]) -> list[RobotState]:
