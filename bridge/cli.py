@@ -140,6 +140,23 @@ def mode(
         raise typer.Exit(_print_reply(client.trigger(services[name])))
 
 
+@app.command(context_settings={"ignore_unknown_options": True})  # -0.3 is a velocity, not an option
+def walk(
+    forward: Annotated[float, typer.Argument(help="Velocity forward; negative backward [m/s].")],
+    left: Annotated[float, typer.Argument(help="Velocity to the left [m/s].")] = 0.0,
+    turn: Annotated[float, typer.Argument(help="Turning speed to the left [rad/s].")] = 0.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="How long; then it stops and stands.")] = 5.0,
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Have the running robot walk at a velocity, on /cmd_vel, then stand."""
+    need_ros()
+    from bridge.ros.client import Client
+    from bridge.ros.walk import walk as drive
+
+    with told(), Client(network=network) as client:
+        raise typer.Exit(_print_reply(drive(client, (forward, left, turn), seconds)))
+
+
 @app.command()
 def calibrate(
     what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],

@@ -255,7 +255,7 @@ class ClosedLoop:
         before = self.mode
         reply = self._lockstep.supervisor.text(text)
         if self.mode is not before:
-            self._lockstep.enter_mode(before)
+            self._lockstep.enter_mode()
         velocity = self._lockstep.supervisor.take_velocity()
         if velocity is not None:
             self.gait.set_velocity(*velocity)

@@ -10,13 +10,15 @@ from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
 from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
-from bridge.walker import Walker
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
 from controllers.joint_servo import JointServo, ServoState
+from controllers.law_switch import LawSwitch
 from controllers.preflight import Evidence, preflight
 from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES, Supervisor
+from controllers.walker import Walker
+from controllers.walking import WalkingController
 from models.calibration import Calibration, apply_calibration
 from models.errors import PoiseError
 from models.types import (
@@ -30,6 +32,7 @@ from models.types import (
     SolveStatus,
 )
 from planners.gait.config import GaitConfig
+from planners.gait.gait import GaitPlanner
 
 
 class Controller(Protocol):
@@ -117,7 +120,8 @@ class Lockstep:
         self.state: RobotState
         self.result: ControlResult
         self._gait = gait
-        self._walker: Walker | None = None
+        self._walker: Walker[GaitPlanner] | None = None
+        self._laws = LawSwitch(controller, lambda: self.walker)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -145,7 +149,7 @@ class Lockstep:
         self.tick = 0
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
-        self.controller.reset(self.state)
+        self._laws.reset(self.state)
         evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
         self.supervisor.set_preflight(preflight(plant.robot, self.supervisor.config, evidence, {}))
         reply = self.supervisor.request(Mode.STAND)
@@ -187,18 +191,16 @@ class Lockstep:
         return raw if self._applied is None else apply_calibration(raw, self._applied)
 
     @property
-    def walker(self) -> Walker:
+    def walker(self) -> Walker[GaitPlanner]:
         """Gait planner and walking controller; built when first asked for."""
         if self._walker is None:
-            self._walker = Walker(self.plant.robot, self._gait)
+            robot = self.plant.robot
+            self._walker = Walker(GaitPlanner(robot, self._gait), WalkingController(robot))
         return self._walker
 
-    def enter_mode(self, before: Mode) -> None:
-        """Hand the robot over between balance controller and walker after a change of mode from ``before``."""
-        if self.supervisor.mode is Mode.WALK and before is not Mode.WALK:
-            self.walker.start(self.state)
-        elif self.supervisor.mode is Mode.STAND and before is Mode.WALK:
-            self.controller.reset(self.state)
+    def enter_mode(self) -> None:
+        """Hand the robot over between balance controller and walker after a change of mode."""
+        self._laws.enter(self.supervisor.mode, self.state)
 
     def _hang_and_average(self) -> SensorData:
         """Hang under gravity compensation; returns the mean of the last sensor samples."""
@@ -241,9 +243,8 @@ class Lockstep:
         self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
             return
-        active = self.walker if self.supervisor.mode is Mode.WALK else self.controller
-        self.result = active.step(self.state, self._control_dt)
-        self._scheduled = active.reference.contacts
+        self.result = self._laws.step(self.state, self._control_dt)
+        self._scheduled = self._laws.reference.contacts
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()
@@ -260,7 +261,7 @@ class Lockstep:
             status=self.result.status,
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.controller.motion_active,
-            gait_active=before is Mode.WALK and not self.walker.standing,
+            gait_active=self._laws.gait_active,
             coasting=0.0 if self._use_truth else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)
@@ -268,7 +269,7 @@ class Lockstep:
             self.servo.damp()
             self.controller.stop_motion()
         if mode is not before:
-            self.enter_mode(before)
+            self.enter_mode()
             faults = self.supervisor.faults
             self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
 

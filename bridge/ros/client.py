@@ -96,6 +96,10 @@ class Client:
                 self._refusals = int(values.get(f"refused {topics.HUMANOID_COMMANDS}", "0"))
                 self._last_refusal = values.get("last refusal", "refused")
 
+    def publisher(self, kind: type, topic: str, qos: Any) -> Any:
+        """Publisher until the client leaves; see ``Node.create_publisher``."""
+        return self._node.create_publisher(kind, topic, qos)
+
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""
         self.wait(lambda: False, duration)

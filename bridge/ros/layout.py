@@ -9,7 +9,7 @@ from bridge.ros.processes import Parameters, ProcessSpec
 from models.errors import PoiseError
 
 BRIDGE = ProcessSpec("bridge.nodes.mujoco_bridge", ("mujoco_bridge",))
-CONTROL = ProcessSpec("controllers.nodes.control", ("balance_controller", "state_estimator"))
+CONTROL = ProcessSpec("bridge.nodes.control", ("gait_planner", "balance_controller", "state_estimator"))
 ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
 CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
 PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
@@ -29,7 +29,8 @@ def process_specs(*, merged: bool) -> list[ProcessSpec]:
     """Processes of the graph, the plant's first.
 
     Args:
-        merged: Whether estimator and controller share a process.
+        merged: Whether estimator, gait planner and controller share a process; apart, there is no gait planner, because
+            its reference would have to travel at 1 kHz.
     """
     control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
     return [BRIDGE, *control, PLANNER, SUPERVISOR]

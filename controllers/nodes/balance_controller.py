@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,9 +12,12 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
+from controllers.law_switch import LawSwitch
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
+from controllers.walker import Gait, Walker
+from controllers.walking import WalkingConfig, WalkingController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
 from models.nodes import topics
@@ -36,19 +40,27 @@ FIRST_STEP = 0.001
 
 
 class BalanceControllerNode(PoiseNode):
-    """Runs ``BalanceController`` once for each state.
+    """Runs ``BalanceController`` once for each state, in mode ``walk`` ``WalkingController`` on the gait's reference.
 
     Args:
         local: Whether an estimator in this process calls ``on_state``; otherwise the state comes from topics.
+        gait: Gait planner in this process; without one the robot does not walk.
         kwargs: Passed to rclpy.
+
+    Attributes:
+        scheduled: Which feet the last tick's reference has in contact; None while the mode moves nothing.
     """
 
-    def __init__(self, *, local: bool = False, **kwargs: Any) -> None:
+    def __init__(self, *, local: bool = False, gait: Gait | None = None, **kwargs: Any) -> None:
         super().__init__("balance_controller", **kwargs)
-        self._local = local
+        self._local, self._gait = local, gait
         self._balance = declare_config(self, default_config(BalanceConfig, "controllers", "balance"), "balance.")
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
         self._whole_body = declare_config(self, whole_body, "whole_body.")
+        walking = default_config(WalkingConfig, "controllers", "walking")
+        self._walking = declare_config(self, walking, "walking.")
+        whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")
+        self._whole_body_walking = declare_config(self, whole_body, "whole_body_walking.")
         self._lockstep = topics.declare_lockstep(self)
         text = describe("Offered deadline of the joint command [s]", low=0.002, high=1.0)
         self._deadline = float(self.declare_parameter("command_deadline", 0.02, text).value)
@@ -62,11 +74,14 @@ class BalanceControllerNode(PoiseNode):
         self._last_stamp = self._last_posture = 0
         self._result: ControlResult | None = None
         self._last_command = b""
+        self.scheduled: tuple[bool, bool] | None = None
         self._timer = TickTimer()
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         self._law = BalanceController(self.model, self._balance, self._whole_body)
+        self._tracker: WalkingController | None = None
+        self._laws = LawSwitch(self._law, self._make_walker())
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
@@ -74,6 +89,13 @@ class BalanceControllerNode(PoiseNode):
         self._motions = MotionTopics(self, self._law, lambda: self._mode)
         if not self._local:
             self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
+
+    def _make_walker(self) -> Callable[[], Walker[Gait]] | None:
+        if self._gait is None:
+            return None
+        self._tracker = WalkingController(self.model, self._walking, self._whole_body_walking)
+        walker = Walker(self._gait, self._tracker)
+        return lambda: walker
 
     def activate(self) -> None:
         """Start from the next state."""
@@ -93,6 +115,7 @@ class BalanceControllerNode(PoiseNode):
             stamp: Its stamp [ns], which the command carries.
         """
         if not self.active or self._mode not in ACTIVE_MODES:
+            self.scheduled = None
             return
         if self._lockstep and not self._reset and stamp == self._last_stamp:
             self._command.publish(self._last_command)  # the plant asks again: the answer was lost
@@ -102,11 +125,13 @@ class BalanceControllerNode(PoiseNode):
             return
         dt = FIRST_STEP if self._reset else (stamp - self._last_stamp) / NANOSECONDS
         if self._reset:
-            self._law.reset(state)
+            self._laws.reset(state)
             self._reset = False
         self._last_stamp = stamp
         with self._timer:
-            result = self._law.step(state, dt)
+            self._laws.enter(self._mode, state)
+            result = self._laws.step(state, dt)
+        self.scheduled = self._laws.reference.contacts
         self._last_command = self._codec.encode(stamp, result.command)
         self._command.publish(self._last_command)
         self._after(result, stamp)
@@ -119,7 +144,7 @@ class BalanceControllerNode(PoiseNode):
         self._result = result
         if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
             self._last_posture = stamp
-            reference = self._law.reference
+            reference = self._laws.reference
             self._posture.publish(
                 self._posture_codec.encode(stamp, reference.posture, reference.posture_velocity, result.command.tau)
             )
@@ -149,7 +174,9 @@ class BalanceControllerNode(PoiseNode):
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
         self.values[topics.OVERRUNS] = str(self._overruns)
         self.values["residual"] = f"{result.residual:.3g}"
-        self.values["capture margin [m]"] = f"{self._law.capture_margin:.4f}"
+        self.values["capture margin [m]"] = (
+            f"{(self._tracker if self._laws.walking and self._tracker else self._law).capture_margin:.4f}"
+        )
         self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"
         self.values |= self._timer.values()
 

@@ -49,11 +49,13 @@ class HealthTopics:
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
         self._overruns = 0
         self._coasting_since: int | None = None
+        self._gait = topics.GAIT_ABSENT
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
         node.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
         node.listen(String, topics.MOTION_STATE, self._on_motion_state, EVENT)
+        node.listen(String, topics.GAIT_PHASE, self._on_gait_phase, LATCHED)
         node.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
 
     @property
@@ -65,6 +67,15 @@ class HealthTopics:
     def tilt(self) -> float:
         """Newest tilt of the base [rad]."""
         return self._tilt
+
+    @property
+    def gait_present(self) -> bool:
+        """Whether there is somebody who can walk."""
+        return self._gait != topics.GAIT_ABSENT
+
+    def walk(self) -> None:
+        """A walk begins: until the gait planner has said so itself, it has not come to a standstill."""
+        self._gait = ""
 
     def start(self) -> None:
         """Count the age of state, command and clock from now: the robot begins to move."""
@@ -88,6 +99,7 @@ class HealthTopics:
             drivers_damped=armed and driver_state == topics.DAMPED,
             motion_active=self._motion_active,
             overruns=self._overruns,
+            gait_active=self._gait not in (topics.GAIT_SETTLED, topics.GAIT_ABSENT),
             coasting=0.0 if self._coasting_since is None else (self._now - self._coasting_since) / NANOSECONDS,
         )
 
@@ -113,6 +125,9 @@ class HealthTopics:
 
     def _on_motion_state(self, message: String) -> None:
         self._motion_active = message.data == topics.MOTION_RUNNING
+
+    def _on_gait_phase(self, message: String) -> None:
+        self._gait = message.data
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -70,7 +70,7 @@ class MotionTopics:
             wanted = mode is Mode.MOTION and request == self.requested if request else True
             if not wanted:
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
-            if not self._node.active or mode not in ACTIVE_MODES:
+            if not self._node.active or mode not in ACTIVE_MODES or mode is Mode.WALK:
                 raise PoiseError(f"no motion in mode '{mode.value}'")
             self._law.follow(trajectory_from_message(message))
         except PoiseError as error:

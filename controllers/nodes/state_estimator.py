@@ -29,12 +29,14 @@ class StateEstimatorNode(PoiseNode):
     """Runs ``StateEstimator`` once for each complete set of samples.
 
     Args:
-        hand_over: Called with every state and its stamp [ns] when the controller lives in this process; ``/odom`` is
-            then published at ``odom_rate`` only.
+        hand_over: Called with every state and its stamp [ns] when the controller lives in this process; returns which
+            feet its reference has in contact, None for no plan. ``/odom`` is then published at ``odom_rate`` only.
         kwargs: Passed to rclpy.
     """
 
-    def __init__(self, hand_over: Callable[[RobotState, int], None] | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self, hand_over: Callable[[RobotState, int], tuple[bool, bool] | None] | None = None, **kwargs: Any
+    ) -> None:
         super().__init__("state_estimator", **kwargs)
         self._hand_over = hand_over
         self._config = declare_config(self, default_config(EstimatorConfig, "controllers", "estimator"))
@@ -45,6 +47,7 @@ class StateEstimatorNode(PoiseNode):
         self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
         self._first: list[SensorData] = []
         self._state: RobotState | None = None
+        self._scheduled: tuple[bool, bool] | None = None
         self._last_stamp = 0
         self._driver_state = ""
 
@@ -61,7 +64,7 @@ class StateEstimatorNode(PoiseNode):
         """Start from the next complete sample, with the newest calibration."""
         self._calibration.start()
         self._first.clear()
-        self._state = None
+        self._state = self._scheduled = None
         self._samples.reset()
         self._report.reset()
 
@@ -75,7 +78,7 @@ class StateEstimatorNode(PoiseNode):
         """Estimate the state of a tick; the first ones, averaged, are what the law starts from."""
         sensors = self._calibration.correct(sensors)
         if self._state is not None:
-            self._state = self._law.step(sensors, (stamp - self._last_stamp) / NANOSECONDS)
+            self._state = self._law.step(sensors, (stamp - self._last_stamp) / NANOSECONDS, self._scheduled)
         elif not self._starts_from(sensors):
             return
         else:
@@ -84,7 +87,7 @@ class StateEstimatorNode(PoiseNode):
             self._estimates.start(stamp)
         self._last_stamp = stamp
         if self._hand_over is not None:
-            self._hand_over(self._state, stamp)
+            self._scheduled = self._hand_over(self._state, stamp)
         self._estimates.publish(self._state, stamp, sensors)
         self._report.update(self._law.health, stamp)
 

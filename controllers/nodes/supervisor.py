@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -21,6 +22,7 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import run
+from models.nodes.velocity import velocity_to_twist
 from models.types import CommandReply, Mode
 
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
@@ -59,6 +61,7 @@ class SupervisorNode(PoiseNode):
         self._probe_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
+        self._velocity = self.announce(Twist, topics.GAIT_VELOCITY, EVENT)
         self.listen(String, topics.HUMANOID_COMMANDS, self._on_text, EVENT)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
@@ -126,6 +129,8 @@ class SupervisorNode(PoiseNode):
         if self._published != self._law.mode.value:
             if self._law.mode in ACTIVE_MODES and self._published not in _ACTIVE_NAMES:
                 self._reports.start()
+            if self._law.mode is Mode.WALK:
+                self._reports.walk()
             self._published = self._law.mode.value
             self.get_logger().info(f"mode {self._published}" + "".join(f"; {fault}" for fault in self._law.faults))
             self._mode_topic.publish(String(data=self._published))
@@ -134,6 +139,9 @@ class SupervisorNode(PoiseNode):
             self._requests += 1
             self._requested = motion if motion == topics.STOP_MOTION else f"{motion} {self._requests}"
             self._request.publish(String(data=self._requested))
+        velocity = self._law.take_velocity()
+        if velocity is not None:
+            self._velocity.publish(velocity_to_twist(velocity))
 
     def _say(self, source: str, reply: CommandReply) -> None:
         """Log a reply and act on it at once."""
@@ -148,6 +156,7 @@ class SupervisorNode(PoiseNode):
         law = self._law
         if law.mode not in ACTIVE_MODES and not law.preflight:
             law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
+        law.gait = self._reports.gait_present
         return law.request(mode)
 
     def _offer(self, name: str, act: Any) -> None:
@@ -164,6 +173,7 @@ class SupervisorNode(PoiseNode):
 
     def _on_text(self, message: String) -> None:
         if self.active:
+            self._law.gait = self._reports.gait_present
             self._say(topics.HUMANOID_COMMANDS, self._law.text(message.data))
 
     def _on_motion_state(self, message: String) -> None:

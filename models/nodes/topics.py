@@ -29,6 +29,11 @@ MOTION_PLAN_STATE = "motion/plan_state"
 MOTION_TRAJECTORY = "motion/joint_trajectory"
 MOTION_STATE = "motion/state"
 POSTURE = "balance_controller/posture"
+CMD_VEL, CMD_VEL_STAMPED = "cmd_vel", "cmd_vel_stamped"
+GAIT_VELOCITY = "gait/velocity_request"
+GAIT_PHASE = "gait/phase"
+GAIT_CAPTURE_MARGIN = "gait/capture_margin"
+FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
 
 TF, TF_STATIC = "/tf", "/tf_static"
 
@@ -40,6 +45,9 @@ HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off
 
 MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
 """First word of ``motion/state`` and ``motion/plan_state``; the reason follows ``refused: ``."""
+
+GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
+"""Words of ``gait/phase``: nobody can walk; or the robot stands still. Others name the phase of a walk."""
 
 OVERRUNS = "ticks over budget in a row"
 """Key of the controller's diagnostics that the supervisor reads."""

@@ -21,6 +21,7 @@ from planners.gait.reference import ReferenceBuilder
 from planners.gait.soles import Soles
 from planners.gait.swing import SwingFoot
 from planners.gait.velocity import VelocityLimiter
+from planners.gait.view import GaitView
 
 
 class GaitPhase(Enum):
@@ -94,6 +95,24 @@ class GaitPlanner:
     def settled(self) -> bool:
         """Whether the robot has stood still for ``settle_time``."""
         return self.phase is GaitPhase.STAND and self._settled >= self.config.settle_time
+
+    @property
+    def view(self) -> GaitView:
+        """Where the gait is, for those who watch it."""
+        return GaitView(
+            phase=self.phase.value,
+            swinging=self.phase is GaitPhase.SINGLE,
+            stance=self.stance,
+            steps=self.steps,
+            elapsed=self._elapsed,
+            step_time=self.step_time,
+            steps_left=self._steps_left,
+            velocity=self._limiter.velocity,
+            dcm=self._measured.dcm(self._omega()),
+            omega=self._omega(),
+            soles=self._soles,
+            unsolved=self._plan.unsolved,
+        )
 
     def reset(self, state: RobotState) -> None:
         """Start over from a robot that stands on both feet."""

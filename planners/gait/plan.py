@@ -31,6 +31,7 @@ class StepPlan:
         velocity: What the walk is to do.
         steps_left: Touchdowns until the walk ends; None to walk on.
         omega: Of the pendulum [1/s].
+        unsolved: Step adjustments that found no solution and kept to the nominal step.
     """
 
     def __init__(self, soles: Soles, config: GaitConfig, reaction: SwingReaction) -> None:
@@ -44,6 +45,7 @@ class StepPlan:
         self.velocity: Velocity = (0.0, 0.0, 0.0)
         self.steps_left: int | None = None
         self.omega = 1.0
+        self.unsolved = 0
 
     def nominal(self) -> tuple[Foothold, Vector]:
         """Next foothold and the DCM offset wanted at its touchdown (2,) [m]."""
@@ -101,6 +103,7 @@ class StepPlan:
         bounds = self._bounds(shift, elapsed, planned, swing.position)
         free = turn @ (measured - point - used)
         adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds)
+        self.unsolved += not adjusted.solved
         x, y = stance.moved(*(adjusted.step - shift))
         landing = point + turn.T @ adjusted.step
         return Foothold(x, y, step.yaw, stance.z), adjusted.time, landing + offset

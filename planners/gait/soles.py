@@ -78,12 +78,23 @@ class Soles:
 
     def beyond_standing(self, dcm: Vector) -> bool:
         """Whether a DCM (2,) nears the edge of the box around both soles, so that standing cannot bring it back."""
+        place, half = self.standing_box(dcm)
+        return bool((np.abs(place) > self._config.step_share * half).any())
+
+    def standing_box(self, dcm: Vector) -> tuple[Vector, Vector]:
+        """The box around both soles, along their mean heading.
+
+        Args:
+            dcm: In W (2,) [m].
+
+        Returns:
+            The DCM seen from the middle of the box (2,) [m], and half the box's size (2,) [m].
+        """
         left, right = self.holds
         x, y = (float(value) for value in self.middle())
         frame = Foothold(x, y, left.yaw + 0.5 * wrap(right.yaw - left.yaw))
-        place, apart = frame.relative(*dcm), frame.relative(*self.point(0))
-        half, share = self._half[0], self._config.step_share
-        return any(abs(place[i]) > share * (float(half[i]) + abs(apart[i])) for i in range(2))
+        apart = np.abs(frame.relative(*self.point(0)))
+        return np.array(frame.relative(*dcm)), self._half[0] + apart
 
     def shares(self, zmp: Vector) -> tuple[float, float]:
         """Share of the weight that each foot is to bear, from where a ZMP (2,) lies between their points."""

@@ -174,3 +174,19 @@ def test_a_plan_that_comes_too_late_is_dropped(bench: Any, g1: RobotModel) -> No
     assert not robot.node._law.motion_active
     assert robot.answer("squat 3") == topics.MOTION_RUNNING
     assert robot.node._law.motion_active
+
+
+def test_the_schedule_of_the_reference_goes_back_to_the_estimator(bench: Any, g1: RobotModel) -> None:
+    robot = Controlled(bench, g1)
+    assert robot.node.scheduled == (True, True)
+    robot.set_mode("damp")
+    robot.tick()
+    assert robot.node.scheduled is None
+
+
+def test_no_motion_is_followed_while_walking(bench: Any, g1: RobotModel) -> None:
+    robot = Controlled(bench, g1)
+    robot.set_mode("walk")  # without a gait planner the robot goes on standing
+    robot.tick()
+    assert "no motion in mode 'walk'" in robot.answer("")
+    assert not robot.node._law.motion_active

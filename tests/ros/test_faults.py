@@ -74,7 +74,7 @@ def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
 
 
 def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes) -> None:
-    graph, module = eyes.graph, "controllers.nodes.control"
+    graph, module = eyes.graph, "bridge.nodes.control"
     heard: list[tuple[float, str]] = []
     ears = graph.node.create_subscription(
         String, topics.DRIVER_STATE, lambda message: heard.append((time.monotonic(), message.data)), LATCHED

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -225,3 +226,43 @@ def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: Worl
     assert not accepted
     assert "the drivers were damped when the supervisor started" in reason
     assert world.call("reset_faults")[0]
+
+
+def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    bench.add(SupervisorNode, lockstep=True)
+    phase = bench.world.create_publisher(String, topics.GAIT_PHASE, LATCHED)
+    text = bench.world.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+    asked: list[tuple[float, float, float]] = []
+
+    def hear(message: Twist) -> None:
+        asked.append((message.linear.x, message.linear.y, message.angular.z))
+
+    bench.world.create_subscription(Twist, topics.GAIT_VELOCITY, hear, EVENT)
+    bench.wait(lambda: world.modes and phase.get_subscription_count() == 1 and text.get_subscription_count() == 1)
+    bench.spin(0.2)
+    accepted, reason = world.call("mode/walk")
+    assert not accepted
+    assert "no gait planner" in reason
+    phase.publish(String(data=topics.GAIT_SETTLED))
+    bench.spin(0.1)
+    text.publish(String(data="left"))
+    bench.wait(lambda: asked)
+    assert world.modes[-1] == "walk"
+    assert asked == [(0.0, pytest.approx(0.15), 0.0)]
+    accepted, _ = world.call("mode/stand")  # before the planner has said anything about this walk
+    assert accepted
+    bench.wait(lambda: len(asked) == 2)
+    assert asked[1] == (0.0, 0.0, 0.0)
+    for word in ("stand", "single left", "finish"):
+        phase.publish(String(data=word))
+        bench.spin(0.1)
+        assert world.modes[-1] == "walk"
+    phase.publish(String(data=topics.GAIT_SETTLED))
+    bench.wait(lambda: world.modes[-1] == "stand")
+    phase.publish(String(data=topics.GAIT_ABSENT))
+    bench.spin(0.1)
+    assert "no gait planner" in world.call("mode/walk")[1]

@@ -1,29 +1,47 @@
-"""Gait planner and walking controller in one: the walking robot of the closed loop."""
+"""A gait and the controller that tracks it, in one: the law of the mode ``walk``."""
 
 from __future__ import annotations
 
+from typing import Generic, Protocol, TypeVar
+
 from controllers.walking import WalkingController
-from models.robot_model import RobotModel
 from models.types import ControlResult, Reference, RobotState
-from planners.gait.config import GaitConfig
-from planners.gait.gait import GaitPlanner
 
 
-class Walker:
+class Gait(Protocol):
+    """What the walker needs of a gait planner."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot has come to a standstill."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a robot that stands on both feet."""
+        ...
+
+    def step(self, state: RobotState, dt: float) -> Reference:
+        """One tick: what the controller is to track."""
+        ...
+
+
+G = TypeVar("G", bound=Gait)
+
+
+class Walker(Generic[G]):
     """Plans and tracks a gait, tick by tick, in place of the balance controller.
 
     Args:
-        model: The robot.
-        gait: The gait; that of the robot when None.
+        planner: When which foot lifts and lands.
+        controller: Tracks what the planner wants.
 
     Attributes:
         planner: When which foot lifts and lands.
         controller: Tracks what the planner wants.
     """
 
-    def __init__(self, model: RobotModel, gait: GaitConfig | None = None) -> None:
-        self.planner = GaitPlanner(model, gait)
-        self.controller = WalkingController(model)
+    def __init__(self, planner: G, controller: WalkingController) -> None:
+        self.planner, self.controller = planner, controller
 
     @property
     def reference(self) -> Reference:
@@ -35,7 +53,7 @@ class Walker:
         """Whether it has come to a standstill."""
         return self.planner.settled
 
-    def start(self, state: RobotState) -> None:
+    def reset(self, state: RobotState) -> None:
         """Take over a robot that stands on both feet."""
         self.planner.reset(state)
         self.controller.reset(state)

@@ -1,0 +1,40 @@
+"""Estimator, gait planner and controller in one process: state, reference and schedule go over as objects.
+
+Planners and controllers do not know each other; here they are put together. Why this is the default deployment was
+decided by the latency benchmark; see ``docs/graph.md``.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.nodes.state_estimator import StateEstimatorNode
+from models.nodes.spin import run
+from models.types import RobotState
+from planners.nodes.gait_planner import GaitPlannerNode
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the three nodes until a signal."""
+    gaits: list[GaitPlannerNode] = []
+    controllers: list[BalanceControllerNode] = []
+
+    def gait() -> GaitPlannerNode:
+        gaits.append(GaitPlannerNode())
+        return gaits[0]
+
+    def controller() -> BalanceControllerNode:
+        controllers.append(BalanceControllerNode(local=True, gait=gaits[0]))
+        return controllers[0]
+
+    def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
+        controllers[0].on_state(state, stamp)
+        gaits[0].tell(stamp)
+        return controllers[0].scheduled
+
+    sys.exit(run([gait, controller, lambda: StateEstimatorNode(hand_over)], args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""Which law moves the joints: the standing one, or the walker; the hand-over between them is here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from controllers.walker import Walker
+from models.types import ControlResult, Mode, Reference, RobotState
+
+
+class Law(Protocol):
+    """What the switch needs of either law."""
+
+    @property
+    def reference(self) -> Reference:
+        """What the last tick tracked."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a state."""
+        ...
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick."""
+        ...
+
+
+class LawSwitch:
+    """Runs the walker in mode ``walk`` and the standing law in every other mode.
+
+    Whoever takes over starts from the state at hand: the walker when ``walk`` is entered, the standing law when it is
+    left for ``stand``. Left for a mode that moves nothing, neither is touched: ``reset`` precedes the next tick.
+
+    Args:
+        standing: Law of the modes ``stand`` and ``motion``.
+        walker: Gives the walker, called each time it is needed; None where there is no gait planner.
+
+    Attributes:
+        walking: Whether the walker runs.
+    """
+
+    def __init__(self, standing: Law, walker: Callable[[], Walker[Any]] | None) -> None:
+        self._standing, self._walker = standing, walker
+        self.walking = False
+
+    @property
+    def can_walk(self) -> bool:
+        """Whether there is a gait planner."""
+        return self._walker is not None
+
+    @property
+    def active(self) -> Law:
+        """The law that runs."""
+        return self._walker() if self.walking and self._walker is not None else self._standing
+
+    @property
+    def reference(self) -> Reference:
+        """What the last tick tracked."""
+        return self.active.reference
+
+    @property
+    def gait_active(self) -> bool:
+        """Whether the robot walks, or has not yet come to a standstill."""
+        return self.walking and self._walker is not None and not self._walker().standing
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a state, standing."""
+        self.walking = False
+        self._standing.reset(state)
+
+    def enter(self, mode: Mode, state: RobotState) -> None:
+        """Hand the robot over as a mode wants it.
+
+        Args:
+            mode: The mode from now on.
+            state: Newest state.
+        """
+        walk = mode is Mode.WALK and self._walker is not None
+        if walk and not self.walking and self._walker is not None:
+            self._walker().reset(state)
+        elif self.walking and mode is Mode.STAND:
+            self._standing.reset(state)
+        self.walking = walk
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick of the law that runs."""
+        return self.active.step(state, dt)

@@ -1,0 +1,120 @@
+"""What the graph sees of the gait: phase, footsteps planned and taken, capturability margin."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from std_msgs.msg import Float64, String
+
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import set_stamp
+from models.nodes.parameters import describe
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.types import FOOT_NAMES
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
+from planners.gait.gait import GaitPlanner
+from planners.gait.view import GaitView, capture_margin, coming_steps
+
+TAKEN_MAX = 20
+"""Footsteps that ``gait/footsteps_taken`` remembers."""
+
+
+def declare_rates(node: PoiseNode) -> tuple[int, int]:
+    """Declare how often footsteps and margin are told; returns the times between [ns]."""
+
+    def period(name: str, text: str, default: float) -> int:
+        return round(
+            NANOSECONDS / float(node.declare_parameter(name, default, describe(text, low=1.0, high=100.0)).value)
+        )
+
+    footsteps = period("footstep_rate", "Rate of the planned footsteps while walking [Hz]", 10.0)
+    return footsteps, period("margin_rate", "Rate of the capturability margin in mode walk [Hz]", 50.0)
+
+
+class GaitTopics:
+    """Tells, after a tick, what has changed.
+
+    Args:
+        node: Node that publishes.
+        law: What is told about.
+        periods: See ``declare_rates``.
+
+    Attributes:
+        margin: Newest capturability margin [m].
+    """
+
+    def __init__(self, node: PoiseNode, law: GaitPlanner, periods: tuple[int, int]) -> None:
+        self._law, self._periods = law, periods
+        self._phase = node.announce(String, topics.GAIT_PHASE, LATCHED)
+        self._margin = node.announce(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
+        self._planned = node.announce(Path, topics.FOOTSTEPS, EVENT)
+        self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
+        self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
+        self.reset()
+
+    def reset(self) -> None:
+        """A walk begins: tell everything anew."""
+        self._word, self._steps = "", 0
+        self._last_planned = self._last_margin = 0
+        self._history.clear()
+        self.margin = math.nan
+
+    def tell_phase(self, word: str) -> None:
+        """Publish a word of ``gait/phase`` if it is a new one."""
+        if word != self._word:
+            self._word = word
+            self._phase.publish(String(data=word))
+
+    def tell(self, stamp: int) -> None:
+        """Publish what is due at a stamp [ns]."""
+        law = self._law
+        if law.settled:
+            word = topics.GAIT_SETTLED
+        else:
+            word = law.phase.value + (f" {FOOT_NAMES[1 - law.stance]}" if law.phase.value == "single" else "")
+        view = None
+        if stamp - self._last_margin >= self._periods[1]:
+            self._last_margin, view = stamp, law.view
+            self.margin = capture_margin(view, law.config)
+            self._margin.publish(Float64(data=self.margin))
+        if law.steps != self._steps:
+            self._steps, view = law.steps, view or law.view
+            self._history.append(_pose(stamp, law.footholds[law.stance]))
+            self._taken.publish(_path(stamp, list(self._history)))
+        if law.walking and (word != self._word or stamp - self._last_planned >= self._periods[0]):
+            self._last_planned = stamp
+            self._planned.publish(_path(stamp, self._plan(stamp, view or law.view, law.config)))
+        self.tell_phase(word)
+
+    @staticmethod
+    def _plan(stamp: int, view: GaitView, config: GaitConfig) -> list[Any]:
+        """Coming footsteps with the times of their touchdown."""
+        wait = view.step_time if view.swinging else config.timing.single + config.timing.double
+        t = stamp + round(max(wait - view.elapsed, 0.0) * NANOSECONDS)
+        period = round((config.timing.single + config.timing.double) * NANOSECONDS)
+        return [_pose(t + i * period, hold) for i, hold in enumerate(coming_steps(view, config))]
+
+
+def _pose(stamp: int, hold: Foothold) -> Any:
+    """A sole on the floor, with the stamp of its touchdown [ns]."""
+    message = PoseStamped()
+    message.header.frame_id = topics.ODOM_FRAME
+    set_stamp(message.header.stamp, stamp)
+    position, orientation = message.pose.position, message.pose.orientation
+    position.x, position.y, position.z = hold.x, hold.y, hold.z
+    orientation.z, orientation.w = math.sin(0.5 * hold.yaw), math.cos(0.5 * hold.yaw)
+    return message
+
+
+def _path(stamp: int, poses: list[Any]) -> Any:
+    message = Path(poses=poses)
+    message.header.frame_id = topics.ODOM_FRAME
+    set_stamp(message.header.stamp, stamp)
+    return message

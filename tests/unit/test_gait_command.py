@@ -1,0 +1,144 @@
+"""Commanded velocities that hold or fall silent; the coming steps; the capturability margin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
+from planners.gait.command import STILL, VelocityCommand
+from planners.gait.footsteps import Foothold
+from planners.gait.gait import GaitPlanner
+from planners.gait.view import GaitView, capture_margin, coming_steps
+
+AHEAD = (0.3, 0.0, 0.1)
+
+
+def test_a_repeated_command_falls_silent() -> None:
+    command = VelocityCommand(timeout=0.5)
+    assert command.at(0.0) == STILL
+    command.repeat(AHEAD, 1.0)
+    assert command.at(1.5) == AHEAD
+    command.repeat(AHEAD, 1.4)
+    assert command.at(1.9) == AHEAD
+    assert command.at(1.91) == STILL
+    assert command.at(1.5) == STILL  # time going back brings nothing back
+
+
+def test_a_held_command_holds_until_another_comes() -> None:
+    command = VelocityCommand(timeout=0.5)
+    command.repeat(AHEAD, 0.0)
+    command.hold((0.0, 0.1, 0.0))
+    assert command.at(100.0) == (0.0, 0.1, 0.0)
+    command.repeat(AHEAD, 100.0)
+    assert command.at(100.1) == AHEAD
+    assert command.at(101.0) == STILL  # it does not return to what was held before
+    command.hold(AHEAD)
+    command.forget()
+    assert command.at(101.0) == STILL
+
+
+@pytest.fixture
+def planner(g1: RobotModel) -> GaitPlanner:
+    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * 9.81 * g1.mass, 0.0, 0.0, 0.0]))
+    state = RobotState(0.0, g1.standing_configuration(), np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
+    planner = GaitPlanner(g1)
+    planner.reset(state)
+    return planner
+
+
+@pytest.fixture
+def view(planner: GaitPlanner) -> GaitView:
+    """The robot stands, its DCM in the middle of its feet."""
+    view = planner.view
+    return replace(view, dcm=view.soles.middle())
+
+
+def swinging(view: GaitView, elapsed: float = 0.1) -> GaitView:
+    """On the right foot, the DCM where a walk on the spot has it in the middle of the step."""
+    stance = view.soles.point(1)
+    dcm = stance + 0.35 * (view.soles.point(0) - stance)
+    return replace(view, phase="single", swinging=True, stance=1, elapsed=elapsed, dcm=dcm)
+
+
+def test_at_rest_no_steps_are_coming(planner: GaitPlanner, view: GaitView) -> None:
+    assert coming_steps(view, planner.config) == []
+
+
+def test_coming_steps_alternate_and_begin_with_the_foot_in_the_air(planner: GaitPlanner, view: GaitView) -> None:
+    config = planner.config
+    walk = swinging(replace(view, velocity=(0.3, 0.0, 0.0)))
+    walk.soles.holds[0] = target = Foothold(0.2, 0.1, 0.0)
+    steps = coming_steps(walk, config)
+    assert len(steps) == config.preview
+    assert steps[0] == target
+    assert [step.y > 0.0 for step in steps[:4]] == [True, False, True, False]
+    assert [step.x for step in steps] == sorted(step.x for step in steps)
+    start = coming_steps(replace(walk, phase="start", swinging=False), config)
+    assert len(start) == config.preview
+    assert start[0].y > 0.0  # the left foot swings first
+
+
+def test_the_last_steps_end_the_plan(planner: GaitPlanner, view: GaitView) -> None:
+    walk = swinging(view)
+    assert len(coming_steps(replace(walk, steps_left=1), planner.config)) == 1
+    assert len(coming_steps(replace(walk, steps_left=2), planner.config)) == 2
+    assert len(coming_steps(replace(walk, phase="double", swinging=False, steps_left=1), planner.config)) == 1
+
+
+def test_a_robot_at_rest_has_margin_and_one_that_falls_has_not(planner: GaitPlanner, view: GaitView) -> None:
+    config = planner.config
+    half = float(view.soles.half_sole(0).min())
+    assert capture_margin(view, config) > half
+    for direction in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        margins = [
+            capture_margin(replace(view, dcm=view.dcm + d * np.array(direction)), config) for d in (0.1, 0.3, 0.6)
+        ]
+        assert margins == sorted(margins, reverse=True)
+        assert margins[-1] < 0.0
+
+
+def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view: GaitView) -> None:
+    """From the edge of the region, with the CoP at its best, the DCM reaches the far edge of the farthest foothold."""
+    config, walk = planner.config, swinging(view)
+    walk = replace(walk, dcm=view.soles.middle() + np.array([0.37, 0.0]))
+    edge = walk.dcm[0] + capture_margin(walk, config)
+    stance, half = walk.soles.point(1)[0], float(walk.soles.half_sole(1)[0])
+    cop = stance + half
+    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.elapsed))
+    assert landed == pytest.approx(stance + config.reach.forward + half, abs=1e-9)
+
+
+def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitPlanner, view: GaitView) -> None:
+    config, walk = planner.config, swinging(view)
+    walk = replace(walk, dcm=walk.soles.point(1) + np.array([0.0, 0.02]))
+    least = config.timing.single_min
+    hurried = replace(config, timing=replace(config.timing, single=least, single_max=least))
+    assert capture_margin(walk, hurried) < 0.0 < capture_margin(walk, config)
+
+
+def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) -> None:
+    config, right = planner.config, swinging(view)
+    y = view.soles.middle()[1]
+    for offset in (-0.05, 0.0, 0.05, 0.2):
+        here = replace(right, dcm=right.dcm + np.array([0.0, offset]))
+        mirrored = replace(here, stance=0, dcm=np.array([here.dcm[0], 2.0 * y - here.dcm[1]]))
+        assert capture_margin(mirrored, config) == pytest.approx(capture_margin(here, config), abs=1e-4)
+
+
+def test_unsolved_adjustments_are_counted(planner: GaitPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    from planners.gait import step_adjustment
+
+    foot = ContactState(True, np.array([0.0, 0.0, 150.0, 0.0, 0.0, 0.0]))
+    model = planner.model
+    state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))
+    planner.set_velocity(0.2, 0.0, 0.0)
+    solve = step_adjustment.daqp.solve
+    monkeypatch.setattr(step_adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
+    while planner.view.phase != "single":
+        planner.step(state, 0.01)
+    assert planner.view.unsolved == 1

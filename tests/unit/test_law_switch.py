@@ -1,0 +1,89 @@
+"""The hand-over between the standing law and the walker."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from controllers.law_switch import LawSwitch
+from controllers.walker import Walker
+from models.types import Mode
+
+
+class Law:
+    """Notes what it is asked."""
+
+    def __init__(self, name: str, calls: list[str]) -> None:
+        self._name, self._calls = name, calls
+        self.settled = False
+        self.reference: Any = f"reference of {name}"
+
+    def reset(self, state: Any) -> None:
+        self._calls.append(f"{self._name} from {state}")
+
+    def step(self, state: Any, *rest: Any) -> Any:
+        self._calls.append(f"{self._name} {state}")
+        return self._name
+
+
+class Robot:
+    """A switch between two laws, and what they were asked."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.gait = Law("gait", self.calls)
+        walker: Any = Walker(self.gait, Law("tracker", self.calls))  # type: ignore[type-var, arg-type]
+        self.laws = LawSwitch(Law("stand", self.calls), lambda: walker)
+
+    def run(self, mode: Mode, state: Any) -> list[str]:
+        """Enter a mode and tick once; what was asked meanwhile."""
+        self.calls.clear()
+        self.laws.enter(mode, state)
+        self.laws.step(state, 0.001)
+        return list(self.calls)
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def test_the_walker_takes_over_from_the_state_at_hand_and_gives_it_back(robot: Robot) -> None:
+    assert robot.run(Mode.STAND, 1) == ["stand 1"]
+    assert robot.run(Mode.WALK, 2) == ["gait from 2", "tracker from 2", "gait 2", "tracker 2"]
+    assert robot.laws.reference == "reference of tracker"
+    assert robot.run(Mode.WALK, 3) == ["gait 3", "tracker 3"]  # it goes on
+    assert robot.run(Mode.STAND, 4) == ["stand from 4", "stand 4"]
+    assert robot.laws.reference == "reference of stand"
+    assert robot.run(Mode.MOTION, 5) == ["stand 5"]
+    assert robot.run(Mode.WALK, 6)[0] == "gait from 6"  # every walk begins anew
+
+
+def test_the_gait_is_active_until_it_has_settled(robot: Robot) -> None:
+    robot.gait.settled = True
+    assert not robot.laws.gait_active
+    robot.gait.settled = False
+    assert not robot.laws.gait_active  # nobody walks
+    robot.run(Mode.WALK, 1)
+    assert robot.laws.gait_active
+    robot.gait.settled = True
+    assert not robot.laws.gait_active
+
+
+def test_a_walk_that_ends_damped_is_not_taken_up_again(robot: Robot) -> None:
+    robot.run(Mode.WALK, 1)
+    robot.calls.clear()
+    robot.laws.enter(Mode.DAMP, 2)
+    assert robot.calls == []
+    robot.laws.reset(3)
+    assert robot.run(Mode.STAND, 3) == ["stand 3"]
+
+
+def test_without_a_gait_planner_the_standing_law_goes_on() -> None:
+    calls: list[str] = []
+    laws = LawSwitch(Law("stand", calls), None)  # type: ignore[arg-type]
+    laws.enter(Mode.WALK, 1)  # type: ignore[arg-type]
+    laws.step(1, 0.001)  # type: ignore[arg-type]
+    assert calls == ["stand 1"]
+    assert not laws.walking and not laws.gait_active and not laws.can_walk
