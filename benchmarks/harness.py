@@ -35,7 +35,7 @@ from models.threads import use_one_thread
 Case = dict[str, Any]
 """One measured case: its inputs (seed, direction, ...) and what came out, as plain JSON values."""
 
-MEASURED_PACKAGES = ("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "qpsolvers", "numba", "numpy", "ros-rclpy")
+MEASURED_PACKAGES = ("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy")
 """Packages whose versions decide a figure."""
 
 

@@ -17,7 +17,7 @@ from bridge.launch import Graph
 from bridge.plots import plot_run
 from bridge.recording import Recording
 from bridge.render import render_filmstrip
-from bridge.report import Check, judge, print_report, write_report
+from bridge.report import Check, judge, judge_speed, print_report, write_report
 from bridge.ros.observer import Observer
 from bridge.stability import stability_figures
 from models.config import default_config
@@ -232,7 +232,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     fast |= latency_figures(latency_file)
     if recording is not None:
         more, stability = judge(model, recording, config)
-        checks += more
+        checks += [*more, judge_speed(fast, config)]
         stable = stability_figures(stability, config.pause)
         recording.save(out / "recording.npz")
         plots = plot_run(model, recording, stability, out / "plots")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from bridge.plant import Plant
 from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
 from models.errors import CommandError
@@ -13,7 +14,7 @@ from models.robot_model import RobotModel
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
 
-class MujocoPlant:
+class MujocoPlant(Plant):
     """Robot, floor, sensors and disturbances in MuJoCo, in ticks of one physics step.
 
     A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those of the tick's instant;

@@ -82,6 +82,12 @@ def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[
     return [Check("stand", still, detail), *checks], stability
 
 
+def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
+    """Check that the scenario ran in real time; ``figures`` holds ``real_time_factor``, NaN when it was not ended."""
+    factor = figures["real_time_factor"]
+    return Check("real time", factor >= config.real_time_min, f"{factor:.2f} of real time")
+
+
 def _judge_part(
     model: RobotModel, recording: Recording, stability: Stability, during: Any, name: str, config: DemoConfig
 ) -> Check:

@@ -30,7 +30,6 @@ class TimingConfig:
         finish: Return of the weight to the middle after the last step.
         adjust_period: Between two step adjustments.
         landing_from: Share of the single support after which a measured contact ends it [-].
-        late_max: Longest wait for a late contact before the swing foot counts as lost.
     """
 
     single: Positive
@@ -41,7 +40,6 @@ class TimingConfig:
     finish: Positive
     adjust_period: Positive
     landing_from: Share
-    late_max: Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bridge.demo_config import DemoConfig
 from bridge.recording import Recording
-from bridge.report import Check, judge, print_report, write_report
+from bridge.report import Check, judge, judge_speed, print_report, write_report
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -91,3 +91,8 @@ def test_the_report_is_json_and_a_table(tmp_path: Path) -> None:
     print_report(console, "g1", checks, stable, fast)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "hand moved [59] cm" in text and "1.6 mm" in text and "1.38 ms" in text and "failed" in text
+
+
+@pytest.mark.parametrize(("factor", "passed"), [(0.99, True), (0.5, False), (float("nan"), False)])
+def test_a_run_slower_than_real_time_does_not_pass(factor: float, passed: bool) -> None:
+    assert judge_speed({"real_time_factor": factor}, CONFIG).passed is passed
