@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import os
-import socket
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -21,10 +19,6 @@ use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 ROOT = Path(__file__).resolve().parents[1]
-
-# Domains above 101 fall into Linux's ephemeral ports; 0 is everyone's default.
-_domains = itertools.cycle(range(1, 102))
-_next_domain = itertools.islice(_domains, os.getpid() % 101, None)
 
 
 @cache
@@ -67,20 +61,12 @@ def robot(request: pytest.FixtureRequest) -> RobotModel:
     return _load_robot(request.param)
 
 
-def _is_free(domain: int) -> bool:
-    """Whether nobody listens on the domain's discovery port."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("127.0.0.1", 7400 + 250 * domain))
-        except OSError:
-            return False
-    return True
-
-
 @pytest.fixture
 def ros_domain_id(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
     """A ROS 2 domain that nothing else on this machine uses, set in the environment together with a log folder."""
-    domain = next(candidate for candidate in itertools.islice(_next_domain, 101) if _is_free(candidate))
+    from bridge.ros.environment import free_domain
+
+    domain = free_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))

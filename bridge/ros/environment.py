@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import socket
 from importlib.resources import files
@@ -16,6 +17,11 @@ PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
 """Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)."""
+
+UNICAST_PORT, PARTICIPANTS = 10, 32
+"""Port of a domain's first participant after the discovery port, each next one is two on; how many are sought."""
+
+_domains = itertools.count(os.getpid())
 
 
 def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
@@ -47,17 +53,25 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
 
 
 def free_domain() -> int:
-    """A ROS domain whose discovery port nobody on this machine listens on.
+    """A ROS domain that nobody on this machine is in; the next call gives another one.
 
     Raises:
         PoiseError: All are taken.
     """
-    start = os.getpid() % DOMAIN_MAX
-    for candidate in (1 + (start + i) % DOMAIN_MAX for i in range(DOMAIN_MAX)):
+    for candidate in itertools.islice(_domains, DOMAIN_MAX):
+        domain = 1 + candidate % DOMAIN_MAX
+        if _is_free(domain):
+            return domain
+    raise PoiseError("every ROS domain is in use")
+
+
+def _is_free(domain: int) -> bool:
+    """Whether nobody listens in a domain: at its multicast port or, in graphs on loopback, at that of a participant."""
+    first = DISCOVERY_PORT + DOMAIN_STEP * domain
+    for port in (first, *(first + UNICAST_PORT + 2 * participant for participant in range(PARTICIPANTS))):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind(("127.0.0.1", DISCOVERY_PORT + DOMAIN_STEP * candidate))
+                probe.bind(("127.0.0.1", port))
             except OSError:
-                continue
-        return candidate
-    raise PoiseError("every ROS domain is in use")
+                return False
+    return True

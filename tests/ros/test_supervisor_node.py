@@ -94,7 +94,7 @@ def test_no_mode_before_the_drivers_have_told_their_state(bench: Any, world: Wor
 def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:
     world.robot(g1)
     world.drivers(topics.DAMPED)
-    bench.add(SupervisorNode, lockstep=True, preflight_time=0.1)
+    bench.add(SupervisorNode, lockstep=True, preflight_time=0.6)
     bench.wait(lambda: world.modes)
     assert world.call("reset_faults")[0]
     bench.wait(lambda: world.call("mode/stand")[0])
@@ -112,7 +112,7 @@ def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: Robo
     bench.wait(lambda: world.modes[-1] == "damp")
     world.drivers(topics.DAMPED)
     assert world.call("reset_faults")[0]
-    end = world.tick + 60
+    end = world.tick + 120
     while world.tick < end:
         accepted, reason = world.call("mode/stand")
         assert not accepted

@@ -83,7 +83,13 @@ def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> Non
         until("stand")
         present = set(NODES) if merged else set(NODES) - {"gait_planner"}
         assert present <= set(graph.node.get_node_names())
-        assert {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU_RAW, topics.MODE)} <= asked
+        needed = {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU_RAW, topics.MODE)}
+
+        def discovered() -> bool:
+            look()
+            return needed <= asked
+
+        graph.wait_for(discovered, 60.0, "discovery of the subscriptions")
         assert readers == set()
         assert f"/{topics.GROUND_TRUTH}" not in asked
         for module, pid in graph.pids.items():

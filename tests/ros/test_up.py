@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from std_msgs.msg import String
 
 from bridge import launch
 from bridge.launch import Graph
+from bridge.ros import environment
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import ProcessSpec, ros_arguments
 from models.errors import PoiseError
@@ -153,6 +155,16 @@ def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.Monke
     assert local["ROS_DOMAIN_ID"] == "7"
     assert "ROS_LOG_DIR" in local
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in graph_environment(network=True)
+
+
+def test_a_domain_with_a_participant_is_not_free(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``bench`` is in a domain on loopback, where nobody listens at the multicast port."""
+    taken = int(os.environ["ROS_DOMAIN_ID"])
+    monkeypatch.setattr(environment, "_domains", itertools.count(taken - 1))
+    assert free_domain() != taken
+    monkeypatch.setattr(environment, "_domains", itertools.repeat(taken - 1))
+    with pytest.raises(PoiseError, match="every ROS domain is in use"):
+        free_domain()
 
 
 def _lockstep_run(log: Path, until: float) -> dict[int, np.ndarray]:
