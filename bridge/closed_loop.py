@@ -258,7 +258,7 @@ class ClosedLoop:
             self._lockstep.enter_mode()
         velocity = self._lockstep.supervisor.take_velocity()
         if velocity is not None:
-            self.gait.set_velocity(*velocity)
+            self.gait.set_velocity(*velocity) if any(velocity) else self.gait.stop()
         motion = self._lockstep.supervisor.take_motion()
         if motion == "stop":
             self._lockstep.controller.stop_motion()

@@ -133,6 +133,31 @@ class AdjustmentConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class RouteConfig:
+    """Footsteps to a pose, and lists of footsteps.
+
+    Attributes:
+        forward: Speed along [m/s].
+        lateral: Speed sideways [m/s].
+        turn: Turning speed [rad/s].
+        position_tolerance: Distance from its goal at which a sole has reached it [m].
+        turn_tolerance: Heading error at which it has [rad].
+        offset_max: A foot that lands farther from its planned place has the way to the goal planned anew [m].
+        range: Farthest goal [m].
+        steps_max: Most footsteps in a route.
+    """
+
+    forward: Positive
+    lateral: Positive
+    turn: Positive
+    position_tolerance: Positive
+    turn_tolerance: Positive
+    offset_max: Positive
+    range: Positive
+    steps_max: Annotated[int, Field(ge=1, le=1000)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class GaitConfig:
     """The gait.
 
@@ -146,7 +171,7 @@ class GaitConfig:
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        timing, reach, velocity, swing, adjustment: Parts.
+        timing, reach, velocity, swing, adjustment, route: Parts.
     """
 
     leg: Positive
@@ -163,6 +188,12 @@ class GaitConfig:
     velocity: VelocityConfig
     swing: SwingConfig
     adjustment: AdjustmentConfig
+    route: RouteConfig
+
+    @property
+    def period(self) -> float:
+        """Nominal time of a step [s]."""
+        return self.timing.single + self.timing.double
 
     def __post_init__(self) -> None:
         timing, reach = self.timing, self.reach
@@ -198,6 +229,7 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
     length = leg / config.leg
     time = length**0.5
     timing, reach, velocity, swing = config.timing, config.reach, config.velocity, config.swing
+    route = config.route
     return replace(
         config,
         leg=leg,
@@ -224,4 +256,5 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
             speed_max=swing.speed_max * time,
             rise_max=swing.rise_max * length,
         ),
+        route=replace(route, forward=route.forward * time, lateral=route.lateral * time),
     )

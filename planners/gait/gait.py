@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import Enum
 
 import numpy as np
@@ -13,11 +14,13 @@ from models.robot_model import RobotModel
 from models.types import Reference, RobotState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.dcm_reference import DcmReference
+from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold, wrap
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.plan import StepPlan
 from planners.gait.reaction import SwingReaction, leg_lever
 from planners.gait.reference import ReferenceBuilder
+from planners.gait.route import Route
 from planners.gait.soles import Soles
 from planners.gait.swing import SwingFoot
 from planners.gait.velocity import VelocityLimiter
@@ -56,6 +59,7 @@ class GaitPlanner:
         stance: The foot that bears in single support, or that will.
         steps: Touchdowns so far.
         step_time: Planned single support of the step under way [s].
+        route: Footsteps that are being taken instead of a velocity's.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
@@ -65,7 +69,8 @@ class GaitPlanner:
         self._limiter = VelocityLimiter(config.velocity)
         reaction = SwingReaction(leg_lever(model), config.swing.reaction_share)
         self._soles = Soles(model, config)
-        self._plan = StepPlan(self._soles, config, reaction)
+        self.route = Route(config)
+        self._plan = StepPlan(self._soles, config, reaction, self.route)
         self._dcm = DcmReference(reaction)
         self._swing = SwingFoot(config.swing)
         self._builder = ReferenceBuilder(model, config, reaction)
@@ -112,6 +117,7 @@ class GaitPlanner:
             omega=self._omega(),
             soles=self._soles,
             unsolved=self._plan.unsolved,
+            route=self.route,
         )
 
     def reset(self, state: RobotState) -> None:
@@ -120,6 +126,7 @@ class GaitPlanner:
         measured.update(state)
         self._soles.reset(measured)
         self._limiter.reset()
+        self.route.end("the walk began anew")
         self._builder.reset(measured.com[2] - self._soles.ground())
         self._dcm.reset(measured.com[:2])
         self._steps_left = None
@@ -127,7 +134,9 @@ class GaitPlanner:
         self.steps = 0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Wanted velocity of the body in its own frame [m/s, m/s, rad/s]; brought into the limits. Zero stands still.
+        """Wanted velocity of the body in its own frame [m/s, m/s, rad/s]; brought into the limits.
+
+        Zero stands still, but leaves a route alone; any other velocity ends it.
 
         Raises:
             CommandError: A value is not finite.
@@ -135,10 +144,34 @@ class GaitPlanner:
         if not all(math.isfinite(value) for value in (forward, left, turn)):
             raise CommandError(f"velocity ({forward}, {left}, {turn}) refused: not finite")
         self._limiter.set(forward, left, turn)
+        if self._limiter.moving:
+            self._leave_route("a velocity was commanded")
 
     def stop(self) -> None:
         """Come to a standstill within two steps."""
         self._limiter.set(0.0, 0.0, 0.0)
+        self._leave_route("stopped")
+
+    def walk_to(self, goal: Foothold) -> None:
+        """Walk to a pose of the middle between the soles, in W, and stand there; see ``plan_to_pose`` for refusals."""
+        foot, under_way = None, None
+        if self.phase is GaitPhase.SINGLE:
+            foot, under_way = self.stance, Footstep(1 - self.stance, self.footholds[1 - self.stance])
+        elif self.phase in (GaitPhase.START, GaitPhase.DOUBLE):
+            foot = 1 - self.stance
+        self.route.towards(goal, self.footholds, foot, under_way)
+        self._limiter.reset()
+
+    def take_steps(self, steps: Sequence[Footstep]) -> None:
+        """Take footsteps, from standing, and stand there; see ``check_footsteps`` for further refusals.
+
+        Raises:
+            CommandError: The robot is walking.
+        """
+        if self.walking:
+            raise CommandError("footsteps refused: they start from where the robot stands, and it is walking; stop it")
+        self.route.take(steps, self.footholds)
+        self._limiter.reset()
 
     def step(self, state: RobotState, dt: float) -> Reference:
         """One tick.
@@ -176,7 +209,7 @@ class GaitPlanner:
         self._settled = self._settled + dt if near else 0.0
         if self._must_step():
             self._recover()
-        elif self._limiter.moving:
+        elif self._limiter.moving or self.route.left:
             self._begin()
 
     def _in_start(self, dt: float) -> None:
@@ -232,6 +265,8 @@ class GaitPlanner:
         _, left, turn = self._limiter.wanted
         lean = left if abs(left) > 1e-6 else turn
         self.stance = 1 if lean >= 0.0 else 0
+        if self.route.left:
+            self.stance = 1 - self.route.foot
         self._dcm.begin_blend()
         self._steps_left = None
         self._enter(GaitPhase.START)
@@ -258,6 +293,9 @@ class GaitPlanner:
         self._early = max(self.step_time - self._elapsed, 0.0)
         self._soles.land(foot, self._measured)
         self.stance = foot
+        if self.route.left:
+            self.route.landed(self.footholds)
+            self._steps_left = self.route.left + 1
         if self._steps_left is not None:
             self._steps_left -= 1
         if self._steps_left is not None and self._steps_left <= 0 and self._must_step():
@@ -279,7 +317,9 @@ class GaitPlanner:
     def _heed_command(self, dt: float) -> None:
         """Advance the velocity; count down the last two steps once none is wanted."""
         walking = self.phase in (GaitPhase.START, GaitPhase.SINGLE, GaitPhase.DOUBLE)
-        if self._limiter.moving:
+        if self.route.left:
+            self._steps_left = self.route.left if self.route.left <= self.config.preview else None
+        elif self._limiter.moving:
             self._limiter.step(dt)
             self._steps_left = None
         elif walking and self._steps_left is None:
@@ -302,6 +342,11 @@ class GaitPlanner:
         self.footholds[plan.foot], self.step_time, self._target = plan.adjust(
             self._measured.dcm(plan.omega), self._elapsed, self.step_time, self._swing, self.footholds[plan.foot]
         )
+
+    def _leave_route(self, reason: str) -> None:
+        if self.route.left:
+            self.route.end(reason)
+            self._steps_left = None
 
     # Small things -----------------------------------------------------------------------------------------------------
 

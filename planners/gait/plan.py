@@ -11,6 +11,7 @@ from planners.gait import dcm
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold, Velocity, preview_footholds
 from planners.gait.reaction import SwingReaction
+from planners.gait.route import Route
 from planners.gait.soles import Soles
 from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
 from planners.gait.swing import SwingFoot
@@ -23,6 +24,7 @@ class StepPlan:
         soles: Where their middles are.
         config: The gait.
         reaction: Of the swing leg.
+        route: Its footholds go before those of the velocity while there are any left.
 
     Attributes:
         stance: Foothold of the foot that bears, or that will.
@@ -34,11 +36,12 @@ class StepPlan:
         unsolved: Step adjustments that found no solution and kept to the nominal step.
     """
 
-    def __init__(self, soles: Soles, config: GaitConfig, reaction: SwingReaction) -> None:
+    def __init__(self, soles: Soles, config: GaitConfig, reaction: SwingReaction, route: Route) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._soles = soles
         self._reaction = reaction
+        self._route = route
         self.stance = Foothold(0.0, 0.0, 0.0)
         self.lifted = Foothold(0.0, 0.0, 0.0)
         self.foot = 0
@@ -50,14 +53,18 @@ class StepPlan:
     def nominal(self) -> tuple[Foothold, Vector]:
         """Next foothold and the DCM offset wanted at its touchdown (2,) [m]."""
         timing, foot = self._config.timing, self.foot
-        steps = preview_footholds(
-            self.stance,
-            foot,
-            self.velocity,
-            timing.single + timing.double,
-            self._config.reach,
-            self._config.preview,
-            self.steps_left,
+        steps = (
+            self._route.ahead(self.stance, self._config.preview)
+            if self._route.left
+            else preview_footholds(
+                self.stance,
+                foot,
+                self.velocity,
+                timing.single + timing.double,
+                self._config.reach,
+                self._config.preview,
+                self.steps_left,
+            )
         )
         points = [self._soles.point_of(1 - foot, self.stance)]
         points += [self._soles.point_of(foot if i % 2 == 0 else 1 - foot, hold) for i, hold in enumerate(steps)]

@@ -9,6 +9,7 @@ import numpy as np
 from models.types import Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import LEFT, Foothold, Velocity, preview_footholds
+from planners.gait.route import Route
 from planners.gait.soles import Soles
 
 TIMES = 5
@@ -32,6 +33,7 @@ class GaitView:
         omega: Of the pendulum [1/s].
         soles: Where they are planned.
         unsolved: Step adjustments that found no solution so far.
+        route: Footholds that go before those of the velocity.
     """
 
     phase: str
@@ -46,6 +48,7 @@ class GaitView:
     omega: float
     soles: Soles
     unsolved: int
+    route: Route
 
 
 def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
@@ -60,6 +63,8 @@ def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
         left = None if left is None else left - 1
     if left is not None and left <= 0:
         return taken
+    if view.route.left:
+        return [*taken, *view.route.ahead(view.soles.holds[view.stance], config.preview)[len(taken) :]]
     period = config.timing.single + config.timing.double
     count = config.preview - len(taken)
     return taken + preview_footholds(first, foot, view.velocity, period, config.reach, max(count, 1), left)

@@ -1,0 +1,214 @@
+"""Footsteps to a pose, and what makes a list of footsteps impossible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from models.errors import CommandError, UnreachableError
+from models.types import FOOT_NAMES
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity, next_foothold, wrap
+
+SLACK = 1e-6
+"""Rounding that a limit forgives [m, rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Footstep:
+    """One step of a plan.
+
+    Attributes:
+        foot: Which foot is put down (0 left, 1 right).
+        hold: Where.
+    """
+
+    foot: int
+    hold: Foothold
+
+
+def middle(soles: Sequence[Foothold]) -> Foothold:
+    """Pose half-way between both soles, which is where a robot on both feet is."""
+    left, right = soles
+    yaw = wrap(left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+    return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))
+
+
+def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
+    """Both soles of a robot that stands at a pose, so far apart [m]."""
+    left, right = (Foothold(*pose.moved(0.0, side * 0.5 * width), pose.yaw, pose.z) for side in (1.0, -1.0))
+    return left, right
+
+
+def plan_to_pose(
+    goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int | None = None
+) -> list[Footstep]:
+    """Footsteps from where the soles are to where the robot is to stand.
+
+    Each step makes for whichever of three ways takes the least time: translate and then turn, turn and then translate,
+    or face the goal, walk there and turn. The last two steps put the soles side by side on the goal.
+
+    Args:
+        goal: Pose of the middle between the soles at the end.
+        soles: Left and right sole.
+        config: Speeds, reach and tolerances.
+        foot: The foot that goes first; None to choose the one on the side of the way.
+
+    Returns:
+        Alternating feet; empty where the robot stands there already.
+
+    Raises:
+        CommandError: The goal is not finite.
+        UnreachableError: It would take too many steps.
+    """
+    if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
+        raise CommandError(f"goal ({goal.x}, {goal.y}, {goal.yaw}) refused: not finite")
+    here = middle(soles)
+    far = math.hypot(goal.x - here.x, goal.y - here.y)
+    if far > config.route.range:
+        raise UnreachableError(f"goal refused: {far:.1f} m away, at most {config.route.range:g} m")
+    if foot is None:
+        _, left, turn = velocity_towards(goal, here, 1.0, config)
+        lean = left if abs(left) > SLACK else turn
+        foot = LEFT if lean >= 0.0 else RIGHT
+    return list(_steps(goal, soles, config, foot))
+
+
+def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int) -> Iterator[Footstep]:
+    ends = soles_at(goal, config.reach.width)
+    feet = list(soles)
+    for _ in range(config.route.steps_max):
+        if all(_near(hold, end, config) for hold, end in zip(feet, ends, strict=True)):
+            return
+        feet[foot] = _step_towards(goal, ends[foot], feet[1 - foot], foot, config)
+        yield Footstep(foot, feet[foot])
+        foot = 1 - foot
+    raise UnreachableError(f"goal refused: more than {config.route.steps_max} steps away")
+
+
+def _near(hold: Foothold, end: Foothold, config: GaitConfig) -> bool:
+    route = config.route
+    away = math.hypot(hold.x - end.x, hold.y - end.y)
+    return away <= route.position_tolerance and abs(wrap(hold.yaw - end.yaw)) <= route.turn_tolerance
+
+
+def _step_towards(goal: Foothold, end: Foothold, stance: Foothold, foot: int, config: GaitConfig) -> Foothold:
+    """The next foothold of a foot: its last one, if one step gets there, else one towards it."""
+    side, period, route = (1.0 if foot == LEFT else -1.0), config.period, config.route
+    centre = Foothold(*stance.moved(0.0, side * 0.5 * config.reach.width), stance.yaw, stance.z)
+    x, y = centre.relative(goal.x, goal.y)
+    turn = wrap(goal.yaw - centre.yaw)
+    fits = abs(x) <= route.forward * period + SLACK and abs(y) <= route.lateral * period + SLACK
+    if fits and abs(turn) <= route.turn * period + SLACK and _out_of_reach(stance, foot, end, config) is None:
+        return Foothold(end.x, end.y, end.yaw, stance.z)
+    return next_foothold(stance, foot, velocity_towards(goal, centre, side, config), period, config.reach)
+
+
+def velocity_towards(goal: Foothold, centre: Foothold, side: float, config: GaitConfig) -> Velocity:
+    """Velocity of the next step of the quickest way, slow enough that equal steps end where the way does.
+
+    Args:
+        goal: Where to.
+        centre: Where the body is.
+        side: +1 or -1: the way round for a turn by half a turn exactly, so that mirrored goals give mirrored steps.
+        config: Speeds of a route.
+    """
+    route = config.route
+    x, y = centre.relative(goal.x, goal.y)
+    turn = _signed(goal.yaw - centre.yaw, side)
+    bearing, far = _signed(math.atan2(y, x), side) if math.hypot(x, y) > SLACK else 0.0, math.hypot(x, y)
+    if far < route.position_tolerance and abs(turn) > SLACK:
+        return 0.0, 0.0, _equal(turn, route.turn, config.period)
+    turned = goal.relative(centre.x, centre.y)
+    translate = max(abs(x) / route.forward, abs(y) / route.lateral)
+    times = (
+        translate + abs(turn) / route.turn,
+        abs(turn) / route.turn + max(abs(turned[0]) / route.forward, abs(turned[1]) / route.lateral),
+        abs(bearing) / route.turn + far / route.forward + abs(_signed(turn - bearing, side)) / route.turn,
+    )
+    quickest = times.index(min(times))
+    if quickest == 2:
+        if abs(bearing) > route.turn * config.period:
+            return 0.0, 0.0, _equal(bearing, route.turn, config.period)
+        return _equal(far, route.forward, config.period), 0.0, bearing / config.period
+    if quickest == 1 and abs(turn) > SLACK:
+        return 0.0, 0.0, _equal(turn, route.turn, config.period)
+    steps = max(math.ceil(translate / config.period - SLACK), 1)
+    return x / (steps * config.period), y / (steps * config.period), 0.0
+
+
+def _equal(way: float, speed: float, period: float) -> float:
+    """Speed, at most the given one, at which a whole number of steps makes the way."""
+    return way / (max(math.ceil(abs(way) / (speed * period) - SLACK), 1) * period)
+
+
+def _signed(angle: float, side: float) -> float:
+    """The angle in (-pi, pi); half a turn goes round by the given side."""
+    wrapped = wrap(angle)
+    return side * math.pi if abs(wrapped) > math.pi - SLACK else wrapped
+
+
+def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config: GaitConfig) -> None:
+    """Refuse footsteps that cannot be taken from where the soles are.
+
+    Args:
+        steps: What is asked for.
+        soles: Left and right sole.
+        config: Reach, and the velocities that bound how far the body may move in one step.
+
+    Raises:
+        CommandError: There are none or too many, a value is not finite, or a foot is to step twice in a row.
+        UnreachableError: A step is out of reach, crosses the other leg, or moves the body too fast.
+    """
+    if not 0 < len(steps) <= config.route.steps_max:
+        raise CommandError(f"{len(steps)} footsteps refused: 1 to {config.route.steps_max} can be taken")
+    feet = list(soles)
+    for i, step in enumerate(steps):
+        name, hold = f"footstep {i + 1} ({FOOT_NAMES[step.foot]}) refused", step.hold
+        if not all(math.isfinite(value) for value in (hold.x, hold.y, hold.yaw)):
+            raise CommandError(f"{name}: ({hold.x}, {hold.y}, {hold.yaw}) is not finite")
+        if i and step.foot == steps[i - 1].foot:
+            raise CommandError(f"{name}: the same foot as before")
+        before = middle(feet)
+        reason = _out_of_reach(feet[1 - step.foot], step.foot, hold, config)
+        feet[step.foot] = hold
+        reason = reason or _too_fast(before, middle(feet), config)
+        if reason is not None:
+            raise UnreachableError(f"{name}: {reason}")
+
+
+def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfig) -> str | None:
+    """Why a foot cannot be put there; None if it can."""
+    reach, other = config.reach, f"the {FOOT_NAMES[1 - foot]} sole"
+    side = 1.0 if foot == LEFT else -1.0
+    forward, left = stance.relative(hold.x, hold.y)
+    out, opening = side * left, side * wrap(hold.yaw - stance.yaw)
+    if forward > reach.forward + SLACK:
+        return f"{forward:.3f} m ahead of {other}, at most {reach.forward:.3f} m"
+    if -forward > reach.backward + SLACK:
+        return f"{-forward:.3f} m behind {other}, at most {reach.backward:.3f} m"
+    if out < reach.width_min - SLACK:
+        return f"legs would cross or touch: {out:.3f} m outwards of {other}, at least {reach.width_min:.3f} m"
+    if out > reach.width_max + SLACK:
+        return f"{out:.3f} m outwards of {other}, at most {reach.width_max:.3f} m"
+    if opening > reach.turn_out + SLACK:
+        return f"turned out by {opening:.3f} rad from {other}, at most {reach.turn_out:.3f} rad"
+    if -opening > reach.turn_in + SLACK:
+        return f"turned in by {-opening:.3f} rad from {other}, at most {reach.turn_in:.3f} rad"
+    return None
+
+
+def _too_fast(before: Foothold, after: Foothold, config: GaitConfig) -> str | None:
+    """Why the body cannot move so far in one step; None if it can."""
+    limits, period = config.velocity, config.period
+    forward, left = before.relative(after.x, after.y)
+    ahead = limits.forward if forward >= 0.0 else limits.backward
+    for what, way, most, unit in (
+        ("along", abs(forward), ahead * period, "m"),
+        ("sideways", abs(left), limits.lateral * period, "m"),
+        ("round", abs(wrap(after.yaw - before.yaw)), limits.turn * period, "rad"),
+    ):
+        if way > most + SLACK:
+            return f"moves the body {what} by {way:.3f} {unit} in one step, at most {most:.3f} {unit}"
+    return None
