@@ -142,19 +142,28 @@ def mode(
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -0.3 is a velocity, not an option
 def walk(
-    forward: Annotated[float, typer.Argument(help="Velocity forward; negative backward [m/s].")],
-    left: Annotated[float, typer.Argument(help="Velocity to the left [m/s].")] = 0.0,
-    turn: Annotated[float, typer.Argument(help="Turning speed to the left [rad/s].")] = 0.0,
+    forward: Annotated[float | None, typer.Argument(help=r"Velocity forward; negative backward \[m/s].")] = None,
+    left: Annotated[float, typer.Argument(help=r"Velocity to the left \[m/s].")] = 0.0,
+    turn: Annotated[float, typer.Argument(help=r"Turning speed to the left \[rad/s].")] = 0.0,
     seconds: Annotated[float, typer.Option(min=0.0, help="How long; then it stops and stands.")] = 5.0,
+    to: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),
+    ] = None,
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
 ) -> None:
-    """Have the running robot walk at a velocity, on /cmd_vel, then stand."""
+    """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
+    if to is None and forward is None:
+        raise typer.BadParameter("give a velocity, or a pose with --to")
     need_ros()
     from bridge.ros.client import Client
     from bridge.ros.walk import walk as drive
+    from bridge.ros.walk import walk_to
 
     with told(), Client(network=network) as client:
-        raise typer.Exit(_print_reply(drive(client, (forward, left, turn), seconds)))
+        if to is not None:
+            raise typer.Exit(_print_reply(walk_to(client, to)))
+        raise typer.Exit(_print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
 
 
 @app.command()

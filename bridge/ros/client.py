@@ -100,6 +100,10 @@ class Client:
         """Publisher until the client leaves; see ``Node.create_publisher``."""
         return self._node.create_publisher(kind, topic, qos)
 
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
+        """Subscription until the client leaves; see ``Node.create_subscription``."""
+        self._node.create_subscription(kind, topic, callback, qos)
+
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""
         self.wait(lambda: False, duration)

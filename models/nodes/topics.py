@@ -34,6 +34,9 @@ GAIT_VELOCITY = "gait/velocity_request"
 GAIT_PHASE = "gait/phase"
 GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
+GOAL_POSE, FOOTSTEPS_COMMAND = "goal_pose", "gait/footsteps_command"
+GAIT_ROUTE = "gait/route"
+PLAN_FOOTSTEPS = "plan_footsteps"
 
 TF, TF_STATIC = "/tf", "/tf_static"
 
@@ -48,6 +51,9 @@ MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
 
 GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
 """Words of ``gait/phase``: nobody can walk; or the robot stands still. Others name the phase of a walk."""
+
+ROUTE_RUNNING, ROUTE_DONE, ROUTE_ENDED, ROUTE_REFUSED = "running", "done", "ended", "refused"
+"""First word of ``gait/route``; the number of footsteps follows the first, the reason the last two."""
 
 OVERRUNS = "ticks over budget in a row"
 """Key of the controller's diagnostics that the supervisor reads."""

@@ -47,7 +47,7 @@ def plan_to_pose(
     """Footsteps from where the soles are to where the robot is to stand.
 
     Each step makes for whichever of three ways takes the least time: translate and then turn, turn and then translate,
-    or face the goal, walk there and turn. The last two steps put the soles side by side on the goal.
+    or face the goal, walk there and turn. At the end the soles are side by side on the goal.
 
     Args:
         goal: Pose of the middle between the soles at the end.
@@ -79,7 +79,7 @@ def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: 
     ends = soles_at(goal, config.reach.width)
     feet = list(soles)
     for _ in range(config.route.steps_max):
-        if all(_near(hold, end, config) for hold, end in zip(feet, ends, strict=True)):
+        if _arrived(feet, goal, config):
             return
         feet[foot] = _step_towards(goal, ends[foot], feet[1 - foot], foot, config)
         yield Footstep(foot, feet[foot])
@@ -87,10 +87,17 @@ def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: 
     raise UnreachableError(f"goal refused: more than {config.route.steps_max} steps away")
 
 
-def _near(hold: Foothold, end: Foothold, config: GaitConfig) -> bool:
-    route = config.route
-    away = math.hypot(hold.x - end.x, hold.y - end.y)
-    return away <= route.position_tolerance and abs(wrap(hold.yaw - end.yaw)) <= route.turn_tolerance
+def _arrived(soles: Sequence[Foothold], goal: Foothold, config: GaitConfig) -> bool:
+    """Whether the robot stands at the goal, soles side by side."""
+    route, here, (left, right) = config.route, middle(soles), soles
+    ahead, out = right.relative(left.x, left.y)
+    return (
+        math.hypot(here.x - goal.x, here.y - goal.y) <= route.position_tolerance
+        and abs(wrap(here.yaw - goal.yaw)) <= route.turn_tolerance
+        and abs(ahead) <= route.position_tolerance
+        and abs(wrap(left.yaw - right.yaw)) <= route.turn_tolerance
+        and config.reach.width_min <= out <= config.reach.width_max
+    )
 
 
 def _step_towards(goal: Foothold, end: Foothold, stance: Foothold, foot: int, config: GaitConfig) -> Foothold:

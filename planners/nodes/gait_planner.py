@@ -1,4 +1,4 @@
-"""Node ``gait_planner``: velocities in; footsteps, phase and margin out; the reference goes over as an object."""
+"""Node ``gait_planner``: velocities and goals in; footsteps and phase out; the reference goes over as an object."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from planners.gait.command import VelocityCommand
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.gait import GaitPlanner
 from planners.nodes.gait_topics import GaitTopics, declare_rates
+from planners.nodes.route_topics import RouteTopics
 from planners.nodes.velocity_topics import VelocityTopics
 
 
@@ -52,7 +53,21 @@ class GaitPlannerNode(PoiseNode):
         """Build the law and the topics."""
         self._law = GaitPlanner(self.model, self._config)
         self._gait = GaitTopics(self, self._law, self._periods)
-        self._velocities = VelocityTopics(self, self._command, lambda: self._stamp, self._timeout)
+        now = lambda: self._stamp  # noqa: E731
+        self._velocities = VelocityTopics(self, self._command, now, self._timeout, self._law.stop, self._leave)
+        self._routes = RouteTopics(self, self._law, self._command, self._not_walking, now)
+
+    def _leave(self) -> None:
+        """Mode walk is over: where the soles are is not known until the next walk begins."""
+        self._begun = False
+        self._law.route.end("mode walk was left")
+        self._routes.tell()
+
+    def _not_walking(self) -> str:
+        """Why no footsteps can be taken now; empty when they can."""
+        if not self._velocities.walking:
+            return f"no walking in mode '{self._velocities.mode}': request mode/walk first"
+        return "" if self._begun else "mode 'walk' has just been entered: try again"
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; from here on somebody can walk."""
@@ -67,6 +82,7 @@ class GaitPlannerNode(PoiseNode):
     def deactivate(self) -> None:
         """Nobody can begin to walk; a walk under way comes to a standstill."""
         self._command.forget()
+        self._law.stop()
         self._gait.tell_phase(topics.GAIT_ABSENT)
 
     @property
@@ -91,6 +107,7 @@ class GaitPlannerNode(PoiseNode):
         self._stamp = stamp
         if self.active and self._begun and self._velocities.walking:
             self._gait.tell(stamp)
+            self._routes.tell()
 
     def before_diagnostics(self) -> None:
         """Report the gait and what became of the last step."""
@@ -105,6 +122,7 @@ class GaitPlannerNode(PoiseNode):
         forward, left = view.soles.holds[view.stance].relative(target.x, target.y)
         self.values["velocity"] = "({:.3f} m/s, {:.3f} m/s, {:.3f} rad/s)".format(*view.velocity)
         self.values["steps"] = str(view.steps)
+        self.values["footsteps left"] = str(view.route.left)
         self.values["step time [s]"] = f"{view.step_time:.3f}"
         self.values["foothold from the stance sole [m]"] = f"({forward:.3f}, {left:.3f})"
         self.values["adjustments unsolved"] = str(view.unsolved)

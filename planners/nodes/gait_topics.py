@@ -6,21 +6,20 @@ import math
 from collections import deque
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from std_msgs.msg import Float64, String
 
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import set_stamp
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.types import FOOT_NAMES
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold
+from planners.gait.footstep_plan import Footstep
 from planners.gait.gait import GaitPlanner
 from planners.gait.view import GaitView, capture_margin, coming_steps
+from planners.nodes.footstep_messages import path_from_steps
 
 TAKEN_MAX = 20
 """Footsteps that ``gait/footsteps_taken`` remembers."""
@@ -86,35 +85,20 @@ class GaitTopics:
             self._margin.publish(Float64(data=self.margin))
         if law.steps != self._steps:
             self._steps, view = law.steps, view or law.view
-            self._history.append(_pose(stamp, law.footholds[law.stance]))
-            self._taken.publish(_path(stamp, list(self._history)))
+            self._history.append((Footstep(law.stance, law.footholds[law.stance]), stamp))
+            steps, stamps = zip(*self._history, strict=True)
+            self._taken.publish(path_from_steps(stamp, steps, stamps))
         if law.walking and (word != self._word or stamp - self._last_planned >= self._periods[0]):
             self._last_planned = stamp
-            self._planned.publish(_path(stamp, self._plan(stamp, view or law.view, law.config)))
+            self._planned.publish(self._plan(stamp, view or law.view, law.config))
         self.tell_phase(word)
 
     @staticmethod
-    def _plan(stamp: int, view: GaitView, config: GaitConfig) -> list[Any]:
+    def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
         """Coming footsteps with the times of their touchdown."""
-        wait = view.step_time if view.swinging else config.timing.single + config.timing.double
+        wait = view.step_time if view.swinging else config.period
         t = stamp + round(max(wait - view.elapsed, 0.0) * NANOSECONDS)
-        period = round((config.timing.single + config.timing.double) * NANOSECONDS)
-        return [_pose(t + i * period, hold) for i, hold in enumerate(coming_steps(view, config))]
-
-
-def _pose(stamp: int, hold: Foothold) -> Any:
-    """A sole on the floor, with the stamp of its touchdown [ns]."""
-    message = PoseStamped()
-    message.header.frame_id = topics.ODOM_FRAME
-    set_stamp(message.header.stamp, stamp)
-    position, orientation = message.pose.position, message.pose.orientation
-    position.x, position.y, position.z = hold.x, hold.y, hold.z
-    orientation.z, orientation.w = math.sin(0.5 * hold.yaw), math.cos(0.5 * hold.yaw)
-    return message
-
-
-def _path(stamp: int, poses: list[Any]) -> Any:
-    message = Path(poses=poses)
-    message.header.frame_id = topics.ODOM_FRAME
-    set_stamp(message.header.stamp, stamp)
-    return message
+        period = round(config.period * NANOSECONDS)
+        feet = (1 - view.stance, view.stance)
+        steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
+        return path_from_steps(stamp, steps, [t + i * period for i in range(len(steps))])

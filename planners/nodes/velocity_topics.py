@@ -30,10 +30,21 @@ class VelocityTopics:
         command: What is filled.
         now: Stamp of the newest state [ns].
         timeout: Age from which on a stamped velocity is refused [s].
+        stop: Called where the supervisor wants a standstill.
+        left: Called when mode ``walk`` has been left.
     """
 
-    def __init__(self, node: PoiseNode, command: VelocityCommand, now: Callable[[], int], timeout: float) -> None:
+    def __init__(
+        self,
+        node: PoiseNode,
+        command: VelocityCommand,
+        now: Callable[[], int],
+        timeout: float,
+        stop: Callable[[], None],
+        left: Callable[[], None],
+    ) -> None:
         self._node, self._command, self._now = node, command, now
+        self._stop, self._left = stop, left
         self._timeout = round(timeout * NANOSECONDS)
         self._last_stamp = 0
         self.mode = ""
@@ -77,11 +88,15 @@ class VelocityTopics:
 
     def _on_request(self, message: Any) -> None:
         try:
-            self._command.hold(velocity_from_twist(message))
+            velocity = velocity_from_twist(message)
+            self._command.hold(velocity)
+            if not any(velocity):
+                self._stop()
         except MessageError as error:
             self._node.refuse(topics.GAIT_VELOCITY, error)
 
     def _on_mode(self, message: Any) -> None:
         if self.walking and message.data != self.mode:
             self._command.forget()
+            self._left()
         self.mode = message.data

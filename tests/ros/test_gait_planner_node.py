@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan
 from std_msgs.msg import String
 
 from models.nodes import topics
@@ -16,6 +18,9 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
+from planners.gait.footstep_plan import middle
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_planner import GaitPlannerNode
 
 pytestmark = pytest.mark.ros
@@ -36,7 +41,11 @@ class Commanded:
         self.stamped = world.create_publisher(TwistStamped, topics.CMD_VEL_STAMPED, COMMAND)
         self.request = world.create_publisher(Twist, topics.GAIT_VELOCITY, EVENT)
         self.node = bench.add(GaitPlannerNode)
-        for publisher in (self.mode, self.cmd_vel, self.stamped, self.request):
+        self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
+        self.footsteps = world.create_publisher(Path, topics.FOOTSTEPS_COMMAND, EVENT)
+        self.routes: list[str] = []
+        world.create_subscription(String, topics.GAIT_ROUTE, lambda m: self.routes.append(m.data), EVENT)
+        for publisher in (self.mode, self.cmd_vel, self.stamped, self.request, self.goal, self.footsteps):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
         bench.wait(lambda: self.phases)
         self.node.tell(self.stamp)
@@ -65,6 +74,13 @@ class Commanded:
         """What the law has been told."""
         wanted: tuple[float, float, float] = self.node._law._limiter.wanted
         return wanted
+
+    def ask(self, publisher: Any, message: Any) -> str:
+        """Publish a goal or footsteps, and wait for the answer."""
+        self.routes.clear()
+        publisher.publish(message)
+        self.bench.wait(lambda: self.routes)
+        return self.routes[-1]
 
     def publish(self, publisher: Any, message: Any) -> None:
         """Publish, and wait until it has been taken or refused."""
@@ -177,3 +193,99 @@ def test_the_phase_tells_when_the_robot_has_settled_and_that_nobody_can_walk(rob
     robot.bench.wait(lambda: robot.phases[-1] == topics.GAIT_ABSENT)
     robot.tick(1)
     assert robot.wanted == (0.0, 0.0, 0.0)
+
+
+def goal(x: float, y: float, yaw: float, frame_id: str = "odom") -> PoseStamped:
+    return pose_message(Foothold(x, y, yaw), frame_id)
+
+
+def path(*poses: tuple[str, float, float], frame_id: str = "odom") -> Path:
+    message = Path(poses=[pose_message(Foothold(x, y, 0.0), name) for name, x, y in poses])
+    message.header.frame_id = frame_id
+    return message
+
+
+def test_goals_are_walked_to_in_mode_walk_only_and_refused_with_the_reason(robot: Commanded) -> None:
+    assert "refused: no walking in mode '': request mode/walk first" in robot.ask(robot.goal, goal(1.0, 0.0, 0.0))
+    robot.enter("walk")
+    robot.tick(1)
+    bent = goal(1.0, 0.0, 0.0)
+    bent.pose.orientation.w = 0.5
+    for message, culprit in (
+        (goal(1.0, math.nan, 0.0), "position.y is nan"),
+        (goal(1.0, 0.0, 0.0, "map"), "header.frame_id: 'map' instead of 'odom'"),
+        (goal(50.0, 0.0, 0.0), "50.0 m away, at most 20 m"),
+        (bent, "quaternion of norm 0.5"),
+    ):
+        refused = robot.node.counters[f"refused {topics.GOAL_POSE}"]
+        assert culprit in robot.ask(robot.goal, message)
+        assert robot.node.counters[f"refused {topics.GOAL_POSE}"] == refused + 1
+        assert culprit in robot.node.values["last refusal"]
+    robot.send(robot.request, velocity_to_twist((0.2, 0.0, 0.0)))
+    assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith("running: ")
+    robot.tick(1)
+    assert robot.wanted == (0.0, 0.0, 0.0) and robot.node._law.route.left  # the word's velocity is over
+    robot.request.publish(velocity_to_twist((0.0, 0.0, 0.0)))  # 'stop'
+    robot.bench.wait(lambda: not robot.node._law.route.left)
+    robot.tick(1)
+    robot.bench.wait(lambda: robot.routes[-1] == "ended: stopped")
+    here = middle(robot.node._law.footholds)
+    assert robot.ask(robot.goal, goal(here.x, here.y, here.yaw)) == "running: 0 footsteps"
+    robot.tick(1)
+    robot.bench.wait(lambda: robot.routes[-1] == "done")
+    assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith("running: ")
+    robot.enter("stand")
+    robot.bench.wait(lambda: robot.routes[-1] == "ended: mode walk was left")
+    assert "request mode/walk first" in robot.ask(robot.goal, goal(1.0, 0.0, 0.0))
+
+
+def test_listed_footsteps_name_their_soles_or_alternate(robot: Commanded) -> None:
+    robot.enter("walk")
+    robot.tick(1)
+    left, right = robot.node._law.footholds
+    for message, culprit in (
+        (path(), "0 footsteps refused"),
+        (path(("l_sole", 0.1, left.y), frame_id="base_link"), "'base_link' instead of 'odom'"),
+        (path(("l_foot", 0.1, left.y)), "footstep 1: header.frame_id: 'l_foot' names no sole: l_sole, r_sole"),
+        (path(("l_sole", 0.1, math.inf)), "footstep 1: position.y is inf"),
+        (path(("l_sole", 0.1, right.y)), "footstep 1 (left) refused: legs would cross"),
+        (path(("", 0.1, right.y), ("", 0.2, right.y)), "footstep 2 (left) refused: legs would cross"),
+        (path(("r_sole", 0.1, right.y), ("r_sole", 0.2, right.y)), "footstep 2 (right) refused: the same foot"),
+        (path(("l_sole", 0.9, left.y)), "ahead of the right sole"),
+    ):
+        assert culprit in robot.ask(robot.footsteps, message)
+        assert not robot.node._law.route.left
+    assert robot.node.counters[f"refused {topics.FOOTSTEPS_COMMAND}"] == 8
+    assert robot.ask(robot.footsteps, path(("", 0.1, right.y), ("", 0.1, left.y))) == "running: 2 footsteps"
+    assert robot.node._law.route.foot == 1
+    robot.send(robot.cmd_vel, velocity_to_twist((0.1, 0.0, 0.0)))
+    robot.bench.wait(lambda: robot.routes[-1] == "ended: a velocity was commanded")
+
+
+def test_plan_footsteps_answers_with_alternating_soles_or_with_nothing(robot: Commanded) -> None:
+    client = robot.bench.world.create_client(GetPlan, topics.PLAN_FOOTSTEPS)
+    robot.bench.wait(client.service_is_ready)
+
+    def plan(start: PoseStamped, end: PoseStamped, tolerance: float = 0.0) -> Path:
+        future = client.call_async(GetPlan.Request(start=start, goal=end, tolerance=tolerance))
+        robot.bench.wait(future.done)
+        return future.result().plan
+
+    def refusal() -> str:
+        return str(robot.node.values["last refusal"])
+
+    planned = plan(goal(1.0, 2.0, 0.0), goal(2.0, 2.0, 0.0))
+    names = [pose.header.frame_id for pose in planned.poses]
+    assert planned.header.frame_id == "odom" and len(names) >= 6
+    assert names == (["l_sole", "r_sole"] * len(names))[: len(names)]
+    ends = [(pose.pose.position.x, pose.pose.position.y) for pose in planned.poses[-2:]]
+    assert np.mean(ends, axis=0) == pytest.approx((2.0, 2.0), abs=0.01)
+    assert not plan(PoseStamped(), goal(1.0, 0.0, 0.0)).poses and "mode walk only" in refusal()
+    assert not plan(goal(0.0, 0.0, 0.0), goal(math.nan, 0.0, 0.0)).poses and "position.x is nan" in refusal()
+    assert not plan(goal(0.0, 0.0, 0.0), goal(30.0, 0.0, 0.0)).poses and "30.0 m away" in refusal()
+    assert not plan(goal(0.0, 0.0, 0.0), goal(1.0, 0.0, 0.0), math.nan).poses and "tolerance is nan" in refusal()
+    assert robot.node.counters[f"refused {topics.PLAN_FOOTSTEPS}"] == 4
+    robot.enter("walk")
+    robot.tick(1)
+    planned = plan(PoseStamped(), goal(0.5, 0.0, 0.0))
+    assert robot.ask(robot.footsteps, planned) == f"running: {len(planned.poses)} footsteps"  # it can be executed

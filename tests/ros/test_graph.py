@@ -36,12 +36,13 @@ TOPICS = (
     *("imu/data", "external_wrench", "tf", "tf_static"),
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     *("cmd_vel", "cmd_vel_stamped", "gait/velocity_request", "gait/phase", "gait/capture_margin"),
-    *("gait/footsteps", "gait/footsteps_taken"),
+    *("gait/footsteps", "gait/footsteps_taken", "goal_pose", "gait/footsteps_command", "gait/route"),
     "joint_trajectory_controller/joint_trajectory",
 )
 SERVICES = (
     *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
     *("calibrate/imu", "calibrate/joints", "calibrate/feet", "calibrate/show", "calibrate/rollback", "hang"),
+    "plan_footsteps",
 )
 
 

@@ -155,6 +155,17 @@ def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
     walking.graph.node.destroy_subscription(ears)
 
 
+def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
+    walking.graph.wait_standing()
+    here = walking.place.copy()
+    code, output = _poise("walk", "--to", f"{here[0] - 0.15:.3f}", f"{here[1]:.3f}", "-0.2")
+    assert code == 0, output
+    assert "goal done; mode 'stand'" in output
+    walking.until(lambda: walking.graph.mode == "stand", "standing")
+    walking.graph.spin(0.2)
+    assert np.linalg.norm(walking.place - here - (-0.15, 0.0)) < 0.05  # truth and estimate start together
+
+
 def test_words_set_the_velocity_and_stop_ends_in_stand(walking: WalkingGraph) -> None:
     walking.graph.wait_standing()
     start = walking.place.copy()

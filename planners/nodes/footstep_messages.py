@@ -1,0 +1,113 @@
+"""Footsteps and goals as geometry_msgs/PoseStamped and nav_msgs/Path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.messages import set_stamp
+from models.nodes.odometry import QUATERNION_TOLERANCE
+from models.robot_model import SOLE_FRAMES
+from planners.gait.footstep_plan import Footstep, middle
+from planners.gait.footsteps import LEFT, RIGHT, Foothold
+
+
+def foothold_from_pose(name: str, pose: Any) -> Foothold:
+    """Place and heading of a geometry_msgs/Pose; its height, roll and pitch are left out: the floor is felt.
+
+    Raises:
+        MessageError: A value is not finite, or the quaternion is not of unit length; ``name`` says whose.
+    """
+    position, turn = pose.position, pose.orientation
+    for field, part, axes in (("position", position, "xyz"), ("orientation", turn, "xyzw")):
+        for axis in axes:
+            if not math.isfinite(getattr(part, axis)):
+                raise MessageError(f"{name}: {field}.{axis} is {getattr(part, axis)}")
+    norm = math.sqrt(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2)
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise MessageError(f"{name}: orientation: quaternion of norm {norm:.4f}")
+    yaw = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    return Foothold(position.x, position.y, yaw)
+
+
+def goal_from_message(name: str, message: Any) -> Foothold:
+    """Where the middle between the soles is to be, from a geometry_msgs/PoseStamped in ``odom``.
+
+    Raises:
+        MessageError: Another frame, or see ``foothold_from_pose``.
+    """
+    require_odom(name, message.header.frame_id)
+    return foothold_from_pose(name, message.pose)
+
+
+def require_odom(name: str, frame_id: str) -> None:
+    """Refuse a frame that the robot knows nothing of.
+
+    Raises:
+        MessageError: The frame is named.
+    """
+    if frame_id != topics.ODOM_FRAME:
+        raise MessageError(f"{name}: header.frame_id: '{frame_id[:32]}' instead of '{topics.ODOM_FRAME}'")
+
+
+def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
+    """Footsteps of a nav_msgs/Path in ``odom``, whose poses' own frame_id names the sole: ``l_sole`` or ``r_sole``.
+
+    Poses without a name alternate; the first one is of the foot on whose side of the robot it lies.
+
+    Args:
+        message: The path.
+        soles: Left and right sole.
+
+    Raises:
+        MessageError: A frame is unknown, or see ``foothold_from_pose``.
+    """
+    require_odom("footsteps", message.header.frame_id)
+    here = middle(soles)
+    steps: list[Footstep] = []
+    for i, pose in enumerate(message.poses):
+        name, frame = f"footstep {i + 1}", pose.header.frame_id
+        hold = foothold_from_pose(name, pose.pose)
+        if frame in SOLE_FRAMES:
+            foot = SOLE_FRAMES.index(frame)
+        elif frame not in ("", topics.ODOM_FRAME):
+            raise MessageError(f"{name}: header.frame_id: '{frame[:32]}' names no sole: {', '.join(SOLE_FRAMES)}")
+        elif steps:
+            foot = 1 - steps[-1].foot
+        else:
+            foot = LEFT if here.relative(hold.x, hold.y)[1] >= 0.0 else RIGHT
+        steps.append(Footstep(foot, hold))
+    return steps
+
+
+def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int] | None = None) -> Any:
+    """nav_msgs/Path of footsteps in ``odom``; the poses' own frame_id names the sole.
+
+    Args:
+        stamp: Of the path [ns].
+        steps: The footsteps.
+        stamps: Of each touchdown [ns]; that of the path where None.
+    """
+    path = Path()
+    path.header.frame_id = topics.ODOM_FRAME
+    set_stamp(path.header.stamp, stamp)
+    for step, t in zip(steps, stamps or [stamp] * len(steps), strict=True):
+        path.poses.append(pose_message(step.hold, SOLE_FRAMES[step.foot], t))
+    return path
+
+
+def pose_message(hold: Foothold, frame_id: str, stamp: int = 0) -> Any:
+    """geometry_msgs/PoseStamped of a place on the floor."""
+    message = PoseStamped()
+    message.header.frame_id = frame_id
+    set_stamp(message.header.stamp, stamp)
+    position, orientation = message.pose.position, message.pose.orientation
+    position.x, position.y, position.z = float(hold.x), float(hold.y), float(hold.z)
+    orientation.z, orientation.w = math.sin(0.5 * hold.yaw), math.cos(0.5 * hold.yaw)
+    return message

@@ -1,0 +1,110 @@
+"""Walks with an end: ``goal_pose``, ``gait/footsteps_command``, ``plan_footsteps``; ``gait/route`` answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan
+from std_msgs.msg import String
+
+from models.errors import CommandError, MessageError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.qos import EVENT
+from planners.gait.command import VelocityCommand
+from planners.gait.footstep_plan import plan_to_pose, soles_at
+from planners.gait.footsteps import Foothold
+from planners.gait.gait import GaitPlanner
+from planners.nodes.footstep_messages import goal_from_message, path_from_steps, steps_from_path
+
+
+class RouteTopics:
+    """Has the gait walk to a pose or take listed footsteps, in mode ``walk`` only, and tells what becomes of it.
+
+    Args:
+        node: Node that subscribes.
+        law: Takes the footsteps.
+        command: The velocity, which a route puts an end to; one that comes later ends the route.
+        ready: Why the robot cannot take any now; empty when it can.
+        now: Stamp of the newest state [ns].
+    """
+
+    def __init__(
+        self,
+        node: PoiseNode,
+        law: GaitPlanner,
+        command: VelocityCommand,
+        ready: Callable[[], str],
+        now: Callable[[], int],
+    ) -> None:
+        self._node, self._law, self._command, self._ready, self._now = node, law, command, ready, now
+        self._running = False
+        self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
+        node.listen(
+            PoseStamped, topics.GOAL_POSE, lambda message: self._try(topics.GOAL_POSE, self._go, message), EVENT
+        )
+        node.listen(
+            Path,
+            topics.FOOTSTEPS_COMMAND,
+            lambda message: self._try(topics.FOOTSTEPS_COMMAND, self._take, message),
+            EVENT,
+        )
+        node.serve(GetPlan, topics.PLAN_FOOTSTEPS, self._on_plan)
+
+    def tell(self) -> None:
+        """After a tick: publish that the route has ended."""
+        route = self._law.route
+        if self._running and not route.left:
+            self._running = False
+            done = route.outcome == topics.ROUTE_DONE
+            self._say(topics.ROUTE_DONE if done else topics.ROUTE_ENDED, "" if done else route.outcome)
+
+    def _say(self, word: str, more: str = "") -> None:
+        self._words.publish(String(data=f"{word}: {more}" if more else word))
+
+    def _try(self, topic: str, act: Callable[[Any], None], message: Any) -> None:
+        if not self._node.active:
+            return
+        try:
+            if reason := self._ready():
+                raise CommandError(reason)
+            act(message)
+        except PoiseError as error:
+            self._node.refuse(topic, error)
+            self._say(topics.ROUTE_REFUSED, str(error))
+            return
+        self._command.forget()
+        self._running = True
+        self._say(topics.ROUTE_RUNNING, f"{self._law.route.left} footsteps")
+
+    def _go(self, message: Any) -> None:
+        self._law.walk_to(goal_from_message("goal", message))
+
+    def _take(self, message: Any) -> None:
+        self._law.take_steps(steps_from_path(message, self._law.footholds))
+
+    def _on_plan(self, request: Any, response: Any) -> Any:
+        """A plan, or an empty path: GetPlan has no room for a reason, which diagnostics and log give."""
+        try:
+            if not self._node.active:
+                raise CommandError("the gait planner is not active")
+            if not request.tolerance >= 0.0:
+                raise MessageError(f"tolerance is {request.tolerance}")
+            goal = goal_from_message("goal", request.goal)
+            steps = plan_to_pose(goal, self._start(request.start), self._law.config)
+            response.plan = path_from_steps(self._now(), steps)
+        except PoiseError as error:
+            self._node.refuse(topics.PLAN_FOOTSTEPS, error)
+        return response
+
+    def _start(self, start: Any) -> Sequence[Foothold]:
+        """Soles to plan from: those of a robot that stands at the given pose, or, without a frame, as they are now."""
+        config = self._law.config
+        if start.header.frame_id:
+            return soles_at(goal_from_message("start", start), config.reach.width)
+        if reason := self._ready():
+            raise CommandError(f"start: none given, and where the soles are is known in mode walk only: {reason}")
+        return self._law.footholds
