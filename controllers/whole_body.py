@@ -128,6 +128,7 @@ class WholeBodyController:
         """Forget the last command and the failure count; ``joints`` is where they are now (nj,) [rad]."""
         self._failures = 0
         self._last = None
+        self.solver.reset()
         self._joints = joints
         self.torque = np.zeros(self.model.nj)
 

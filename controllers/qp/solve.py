@@ -10,13 +10,20 @@ import numpy as np
 import quadprog
 
 from controllers.qp.build import QP
-from controllers.qp.kernels_check import all_finite, free_minimum, kkt_residual
+from controllers.qp.kernels_check import all_finite, kkt_residual
+from controllers.qp.kernels_whiten import free_minimum, judge, whiten
 from models.types import SolveStatus, Vector
 
 _HARD = 0
 _SOFT = 8
 _OPTIMAL = (1, 2)
 """daqp exit flags: optimal, optimal with soft constraints in use."""
+
+_ROUNDS = 5
+"""Times that rows are added to the small problem before daqp is given the whole one."""
+
+_BROKEN = 1e-9
+"""By how much, of its size, the small problem's answer may break a row that it does not hold [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +43,34 @@ class Solution:
     time: float
 
 
+class _Workspace:
+    """Memory for problems of one size.
+
+    Args:
+        nz: Number of unknowns.
+        rows: Number of rows, simple ones included.
+    """
+
+    def __init__(self, nz: int, rows: int) -> None:
+        self.identity = np.eye(nz)
+        self.factor, self.shift = np.zeros((nz, nz)), np.zeros(nz)
+        self.marks = np.zeros(rows, dtype=bool)  # rows to hold: those active in the last answer, and those broken
+        self.rows = np.zeros(rows, dtype=np.int64)
+        self.whitened, self.bounds = np.zeros((rows, nz)), np.zeros((2, rows))
+        self.sense = np.zeros(rows, dtype=np.int32)
+        self.multipliers = np.zeros(rows)
+
+
 class QPSolver:
-    """Solve, check the KKT conditions, fall back in order: no active row, daqp, quadprog, softened daqp.
+    """Solve, check the KKT conditions, fall back in order.
+
+    1. The minimum without rows, where it breaks none.
+    2. daqp with the rows that were active on the last tick, those that this minimum breaks, and those that its answers
+       break, in coordinates where H is the identity: what daqp prepares for every row is most of its time, and few of
+       a hundred rows are ever active.
+    3. daqp with all rows, quadprog with all rows, daqp with soft rows.
+
+    Each answer is judged by its KKT residual in the whole problem.
 
     The softened problem keeps torque limits and wrench cones hard and lets the joint-limit rows give way, at the
     price ``|violation|^2 / (2 rho)``.
@@ -52,7 +85,7 @@ class QPSolver:
         self._residual_max = residual_max
         self._iterations = iterations_max
         self._rho = soft_rho
-        self._sense: dict[int, np.ndarray] = {}
+        self._workspaces: dict[tuple[int, int], _Workspace] = {}
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -61,16 +94,20 @@ class QPSolver:
             rows = np.array([[1.0]])
             self.solve(QP(rows, rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True])))
 
+    def reset(self) -> None:
+        """Forget which rows were active."""
+        for work in self._workspaces.values():
+            work.marks[:] = False
+
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
         start = perf_counter()
         finite = all_finite(qp.hessian, qp.gradient, qp.matrix) if qp.finite is None else qp.finite
         if not finite:
             return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
-        free = np.empty(qp.gradient.shape[0])
-        residual = free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, free)
-        if residual < self._residual_max:
-            return Solution(free, SolveStatus.OPTIMAL, residual, perf_counter() - start)
+        z, residual = self._few_rows(qp)
+        if z is not None:
+            return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
         z, residual, infeasible = self._daqp(qp)
         if z is not None:
             return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
@@ -83,14 +120,43 @@ class QPSolver:
             return Solution(z, SolveStatus.RELAXED, residual, perf_counter() - start)
         return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
 
-    def _senses(self, rows: int) -> np.ndarray:
-        sense = self._sense.get(rows)
-        if sense is None:
-            sense = self._sense[rows] = np.zeros(rows, dtype=np.int32)
-        return sense
+    def _workspace(self, qp: QP) -> _Workspace:
+        size = qp.gradient.shape[0], qp.lower.shape[0]
+        work = self._workspaces.get(size)
+        if work is None:
+            work = self._workspaces[size] = _Workspace(*size)
+        return work
+
+    def _few_rows(self, qp: QP) -> tuple[Vector | None, float]:
+        problem = qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper
+        work = self._workspace(qp)
+        z: Vector = np.empty(qp.gradient.shape[0])
+        residual = free_minimum(*problem, work.factor, work.shift, z, work.marks)
+        if residual < self._residual_max:
+            work.marks[:] = False
+            return z, residual
+        if residual != np.inf:
+            return None, residual
+        for _ in range(_ROUNDS):
+            k = whiten(work.factor, *problem[2:], work.marks, work.rows, work.whitened, work.bounds)
+            lower, upper = work.bounds[:, :k]
+            z, _, flag, info = daqp.solve(
+                work.identity, work.shift, work.whitened[:k], upper, lower, work.sense[:k], iter_limit=self._iterations
+            )
+            if flag not in _OPTIMAL:
+                break
+            residual = judge(
+                *problem, work.factor, z, work.rows[:k], info["lam"], _BROKEN, work.marks, work.multipliers
+            )
+            if residual < self._residual_max:
+                return z, residual
+            if residual != np.inf:
+                break
+        work.marks[:] = False
+        return None, float("nan")
 
     def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
-        sense = self._senses(qp.lower.shape[0])
+        sense = self._workspace(qp).sense
         z, _, flag, info = daqp.solve(
             qp.hessian, qp.gradient, qp.matrix, qp.upper, qp.lower, sense, iter_limit=self._iterations
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import daqp
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 from controllers.memory import Block, part_1, part_2, part_3
 from controllers.posture_reference import PostureReference
 from controllers.qp.build import QP
-from controllers.qp.kernels_check import all_finite, free_minimum, kkt_residual
+from controllers.qp.kernels_check import all_finite, kkt_residual
 from controllers.qp.kernels_reduce import solve_base
+from controllers.qp.kernels_whiten import free_minimum
 from controllers.qp.solve import QPSolver
 from models.robot_model import RobotModel
 from models.types import SolveStatus
@@ -61,15 +63,25 @@ def random_qp(seed: int, bound: float) -> QP:
     )
 
 
+def without_rows(qp: QP) -> tuple[float, np.ndarray, np.ndarray]:
+    """Residual, minimiser and broken rows of the cost alone."""
+    nz = qp.gradient.size
+    z, broken = np.empty(nz), np.zeros(qp.lower.size, dtype=bool)
+    factor, shift = np.zeros((nz, nz)), np.zeros(nz)
+    residual = free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, factor, shift, z, broken)
+    return residual, z, broken
+
+
 @settings(deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([0.01, 0.3, 100.0]))
 def test_the_free_minimum_is_taken_only_where_it_solves_the_qp(seed: int, bound: float) -> None:
     qp = random_qp(seed, bound)
-    z, free = np.empty(5), -np.linalg.solve(qp.hessian, qp.gradient)
-    residual = free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z)
+    free = -np.linalg.solve(qp.hessian, qp.gradient)
+    residual, z, broken = without_rows(qp)
     np.testing.assert_allclose(z, free, atol=1e-9)
     values = np.concatenate([free[:2], qp.matrix @ free])
-    assert np.isfinite(residual) == bool((np.abs(values) <= bound).all())
+    np.testing.assert_array_equal(broken, np.abs(values) > bound)
+    assert np.isfinite(residual) == (not broken.any())
     answer = QPSolver(1e-6, 100, 1e-6).solve(qp)
     assert answer.status is SolveStatus.OPTIMAL
     assert answer.residual < 1e-6
@@ -80,10 +92,56 @@ def test_the_free_minimum_is_taken_only_where_it_solves_the_qp(seed: int, bound:
         np.testing.assert_array_equal(answer.z, z)
 
 
+@settings(deadline=None)
+@given(st.lists(st.integers(0, 10_000), min_size=1, max_size=4), st.sampled_from([0.01, 0.1, 0.3]))
+def test_few_rows_give_the_answer_of_all_rows(seeds: list[int], bound: float) -> None:
+    """Also from the rows that were active in another problem, and after a reset as from the beginning."""
+    solver = QPSolver(1e-6, 100, 1e-6)
+    for qp in (random_qp(seed, bound) for seed in seeds):
+        answer = solver.solve(qp)
+        z, _, flag, _ = daqp.solve(qp.hessian, qp.gradient, qp.matrix, qp.upper, qp.lower, np.zeros(6, dtype=np.int32))
+        assert flag == 1
+        assert answer.status is SolveStatus.OPTIMAL
+        assert answer.residual < 1e-9
+        np.testing.assert_allclose(answer.z, z, atol=1e-7)
+    last = random_qp(seeds[-1], bound)
+    solver.reset()
+    np.testing.assert_array_equal(solver.solve(last).z, QPSolver(1e-6, 100, 1e-6).solve(last).z)
+
+
+def test_daqp_is_given_few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that the free minimum breaks, then those that the answer breaks; on the next tick all of them at once."""
+    given: list[int] = []
+    solve = daqp.solve
+
+    def counted(
+        hessian: np.ndarray, gradient: np.ndarray, matrix: np.ndarray, *rest: object, **named: object
+    ) -> object:
+        given.append(matrix.shape[0])
+        return solve(hessian, gradient, matrix, *rest, **named)
+
+    monkeypatch.setattr("controllers.qp.solve.daqp.solve", counted)
+    solver = QPSolver(1e-6, 100, 1e-6)
+    qp = QP(  # about (3, 0.9): that breaks z_0 <= 1, and (1, 0.9) breaks 2 z_1 - z_0 <= 0.2; the rest is far away
+        np.eye(2),
+        np.array([-3.0, -0.9]),
+        np.array([[-1.0, 2.0], [0.0, 1.0], [1.0, -9.0], [0.3, 0.3]]),
+        np.full(5, -20.0),
+        np.array([1.0, 0.2, 20.0, 20.0, 20.0]),
+        np.zeros(5, dtype=bool),
+    )
+    given.clear()
+    expected = solver.solve(qp).z
+    assert given == [1, 2]
+    given.clear()
+    np.testing.assert_allclose(solver.solve(qp).z, expected, atol=1e-12)
+    assert given == [2]
+
+
 def test_the_free_minimum_needs_a_positive_definite_cost() -> None:
     qp = random_qp(3, 100.0)
     qp.hessian[:] = -np.eye(5)
-    assert free_minimum(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, np.empty(5)) == np.inf
+    assert np.isnan(without_rows(qp)[0])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
