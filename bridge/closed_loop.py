@@ -261,18 +261,18 @@ class ClosedLoop:
             self.gait.set_velocity(*velocity) if any(velocity) else self.gait.stop()
         motion = self._lockstep.supervisor.take_motion()
         if motion == "stop":
-            self._lockstep.controller.stop_motion()
+            self._lockstep.laws.stop_motion()
         elif motion is not None:
             reply = self._begin(motion, reply)
         self._note(f"{text[:32]}: {reply.reason}")
         return reply
 
     def _begin(self, motion: str, reply: CommandReply) -> CommandReply:
-        """Plan a motion from the posture that the controller holds and have the controller follow it."""
+        """Plan a motion from the posture that the law in charge tracks, and have it follow."""
         self._planner = self._planner or MotionPlanner(self.robot)
-        controller = self._lockstep.controller
+        laws = self._lockstep.laws
         try:
-            controller.follow(self._planner.plan(motion, start_q=controller.reference.posture))
+            laws.follow(self._planner.plan(motion, start_q=laws.reference.posture))
         except PoiseError as error:
             return self._lockstep.supervisor.motion_refused(str(error))
         return reply

@@ -83,6 +83,7 @@ class Lockstep:
     Attributes:
         plant: The simulated robot.
         controller: The whole-body controller.
+        laws: Which of it and the walker moves the joints.
         supervisor: Mode machine.
         estimator: The state estimator.
         monitor: Fall and slip of the true robot.
@@ -121,7 +122,7 @@ class Lockstep:
         self.result: ControlResult
         self._gait = gait
         self._walker: Walker[GaitPlanner] | None = None
-        self._laws = LawSwitch(controller, lambda: self.walker)
+        self.laws = LawSwitch(controller, lambda: self.walker)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -149,7 +150,7 @@ class Lockstep:
         self.tick = 0
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
-        self._laws.reset(self.state)
+        self.laws.reset(self.state)
         evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
         self.supervisor.set_preflight(preflight(plant.robot, self.supervisor.config, evidence, {}))
         reply = self.supervisor.request(Mode.STAND)
@@ -200,7 +201,7 @@ class Lockstep:
 
     def enter_mode(self) -> None:
         """Hand the robot over between balance controller and walker after a change of mode."""
-        self._laws.enter(self.supervisor.mode, self.state)
+        self.laws.enter(self.supervisor.mode, self.state)
 
     def _hang_and_average(self) -> SensorData:
         """Hang under gravity compensation; returns the mean of the last sensor samples."""
@@ -243,8 +244,8 @@ class Lockstep:
         self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
             return
-        self.result = self._laws.step(self.state, self._control_dt)
-        self._scheduled = self._laws.reference.contacts
+        self.result = self.laws.step(self.state, self._control_dt)
+        self._scheduled = self.laws.reference.contacts
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()
@@ -260,8 +261,8 @@ class Lockstep:
             tilt=tilt(self.state.q[3:7]),
             status=self.result.status,
             drivers_damped=self.servo.state is ServoState.DAMPED,
-            motion_active=self.controller.motion_active,
-            gait_active=self._laws.gait_active,
+            motion_active=self.laws.motion_active,
+            gait_active=self.laws.gait_active,
             coasting=0.0 if self._use_truth else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)

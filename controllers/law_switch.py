@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from controllers.walker import Walker
-from models.types import ControlResult, Mode, Reference, RobotState
+from models.types import ControlResult, JointTrajectory, Mode, Reference, RobotState
 
 
 class Law(Protocol):
@@ -17,8 +17,21 @@ class Law(Protocol):
         """What the last tick tracked."""
         ...
 
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        ...
+
     def reset(self, state: RobotState) -> None:
         """Start over from a state."""
+        ...
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion."""
+        ...
+
+    def stop_motion(self) -> None:
+        """End the motion."""
         ...
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
@@ -63,6 +76,19 @@ class LawSwitch:
     def gait_active(self) -> bool:
         """Whether the robot walks, or has not yet come to a standstill."""
         return self.walking and self._walker is not None and not self._walker().standing
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether the law that runs executes a motion."""
+        return self.active.motion_active
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Have the law that runs follow a motion; the walker does so with arms and head only."""
+        self.active.follow(trajectory)
+
+    def stop_motion(self) -> None:
+        """Have the law that runs end its motion."""
+        self.active.stop_motion()
 
     def reset(self, state: RobotState) -> None:
         """Start over from a state, standing."""

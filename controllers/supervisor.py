@@ -2,7 +2,7 @@
 
 The law, with severity hold < stand < damp < off:
 
-    off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner
+    off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
     any -> damp                            on a fault, latched until ``reset_faults``
 
 Arming needs preflight checks that passed since the robot was last active: where it lies now is not where it stood.
@@ -144,6 +144,7 @@ class Supervisor:
         reply = CommandReply(False, f"motion '{self.motion}' refused: {reason}")
         if self.mode is Mode.MOTION:
             self._enter(Mode.STAND, reason)
+        self.motion = None
         return reply
 
     def estop(self) -> CommandReply:
@@ -186,28 +187,39 @@ class Supervisor:
             return self.mode
         for reason in health.problems(self.config, t):
             self.fault(reason)
-        if self.mode is Mode.MOTION:
+        if self.motion is not None:
             self._follow_motion(health.motion_active, t)
         if self._halting and not health.gait_active:
             self._enter(Mode.STAND, "standstill")
         return self.mode
 
     def _follow_motion(self, active: bool, t: float) -> None:
-        """Back to standing when the motion ends, or when it never starts."""
+        """Back to standing or just walking when the motion ends, or when it never starts."""
         if self._motion_since is None:
             self._motion_since = t
         self._motion_seen |= active
         if self._motion_seen and not active and self._pending is None:
-            self._enter(Mode.STAND, "motion done")
+            self.motion = None
+            if self.mode is Mode.MOTION:
+                self._enter(Mode.STAND, "motion done")
         elif not self._motion_seen and t - self._motion_since > self.config.plan_timeout:
             self.motion_refused(f"nothing to follow after {self.config.plan_timeout:.0f} s")
 
     def _start_motion(self, name: str) -> CommandReply:
-        if self.mode is Mode.MOTION:
+        if self.motion is not None:
             return CommandReply(False, f"'{name}' refused: busy with '{self.motion}'; send 'stop' first")
-        if self.mode is not Mode.STAND:
+        if self.mode is Mode.WALK:
+            able = self.config.walking_motions
+            if name not in able:
+                known = ", ".join(able) or "nothing"
+                return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
+            if self._halting:
+                return CommandReply(False, f"'{name}' refused: the robot comes to a standstill")
+            self._motion_seen, self._motion_since = False, None
+        elif self.mode is not Mode.STAND:
             return CommandReply(False, f"'{name}' refused in mode '{self.mode.value}'; request 'stand' first")
-        self._enter(Mode.MOTION, name)
+        else:
+            self._enter(Mode.MOTION, name)
         self.motion = self._pending = name
         return CommandReply(True, f"motion '{name}' requested")
 
@@ -241,6 +253,8 @@ class Supervisor:
     def _stop(self) -> CommandReply:
         if self.mode is Mode.WALK:
             self._velocity, self._halting = (0.0, 0.0, 0.0), True
+            if self.motion is not None:
+                self.motion, self._pending = None, "stop"
             return CommandReply(True, "walk: comes to a standstill")
         if self.mode is not Mode.MOTION:
             return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")

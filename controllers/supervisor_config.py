@@ -15,6 +15,7 @@ class SupervisorConfig:
     """Limits and vocabulary of the mode machine; every field is documented with its unit."""
 
     motions: Annotated[tuple[str, ...], Field(description="Text commands that are planned as motions")]
+    walking_motions: Annotated[tuple[str, ...], Field(description="Motions of arms and head alone, while walking")]
     fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
     state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
     coasting_max: Annotated[float, Field(gt=0, le=1.0, description="Longest drop-out of the IMU or the joints [s]")]

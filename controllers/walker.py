@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
+from controllers.upper_body import UpperBodyMotion
 from controllers.walking import WalkingController
-from models.types import ControlResult, Reference, RobotState
+from models.types import ControlResult, JointTrajectory, Reference, RobotState
 
 
 class Gait(Protocol):
@@ -34,14 +35,16 @@ class Walker(Generic[G]):
     Args:
         planner: When which foot lifts and lands.
         controller: Tracks what the planner wants.
+        upper: Motions of arms and head meanwhile; a new one when None.
 
     Attributes:
         planner: When which foot lifts and lands.
         controller: Tracks what the planner wants.
     """
 
-    def __init__(self, planner: G, controller: WalkingController) -> None:
+    def __init__(self, planner: G, controller: WalkingController, upper: UpperBodyMotion | None = None) -> None:
         self.planner, self.controller = planner, controller
+        self._upper = upper or UpperBodyMotion(controller.model, controller.config.motion_fade)
 
     @property
     def reference(self) -> Reference:
@@ -55,9 +58,23 @@ class Walker(Generic[G]):
 
     def reset(self, state: RobotState) -> None:
         """Take over a robot that stands on both feet."""
+        self._upper.drop()
         self.planner.reset(state)
         self.controller.reset(state)
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick."""
-        return self.controller.step(state, self.planner.step(state, dt), dt)
+        return self.controller.step(state, self._upper.step(self.planner.step(state, dt), dt), dt)
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether arms and head follow a motion."""
+        return self._upper.active
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Have arms and head follow a motion while the legs go on; see ``UpperBodyMotion.follow`` for refusals."""
+        self._upper.follow(trajectory, self.reference.posture)
+
+    def stop_motion(self) -> None:
+        """Arms and head return to the posture of the walk."""
+        self._upper.stop()

@@ -29,6 +29,7 @@ class WalkingConfig:
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
         reaction_reach_max: Farthest that the planned reaction of the swing leg may shift the CMP [m].
+        motion_fade: Time in which a motion of the arms is blended into a walk and out of it again [s].
     """
 
     dcm_gain: Positive
@@ -37,6 +38,7 @@ class WalkingConfig:
     momentum_gain: NonNegative
     momentum_reach_max: NonNegative
     reaction_reach_max: NonNegative
+    motion_fade: Positive
 
 
 class WalkingController:

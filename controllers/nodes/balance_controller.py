@@ -86,7 +86,7 @@ class BalanceControllerNode(PoiseNode):
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self._motions = MotionTopics(self, self._law, lambda: self._mode)
+        self._motions = MotionTopics(self, self._laws, lambda: self._mode)
         if not self._local:
             self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from controllers.balance import BalanceController
+from controllers.law_switch import LawSwitch
 from controllers.supervisor import ACTIVE_MODES
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
@@ -26,14 +26,14 @@ class MotionTopics:
 
     Args:
         node: Node that subscribes.
-        law: Follows the motions.
+        law: Follows the motions; in mode walk with arms and head only.
         mode: Present mode of the robot.
 
     Attributes:
         requested: Newest request; empty before the first.
     """
 
-    def __init__(self, node: PoiseNode, law: BalanceController, mode: Callable[[], Mode]) -> None:
+    def __init__(self, node: PoiseNode, law: LawSwitch, mode: Callable[[], Mode]) -> None:
         self._node, self._law, self._mode = node, law, mode
         self._running = False
         self.requested = ""
@@ -67,10 +67,10 @@ class MotionTopics:
                 raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id
-            wanted = mode is Mode.MOTION and request == self.requested if request else True
+            wanted = mode in (Mode.MOTION, Mode.WALK) and request == self.requested if request else True
             if not wanted:
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
-            if not self._node.active or mode not in ACTIVE_MODES or mode is Mode.WALK:
+            if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
                 raise PoiseError(f"no motion in mode '{mode.value}'")
             self._law.follow(trajectory_from_message(message))
         except PoiseError as error:

@@ -179,7 +179,7 @@ class SupervisorNode(PoiseNode):
     def _on_motion_state(self, message: String) -> None:
         word, _, reason = message.data.partition(": ")
         request, _, reason = reason.partition(": ")
-        if word == topics.MOTION_REFUSED and request == self._requested and self._law.mode is Mode.MOTION:
+        if word == topics.MOTION_REFUSED and request == self._requested and self._law.motion is not None:
             self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
 
     def _on_driver_state(self, message: String) -> None:

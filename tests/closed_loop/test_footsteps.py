@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from bridge.closed_loop import ClosedLoop
 from models.errors import CommandError, UnreachableError
+from models.types import Mode
 from planners.gait.footstep_plan import Footstep, middle
 from planners.gait.footsteps import Foothold
 
@@ -74,5 +76,27 @@ def test_a_velocity_or_a_stop_ends_a_route(loop: ClosedLoop) -> None:
     steps = loop.gait.steps
     assert loop.command("stop").accepted
     loop.run(2.5)
-    assert loop.mode.value == "stand" and loop.gait.steps - steps <= 2
+    assert loop.mode is Mode.STAND and loop.gait.steps - steps <= 2
     assert loop.gait.route.outcome == "stopped"
+
+
+def test_it_waves_while_it_walks(loop: ClosedLoop) -> None:
+    if loop.mode is not Mode.WALK:
+        assert loop.command("walk").accepted
+    loop.set_velocity(0.2, 0.0, 0.0)
+    loop.run(0.5)
+    assert "only: wave" in loop.command("squat").reason
+    assert loop.command("wave").accepted
+    start, data, hand = loop.truth.q[:2].copy(), loop.robot.data(), []
+    wrist, base = loop.robot.frame_id("r_wrist"), loop.robot.frame_id("base_link")
+    for _ in range(20):
+        loop.run(0.1)
+        pin.framesForwardKinematics(loop.robot.pin, data, loop.truth.q)
+        hand.append(data.oMf[base].actInv(data.oMf[wrist]).translation.copy())
+    assert loop.mode is Mode.WALK and not loop.fallen
+    assert np.ptp(hand, axis=0)[2] > 0.3  # [m] up beside the head
+    assert 0.3 < np.hypot(*(loop.truth.q[:2] - start)) < 0.5  # and the legs have gone on
+    assert loop.command("stop").accepted
+    loop.run(3.0)
+    assert loop.mode is Mode.STAND and not loop.fallen
+    assert np.abs(loop.truth.q[7:] - loop.robot.posture("stand")).max() < 0.15  # the arm is down again

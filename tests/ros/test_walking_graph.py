@@ -26,6 +26,12 @@ from tests.ros.conftest import Eyes
 pytestmark = pytest.mark.ros
 
 
+def yaw(pose: np.ndarray) -> float:
+    """Heading of a pose with quaternion xyzw (7,) [rad]."""
+    x, y, z, w = pose[3:]
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 class WalkingGraph(Eyes):
     """What the tests see of a walk."""
 
@@ -166,16 +172,36 @@ def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
     assert np.linalg.norm(walking.place - here - (-0.15, 0.0)) < 0.05  # truth and estimate start together
 
 
-def test_words_set_the_velocity_and_stop_ends_in_stand(walking: WalkingGraph) -> None:
+def test_words_set_the_velocity_a_wave_goes_with_it_and_stop_ends_in_stand(walking: WalkingGraph) -> None:
     walking.graph.wait_standing()
     start = walking.place.copy()
+    walking.graph.send("walk")
+    walking.until(lambda: walking.graph.mode == "walk", "in mode walk")
     walking.graph.send("backward")
     walking.until(lambda: walking.place[0] - start[0] < -0.1, "walking backward")
+    walking.motion.clear()
+    walking.graph.send("wave")
+    for word, velocity in (
+        ("left", "(0.000 m/s, 0.150 m/s, 0.000 rad/s)"),
+        ("right", "(0.000 m/s, -0.150 m/s, 0.000 rad/s)"),
+        ("forward", "(0.300 m/s, 0.000 m/s, 0.000 rad/s)"),
+        ("spin", "(0.000 m/s, 0.000 m/s, 0.600 rad/s)"),
+        ("turn", "(0.000 m/s, 0.000 m/s, 0.400 rad/s)"),
+    ):
+        walking.graph.send(word)
+        report = walking.reports["/gait_planner"]
+        walking.until(lambda velocity=velocity: walking.reports["/gait_planner"]["velocity"] == velocity, word)
+        assert report["message"] != topics.GAIT_SETTLED
+    heading = yaw(walking.truth[-1])
+    walking.until(lambda: yaw(walking.truth[-1]) - heading > 0.15, "turning to the left")
+    assert walking.motion[0] == topics.MOTION_RUNNING  # it waves meanwhile
+    walking.refusal("supervisor", topics.HUMANOID_COMMANDS, lambda: walking.graph.send("squat"), "only: wave")
     assert walking.graph.mode == "walk"
     walking.graph.send("stop")
     walking.phases.clear()
     seen: list[Any] = []
     walking.until(lambda: walking.graph.mode == "stand", "standing", lambda: seen.extend(walking.phases[-1:]))
     assert "finish" in seen  # it took its last steps first
+    assert walking.motion[-1] == topics.MOTION_DONE
     walking.graph.spin(0.5)
     assert walking.truth[-1][2] > 0.6  # [m] and stands

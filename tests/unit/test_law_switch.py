@@ -11,13 +11,26 @@ from controllers.walker import Walker
 from models.types import Mode
 
 
+class Named(str):
+    """A reference that is only a name."""
+
+    posture = ""
+
+
 class Law:
     """Notes what it is asked."""
 
     def __init__(self, name: str, calls: list[str]) -> None:
         self._name, self._calls = name, calls
         self.settled = False
-        self.reference: Any = f"reference of {name}"
+        self.reference: Any = Named(f"reference of {name}")
+        self.motion_active = False
+
+    def follow(self, trajectory: Any) -> None:
+        self._calls.append(f"{self._name} follows {trajectory}")
+
+    def stop_motion(self) -> None:
+        self._calls.append(f"{self._name} stops")
 
     def reset(self, state: Any) -> None:
         self._calls.append(f"{self._name} from {state}")
@@ -27,13 +40,35 @@ class Law:
         return self._name
 
 
+class Arms:
+    """Notes the motions that a walker is asked for, and moves nothing."""
+
+    def __init__(self, calls: list[str]) -> None:
+        self._calls = calls
+        self.active = False
+
+    def follow(self, trajectory: Any, posture: Any) -> None:
+        self._calls.append(f"arms {trajectory} from {posture}")
+        self.active = True
+
+    def stop(self) -> None:
+        self._calls.append("arms stop")
+
+    def drop(self) -> None:
+        self.active = False
+
+    def step(self, reference: Any, dt: float) -> Any:
+        return reference
+
+
 class Robot:
     """A switch between two laws, and what they were asked."""
 
     def __init__(self) -> None:
         self.calls: list[str] = []
         self.gait = Law("gait", self.calls)
-        walker: Any = Walker(self.gait, Law("tracker", self.calls))  # type: ignore[type-var, arg-type]
+        tracker = Law("tracker", self.calls)
+        walker: Any = Walker(self.gait, tracker, Arms(self.calls))  # type: ignore[type-var, arg-type]
         self.laws = LawSwitch(Law("stand", self.calls), lambda: walker)
 
     def run(self, mode: Mode, state: Any) -> list[str]:
@@ -87,3 +122,21 @@ def test_without_a_gait_planner_the_standing_law_goes_on() -> None:
     laws.step(1, 0.001)  # type: ignore[arg-type]
     assert calls == ["stand 1"]
     assert not laws.walking and not laws.gait_active and not laws.can_walk
+
+
+def test_a_motion_is_the_business_of_the_law_that_runs(robot: Robot) -> None:
+    robot.run(Mode.STAND, 1)
+    robot.laws.follow("squat")  # type: ignore[arg-type]
+    robot.laws.stop_motion()
+    assert robot.calls[-2:] == ["stand follows squat", "stand stops"]
+    robot.run(Mode.WALK, 2)
+    assert not robot.laws.motion_active
+    robot.laws.active.reference.posture = "posture of the walk"
+    robot.laws.follow("wave")  # type: ignore[arg-type]
+    assert robot.laws.motion_active
+    robot.laws.stop_motion()
+    assert robot.calls[-2:] == ["arms wave from posture of the walk", "arms stop"]
+    robot.run(Mode.STAND, 3)
+    assert not robot.laws.motion_active
+    robot.run(Mode.WALK, 4)
+    assert not robot.laws.motion_active  # a new walk begins without

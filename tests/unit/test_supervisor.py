@@ -160,7 +160,38 @@ def test_walk_and_its_words(walker: Supervisor) -> None:
     assert walker.take_velocity() is None
     assert walker.text("spin").accepted
     assert walker.take_velocity() == (0.0, 0.0, walker.config.text_spin)
-    assert "request 'stand' first" in walker.text("wave").reason
+    assert "'squat' refused in mode 'walk', only: wave; request 'stand' first" in walker.text("squat").reason
+
+
+def test_arms_wave_while_the_legs_go_on(walker: Supervisor) -> None:
+    walker.text("forward")
+    walker.take_velocity()
+    assert walker.text("wave").accepted
+    assert (walker.mode, walker.take_motion(), walker.motion) == (Mode.WALK, "wave", "wave")
+    assert "busy with 'wave'" in walker.text("wave").reason
+    moving = replace(WELL, gait_active=True)
+    assert walker.update(replace(moving, motion_active=True), 1.0) is Mode.WALK
+    assert walker.text("left").accepted and walker.motion == "wave"  # a word for the legs leaves the arms alone
+    assert walker.update(moving, 1.01) is Mode.WALK
+    assert walker.motion is None
+    assert walker.text("wave").accepted
+    assert walker.motion_refused("no way").reason == "motion 'wave' refused: no way"
+    assert (walker.mode, walker.motion) == (Mode.WALK, None)
+
+
+def test_a_wave_that_never_begins_is_given_up_and_stop_ends_it_with_the_walk(walker: Supervisor) -> None:
+    walker.text("forward")
+    walker.text("wave")
+    moving = replace(WELL, gait_active=True)
+    late = walker.config.plan_timeout + 1.0
+    walker.update(moving, 0.0)
+    walker.update(replace(moving, state_stamp=late, command_stamp=late), late)
+    assert (walker.mode, walker.motion) == (Mode.WALK, None)
+    walker.text("wave")
+    walker.take_motion()
+    assert walker.text("stop").accepted
+    assert (walker.mode, walker.take_motion(), walker.motion) == (Mode.WALK, "stop", None)
+    assert "comes to a standstill" in walker.text("wave").reason
 
 
 def test_stop_ends_the_walk_once_the_robot_stands_still(walker: Supervisor) -> None:

@@ -1,0 +1,92 @@
+"""A motion of arms and head on top of the posture of a walk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.robot_model import RobotModel
+from models.trajectory import TrajectorySampler, validate_trajectory
+from models.types import JointTrajectory, Reference, Vector
+
+
+def free_joints(model: RobotModel) -> NDArray[np.bool_]:
+    """Whether each joint moves neither a foot nor the torso: arms and head (nj,)."""
+    free = np.ones(model.nj, dtype=np.bool_)
+    for frame in (*(foot.frame_id for foot in model.feet), model.frame_id("torso")):
+        for joint in model.pin.supports[model.pin.frames[frame].parentJoint]:
+            if joint >= 2:  # 0 is the world, 1 the floating base
+                free[joint - 2] = False
+    return free
+
+
+class UpperBodyMotion:
+    r"""Blends a motion's arms and head into a reference and out of it again; the rest of the motion is ignored.
+
+    .. math::
+        q = q_{ref} + w (q_m - q_{ref}), \quad w = s(\min(t, T - t) / T_f), \quad s(u) = u^3 (6 u^2 - 15 u + 10)
+
+    with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms.
+
+    Args:
+        model: The robot.
+        fade: Time of the blend at either end T_f [s].
+    """
+
+    def __init__(self, model: RobotModel, fade: float) -> None:
+        self._model, self._fade_time = model, fade
+        self._free = free_joints(model)
+        self.drop()
+
+    @property
+    def active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self._motion is not None
+
+    def drop(self) -> None:
+        """Forget the motion at once."""
+        self._motion: TrajectorySampler | None = None
+        self._t = self._end = self._fade = 0.0
+
+    def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
+        """Start a motion that was planned from a posture (nj,) [rad].
+
+        Raises:
+            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
+            JointNameError: It names an unknown joint, or one twice.
+        """
+        validate_trajectory(trajectory, self._model, start_q=posture)
+        self._motion = TrajectorySampler(trajectory, self._model, posture)
+        self._t, self._end = 0.0, self._motion.duration
+        self._fade = min(self._fade_time, 0.5 * self._end)
+
+    def stop(self) -> None:
+        """Return to the walk's posture within the time of the blend; one that has just begun is blended in first."""
+        self._end = min(self._end, max(self._t, self._fade) + self._fade)
+
+    def step(self, reference: Reference, dt: float) -> Reference:
+        """The reference with the motion in it, a tick of so many seconds later."""
+        if self._motion is None:
+            return reference
+        self._t += dt
+        if self._t >= self._end:
+            self.drop()
+            return reference
+        left = self._end - self._t
+        u, sign = (left / self._fade, -1.0) if left < self._t else (self._t / self._fade, 1.0)
+        u = min(u, 1.0)
+        weight = u**3 * (6.0 * u**2 - 15.0 * u + 10.0)
+        rate = sign * 30.0 * u**2 * (1.0 - u) ** 2 / self._fade
+        bend = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / self._fade**2
+        q, v, a = self._motion.sample(self._t)
+        dq = np.where(self._free, q - reference.posture, 0.0)
+        dv = np.where(self._free, v - reference.posture_velocity, 0.0)
+        da = np.where(self._free, a - reference.posture_acceleration, 0.0)
+        return replace(
+            reference,
+            posture=reference.posture + weight * dq,
+            posture_velocity=reference.posture_velocity + weight * dv + rate * dq,
+            posture_acceleration=reference.posture_acceleration + weight * da + 2.0 * rate * dv + bend * dq,
+        )
