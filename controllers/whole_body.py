@@ -71,13 +71,16 @@ class WholeBodyController:
         self.com_task = CoMTask(rows(com.kp, 3), rows(com.kd, 3), np.array([com.weight, com.weight, com.weight_height]))
         momentum = config.angular_momentum
         base, torso, foot, posture = config.base_orientation, config.torso_orientation, config.foot, config.posture
-        self._feet = tuple(FootTask(i, rows(foot.kp, 6), rows(foot.kd, 6), rows(foot.weight, 6)) for i in range(2))
+        foot_weight = rows(foot.weight, 6)
+        foot_weight[4] *= config.foot_pitch_scale
+        self._feet = tuple(FootTask(i, rows(foot.kp, 6), rows(foot.kd, 6), foot_weight) for i in range(2))
+        momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
         posture_weight = rows(posture.weight, nj)
         for side in model.feet:
             posture_weight[np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
         stack: list[Task] = [
             self.com_task,
-            AngularMomentumTask(rows(momentum.kd, 3), rows(momentum.weight / model.mass**2, 3)),
+            AngularMomentumTask(rows(momentum.kd, 3), momentum_weight),
             OrientationTask("base", rows(base.kp, 3), rows(base.kd, 3), rows(base.weight, 3)),
             OrientationTask("torso", rows(torso.kp, 3), rows(torso.kd, 3), rows(torso.weight, 3)),
             *self._feet,

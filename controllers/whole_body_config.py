@@ -35,10 +35,17 @@ class CoMGains:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MomentumGains:
-    """Angular momentum: kd [1/s]; weight [-] of the rate divided by the robot's mass [m^2/s^2]."""
+    """Angular momentum: kd [1/s]; weights [-] of the rate divided by the robot's mass [m^2/s^2].
+
+    Attributes:
+        kd: Damping [1/s].
+        weight: About the horizontal axes [-].
+        weight_vertical: About the vertical axis: arms and torso swing against the legs [-].
+    """
 
     kd: NonNegative
     weight: NonNegative
+    weight_vertical: NonNegative
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -113,6 +120,8 @@ class WholeBodyConfig:
     Attributes:
         com, angular_momentum, base_orientation, torso_orientation, foot, posture: Tasks.
         posture_leg_scale: Factor on the posture weight of the leg joints [-].
+        foot_pitch_scale: Factor on the weight of a swing foot's pitch: rather than the body, the foot tips where its
+            ankle is at a limit [-].
         contact: Contacts.
         limits: Joint limits.
         solver: Solver.
@@ -126,6 +135,7 @@ class WholeBodyConfig:
     foot: Gains
     posture: Gains
     posture_leg_scale: NonNegative
+    foot_pitch_scale: NonNegative
     contact: ContactConfig
     limits: LimitConfig
     solver: SolverConfig

@@ -97,7 +97,6 @@ class SwingConfig:
         depth_max: How far below its target a late foot is lowered [m].
         speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
         freeze: Time before touchdown at which the target is frozen [s].
-        reaction_share: Share of the leg's reaction that is planned into the ZMP [-].
         rise_share: How far the expected height of a foot's next landing follows that of its last one [-].
         rise_max: Largest expected height over the stance foot, up or down [m].
     """
@@ -108,7 +107,6 @@ class SwingConfig:
     depth_max: Positive
     speed_max: Positive
     freeze: Positive
-    reaction_share: Annotated[float, Field(ge=0.0, le=1.5)]
     rise_share: Share
     rise_max: NonNegative
 

@@ -35,17 +35,18 @@ def touchdown_offset(
     single: float,
     double: float,
     final: Vector | None = None,
-    reaction: float = 0.0,
+    swings: Sequence[Vector] | None = None,
 ) -> Vector:
     r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds.
 
     .. math::
         b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1})
-              + e^{-\omega T_d} \sigma (p_{i+1} - p_{i-1})
+              + e^{-\omega T_d} d_i
 
-    with ``sigma`` what the DCM must allow for the swing leg's reaction, per metre of its way (``reaction.py``). The
-    recursion contracts by ``exp(omega T)`` a step, so what stands at the end of a preview of three or four steps hardly
-    matters; it is the DCM over the last foothold (capturable), or ``final`` where the walk ends.
+    with ``d_i`` what the DCM must allow for the reaction of the leg that swings from p_{i-1} to p_{i+1}
+    (``reaction.py``). The recursion contracts by ``exp(omega T)`` a step, so what stands at the end of a preview of
+    three or four steps hardly matters; it is the DCM over the last foothold (capturable), or ``final`` where the walk
+    ends.
 
     Args:
         points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... each (2,) [m].
@@ -53,18 +54,20 @@ def touchdown_offset(
         single: Single support T_s [s].
         double: Double support T_d [s].
         final: DCM at the last touchdown (2,) [m]; None to walk on.
-        reaction: ``sigma`` [-]; see ``reaction.py``.
+        swings: d_1, d_2, ..., one less than the coming touchdowns, each (2,) [m]; none when None.
 
     Returns:
         b at the touchdown on p_1 (2,) [m].
     """
     share = 1.0 - transfer_share(omega, double)
     decay = math.exp(-omega * (single + double))
-    swing = reaction * math.exp(-omega * double)
+    fade = math.exp(-omega * double)
     offset: Vector = np.zeros(2) if final is None else final - points[-1]
     for i in range(len(points) - 2, 0, -1):
         before, here, after = points[i - 1 : i + 2]
-        offset = decay * (offset + after - here) - share * (here - before) + swing * (after - before)
+        offset = decay * (offset + after - here) - share * (here - before)
+        if swings is not None:
+            offset = offset + fade * swings[i - 1]
     return offset
 
 

@@ -59,8 +59,8 @@ class DcmReference:
         """
         self._old = point
         still, _ = dcm.single_support(point, end, omega, max(left, 0.0))
-        self.dcm = still + self._reaction.rest(omega, left, swing.way(target.x, target.y), swing.velocity[:2])
-        self.rate = omega * (self.dcm - point - self._reaction.zmp(swing.acceleration[:2]))
+        self.dcm = still + self._reaction.rest(omega, left, swing, np.array([target.x, target.y]))
+        self.rate = omega * (self.dcm - point - self._reaction.cmp_offset(swing))
 
     def double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> None:
         """Double support, from the foot of the last single support to the new stance foot.

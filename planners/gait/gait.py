@@ -16,9 +16,10 @@ from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.dcm_reference import DcmReference
 from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold, wrap
+from planners.gait.leg_lever import leg_lever
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.plan import StepPlan
-from planners.gait.reaction import SwingReaction, leg_lever
+from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Route
 from planners.gait.soles import Soles
@@ -67,12 +68,12 @@ class GaitPlanner:
         self.config = config = config or load_gait_config(model)
         self._measured = GaitMeasurement(model)
         self._limiter = VelocityLimiter(config.velocity)
-        reaction = SwingReaction(leg_lever(model), config.swing.reaction_share)
+        self._reaction = reaction = SwingReaction(leg_lever(model))
+        self._swing = SwingFoot(config.swing)
         self._soles = Soles(model, config)
         self.route = Route(config)
-        self._plan = StepPlan(self._soles, config, reaction, self.route)
+        self._plan = StepPlan(self._soles, config, reaction, self._swing, self.route)
         self._dcm = DcmReference(reaction)
-        self._swing = SwingFoot(config.swing)
         self._builder = ReferenceBuilder(model, config, reaction)
         self.phase = GaitPhase.STAND
         self.stance = 1
@@ -184,6 +185,7 @@ class GaitPlanner:
             What the whole-body controller is to track.
         """
         self._measured.update(state)
+        self._reaction.com, self._reaction.com_velocity = self._measured.com[:2], self._measured.com_velocity[:2]
         self._elapsed += dt
         swinging = 1 - self.stance if self.phase is GaitPhase.SINGLE else None
         self._soles.follow(self._measured, swinging, dt)
@@ -281,8 +283,8 @@ class GaitPlanner:
     def _lift(self) -> None:
         foot = 1 - self.stance
         self._lifted = sole = self._measured.soles[foot]
-        self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]))
         self.step_time = self.config.timing.single
+        self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]), self.step_time)
         self._next_adjustment = 0.0
         self._enter(GaitPhase.SINGLE)
         self.footholds[foot] = self._sync().nominal()[0]
@@ -340,7 +342,7 @@ class GaitPlanner:
         """Foothold and time of the step under way, from the measured DCM."""
         plan = self._sync()
         self.footholds[plan.foot], self.step_time, self._target = plan.adjust(
-            self._measured.dcm(plan.omega), self._elapsed, self.step_time, self._swing, self.footholds[plan.foot]
+            self._measured.dcm(plan.omega), self._elapsed, self.step_time, self.footholds[plan.foot]
         )
 
     def _leave_route(self, reason: str) -> None:

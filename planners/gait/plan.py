@@ -24,6 +24,7 @@ class StepPlan:
         soles: Where their middles are.
         config: The gait.
         reaction: Of the swing leg.
+        swing: The swing foot's reference.
         route: Its footholds go before those of the velocity while there are any left.
 
     Attributes:
@@ -36,12 +37,13 @@ class StepPlan:
         unsolved: Step adjustments that found no solution and kept to the nominal step.
     """
 
-    def __init__(self, soles: Soles, config: GaitConfig, reaction: SwingReaction, route: Route) -> None:
+    def __init__(
+        self, soles: Soles, config: GaitConfig, reaction: SwingReaction, swing: SwingFoot, route: Route
+    ) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._soles = soles
-        self._reaction = reaction
-        self._route = route
+        self._reaction, self._swing, self._route = reaction, swing, route
         self.stance = Foothold(0.0, 0.0, 0.0)
         self.lifted = Foothold(0.0, 0.0, 0.0)
         self.foot = 0
@@ -69,8 +71,8 @@ class StepPlan:
         points = [self._soles.point_of(1 - foot, self.stance)]
         points += [self._soles.point_of(foot if i % 2 == 0 else 1 - foot, hold) for i, hold in enumerate(steps)]
         final = None if self.steps_left is None else 0.5 * (points[-1] + points[-2])
-        reaction = self._reaction.whole_swing(self.omega, timing.single)
-        return steps[0], dcm.touchdown_offset(points, self.omega, timing.single, timing.double, final, reaction)
+        swings = [self._whole_swing(after - before) for before, after in zip(points[:-2], points[2:], strict=True)]
+        return steps[0], dcm.touchdown_offset(points, self.omega, timing.single, timing.double, final, swings)
 
     def start_of_single(self) -> Vector:
         """DCM at which the coming single support is to begin (2,) [m]."""
@@ -79,11 +81,17 @@ class StepPlan:
         way = landing - self._soles.point_of(self.foot, self.lifted)
         point = self._soles.point_of(1 - self.foot, self.stance)
         start = dcm.single_support(point, landing + offset, self.omega, single)[0]
-        begun: Vector = start + self._reaction.whole_swing(self.omega, single) * way
+        begun: Vector = start + self._whole_swing(way)
         return begun
 
+    def _whole_swing(self, way: Vector) -> Vector:
+        """DCM that a swing of a nominal step will use up (2,) [m], by the way of its foot (2,) [m]."""
+        timing = self._config.timing
+        period = timing.single + timing.double
+        return self._reaction.whole_swing(self.omega, timing.single, period, way, self.stance.yaw, self._swing)
+
     def adjust(
-        self, measured: Vector, elapsed: float, planned: float, swing: SwingFoot, target: Foothold
+        self, measured: Vector, elapsed: float, planned: float, target: Foothold
     ) -> tuple[Foothold, float, Vector]:
         """Foothold and time of the step under way.
 
@@ -91,7 +99,6 @@ class StepPlan:
             measured: DCM in W (2,) [m].
             elapsed: Time since lift-off [s].
             planned: Touchdown time of the last adjustment [s].
-            swing: The swing foot's reference.
             target: Foothold of the last adjustment; at lift-off the nominal one.
 
         Returns:
@@ -105,15 +112,26 @@ class StepPlan:
         place = np.array(stance.relative(step.x, step.y))
         # From a foothold to the ZMP point in it, both in the stance frame and from the stance's own ZMP point.
         shift = np.array(stance.relative(*self._soles.point_of(foot, step))) - place - self._soles.centre(1 - foot)
-        used = self._reaction.rest(self.omega, planned - elapsed, swing.way(target.x, target.y), swing.velocity[:2])
+        used = self._reaction.rest(self.omega, planned - elapsed, self._swing, np.array([target.x, target.y]))
         wanted = Step(place + shift, self._config.timing.single, turn @ offset, np.zeros(2), True)
-        bounds = self._bounds(shift, elapsed, planned, swing.position)
+        bounds = self._bounds(shift, elapsed, planned, self._swing.position)
         free = turn @ (measured - point - used)
-        adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds)
+        coupling = self._coupling()
+        adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds, coupling)
         self.unsolved += not adjusted.solved
         x, y = stance.moved(*(adjusted.step - shift))
         landing = point + turn.T @ adjusted.step
+        offset = offset + coupling * (turn.T @ (adjusted.step - wanted.step))
         return Foothold(x, y, step.yaw, stance.z), adjusted.time, landing + offset
+
+    def _coupling(self) -> float:
+        """Change of the DCM offset wanted at touchdown per change of the foothold [-]; see ``dcm.touchdown_offset``.
+
+        A longer step has a longer way for the ZMP in the double support, and a longer swing after it.
+        """
+        timing, omega = self._config.timing, self.omega
+        transfer = dcm.transfer_share(omega, timing.double) - 1.0
+        return transfer + math.exp(-omega * timing.double) * self._reaction.slope(omega, timing.single)
 
     def _bounds(self, shift: Vector, elapsed: float, planned: float, swing: Vector) -> StepBounds:
         config, reach, timing = self._config, self._config.reach, self._config.timing

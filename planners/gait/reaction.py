@@ -1,19 +1,20 @@
 r"""Reaction of the swing leg: how far the line of the ground force passes from the centre of pressure.
 
-A leg that is accelerated forward takes angular momentum about the CoM, ``L' = -I a`` with ``a`` the acceleration of its
-foot. The ground force then passes not through the CoM but through the centroidal moment pivot
+A leg that is accelerated forward takes angular momentum about the CoM, ``L' = -F''`` with
 
-.. math:: p_{cmp} = p_{cop} - \lambda a, \quad \lambda = I / (m g)
+.. math:: F = (\lambda x + \tfrac12 \kappa (x - c)^2 + \zeta z, \; \sigma y) \, m g
 
-and it is the CMP that drives the DCM. Integrated over what is left of a swing, ``R`` seconds in which the foot goes
-from its velocity ``v`` to rest over the way ``r``, with the CoP at the origin,
+``x, y, z`` the place of its foot along the heading, sideways and up, ``c`` that of the CoM (``leg_lever.py``). The
+ground force then passes not through the CoM but through the centroidal moment pivot, ``F'' / (m g)`` behind the CoP,
+and it is the CMP that drives the DCM. Integrated over what is left of a swing, ``R`` seconds, CoP at the origin,
 
 .. math::
-    \xi(T) = e^{\omega R} (\xi(t) - d), \quad d = - \int_t^T \omega e^{-\omega (s - t)} \lambda a(s) \, ds
-    \approx \lambda \omega v - \lambda \omega^2 e^{-\omega R / 2} (r + \omega v R^2 / 10)
+    \xi(T) = e^{\omega R} (\xi(t) - d), \quad
+    d = -\int_0^R \omega e^{-\omega s} \ddot F ds
+      = \omega (\dot F_0 - e^{-\omega R} \dot F_R) + \omega^2 (F_0 - e^{-\omega R} F_R)
+        - \omega^3 \int_0^R e^{-\omega s} F ds
 
-by parts, with the velocity's first moment about the middle of ``R`` that of a quintic. It needs
-no more of the swing than where the foot is and how fast, so a change of foothold or time makes no jump in it.
+It needs where the foot is and will be, not how it is accelerated, so a change of foothold or time makes no jump in it.
 
 References:
     Popovic, Goswami, Herr: Ground reference points in legged locomotion, IJRR 2005 (CMP).
@@ -24,64 +25,152 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pinocchio as pin
 
-from models.constants import GRAVITY
-from models.robot_model import RobotModel
+from models.compiled import njit
 from models.types import Vector
+from planners.gait.leg_lever import LegLever
+from planners.gait.swing import YAW, SwingFoot, Z
+
+# Gauss-Legendre on [0, 1]
+_NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
+_WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
 
 
-def leg_lever(model: RobotModel) -> float:
-    """``lambda``: moment on the CoM per acceleration of a foot, over the weight, in the 'stand' posture [s^2].
+@njit(cache=True)
+def _quintic(p: float, v: float, a: float, end: float, end_v: float, h: float, t: float) -> float:
+    """Position at ``t`` on the quintic that ends at ``end`` after ``h`` with the velocity ``end_v``, unaccelerated."""
+    dp = end - p - v * h - 0.5 * a * h * h
+    dv = end_v - v - a * h
+    s = t / h
+    cubic = 10.0 * dp - 4.0 * dv * h - 0.5 * a * h * h
+    quartic = -15.0 * dp + 7.0 * dv * h + a * h * h
+    fifth = 6.0 * dp - 3.0 * dv * h - 0.5 * a * h * h
+    return p + t * (v + 0.5 * a * t) + s**3 * (cubic + s * (quartic + s * fifth))
 
-    The mean of both feet and both horizontal directions, which differ by a tenth.
+
+@njit(cache=True)
+def _allowance(
+    omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: Vector
+) -> tuple[float, float]:
+    """``d`` along the heading and sideways [m].
+
+    Args:
+        omega: [1/s].
+        left: R [s].
+        rise: Time to the apex of the swing; not positive after it [s].
+        foot: Position, velocity, acceleration along the heading, sideways, up, then way to go along the heading and
+            sideways, heights of apex and landing, velocity at landing (14,).
+        ahead: Of the foot, from the CoM along the heading [m].
+        drift: Velocity of the CoM along the heading [m/s].
+        lever: lambda, kappa, zeta, sigma (4,).
     """
-    data, q = model.data(), model.standing_configuration()
-    pin.computeCentroidalMap(model.pin, data, q)
-    pin.computeJointJacobians(model.pin, data, q)
-    pin.updateFramePlacements(model.pin, data)
-    levers = []
-    for foot in model.feet:
-        joints = np.array(foot.joint_ids_v)
-        jacobian = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL_WORLD_ALIGNED)
-        momentum = data.Ag[3:, joints] @ np.linalg.inv(jacobian[:, joints])  # (3, 6)
-        levers += [-momentum[1, 0], momentum[0, 1]]
-    return float(np.mean(levers)) / (model.mass * GRAVITY)
+    x, y, z = foot[0:3], foot[3:6], foot[6:9]
+    x_end, y_end, top, floor, v_end = foot[9], foot[10], foot[11], foot[12], foot[13]
+    rising = 0.0 < rise < left
+    middle = rise if rising else 0.0
+    integral, side = 0.0, 0.0
+    for part in range(2):
+        begin, span = (0.0, middle) if part == 0 else (middle, left - middle)
+        if span <= 0.0:
+            continue
+        for i in range(4):
+            t = begin + _NODES[i] * span
+            weight = _WEIGHTS[i] * span * math.exp(-omega * t)
+            px = _quintic(0.0, x[1], x[2], x_end, 0.0, left, t)
+            if part == 0:
+                pz = _quintic(z[0], z[1], z[2], top, 0.0, middle, t)
+            elif rising:
+                pz = _quintic(top, 0.0, 0.0, floor, v_end, left - middle, t - middle)
+            else:
+                pz = _quintic(z[0], z[1], z[2], floor, v_end, left, t)
+            before = ahead + px - drift * t
+            integral += weight * (lever[0] * px + 0.5 * lever[1] * before * before + lever[2] * pz)
+            side += weight * lever[3] * _quintic(0.0, y[1], y[2], y_end, 0.0, left, t)
+    decay = math.exp(-omega * left)
+    last = ahead + x_end - drift * left
+    first = 0.5 * lever[1] * ahead * ahead + lever[2] * z[0]
+    final = lever[0] * x_end + 0.5 * lever[1] * last * last + lever[2] * floor
+    rate = lever[0] * x[1] + lever[1] * ahead * (x[1] - drift) + lever[2] * z[1]
+    rate_end = -lever[1] * last * drift + lever[2] * v_end
+    along = omega * (rate - decay * rate_end + omega * (first - decay * final - omega * integral))
+    return along, omega * lever[3] * y[1] - omega * omega * (decay * lever[3] * y_end + omega * side)
 
 
 class SwingReaction:
     """What the DCM must allow for of the swing leg.
 
     Args:
-        lever: ``lambda`` [s^2].
-        share: Share of the reaction that is planned; the rest is left to the CoP under the stance sole [-].
+        lever: Of the legs.
+
+    Attributes:
+        com: Of the robot now, in W (2,) [m]; its owner keeps it up to date.
+        com_velocity: In W (2,) [m/s].
     """
 
-    def __init__(self, lever: float, share: float) -> None:
-        self._lever = lever
-        self._planned = lever * share
+    def __init__(self, lever: LegLever) -> None:
+        self._lever = np.array([lever.lever, lever.slope, lever.lift, lever.side])
+        self._foot = np.zeros(14)
+        self.com, self.com_velocity = np.zeros(2), np.zeros(2)
+        _allowance(3.0, 0.3, 0.1, self._foot, 0.0, 0.0, self._lever)  # compiled before the loop needs it
 
-    def cmp_offset(self, acceleration: Vector) -> Vector:
-        """CMP minus CoP while the foot accelerates so (2,) [m/s^2]; (2,) [m]."""
-        return -self._lever * acceleration
+    def cmp_offset(self, swing: SwingFoot) -> Vector:
+        """CMP minus CoP at this moment of a swing; in W (2,) [m]."""
+        lever, slope, lift, side = self._lever
+        c, s = math.cos(swing.position[YAW]), math.sin(swing.position[YAW])
+        ahead, moving = swing.position[:2] - self.com, swing.velocity[:2] - self.com_velocity
+        ax, ay = swing.acceleration[:2]
+        x, v = c * ahead[0] + s * ahead[1], c * moving[0] + s * moving[1]
+        along = (lever + slope * x) * (c * ax + s * ay) + slope * v * v + lift * swing.acceleration[Z]
+        across = side * (c * ay - s * ax)
+        return np.array([s * across - c * along, -s * along - c * across])
 
-    def zmp(self, acceleration: Vector) -> Vector:
-        """Planned ZMP relative to the stance foot's point while the swing foot accelerates so; (2,) [m]."""
-        return -self._planned * acceleration
+    def whole_swing(
+        self, omega: float, duration: float, period: float, way: Vector, yaw: float, swing: SwingFoot
+    ) -> Vector:
+        """``d`` at the lift-off of a step of a walk that goes on like this; in W (2,) [m].
 
-    def whole_swing(self, omega: float, duration: float) -> float:
-        """``d`` at lift-off, per metre of the swing's way [-]."""
-        return -self._planned * omega * omega * math.exp(-0.5 * omega * duration)
+        Args:
+            omega: [1/s].
+            duration: Of the swing [s].
+            period: Of a step [s].
+            way: Of the swing foot (2,) [m].
+            yaw: Heading [rad].
+            swing: The swing foot, for its clearance.
+        """
+        c, s = math.cos(yaw), math.sin(yaw)
+        foot = self._foot
+        foot[:9] = 0.0
+        foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+        foot[11], foot[12], foot[13] = swing.clearance, 0.0, -swing.landing_velocity
+        drift = 0.5 * float(foot[9]) / period
+        ahead = 0.5 * (drift * duration - float(foot[9]))  # as far behind at lift-off as ahead at touchdown
+        x, y = _allowance(omega, duration, swing.apex * duration, foot, ahead, drift, self._lever)
+        return np.array([c * x - s * y, s * x + c * y])
 
-    def rest(self, omega: float, left: float, way: Vector, velocity: Vector) -> Vector:
-        """``d``: DCM that the rest of the swing will use up (2,) [m].
+    def slope(self, omega: float, duration: float) -> float:
+        """Change of ``d`` at lift-off per change of the swing's way [-], about."""
+        return -float(self._lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
+
+    def rest(self, omega: float, left: float, swing: SwingFoot, target: Vector) -> Vector:
+        """``d``: DCM that the rest of the swing will use up; in W (2,) [m].
 
         Args:
             omega: [1/s].
             left: Time to touchdown [s].
-            way: From the foot to where it is to land (2,) [m].
-            velocity: Of the foot (2,) [m/s].
+            swing: The swing foot now.
+            target: Where it is to land, in W (2,) [m].
         """
-        left = max(left, 0.0)
-        late = 0.1 * omega * left * left * velocity  # of a quintic that starts with this velocity
-        return self._planned * omega * velocity + self.whole_swing(omega, left) * (way + late)
+        left = max(left, swing.freeze)  # the last moments are stretched, see swing.py
+        c, s = math.cos(swing.position[YAW]), math.sin(swing.position[YAW])
+        foot, way = self._foot, target - swing.position[:2]
+        for k, (x, y) in enumerate((swing.position[:2], swing.velocity[:2], swing.acceleration[:2])):
+            foot[k], foot[3 + k] = c * x + s * y, c * y - s * x
+        foot[6], foot[7], foot[8] = swing.position[Z], swing.velocity[Z], swing.acceleration[Z]
+        foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+        foot[11], foot[12], foot[13] = swing.floor + swing.clearance, swing.floor, -swing.landing_velocity
+        behind = swing.position[:2] - self.com
+        ahead = float(c * behind[0] + s * behind[1])
+        drift = float(c * self.com_velocity[0] + s * self.com_velocity[1])
+        rise = left - (1.0 - swing.apex) * swing.duration
+        x, y = _allowance(omega, left, rise if rise > swing.freeze else 0.0, foot, ahead, drift, self._lever)
+        return np.array([c * x - s * y, s * x + c * y])

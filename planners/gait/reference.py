@@ -94,7 +94,7 @@ class ReferenceBuilder:
             accelerations[foot, :3], accelerations[foot, 5] = swing.acceleration[:3], swing.acceleration[3]
             yaws[foot] = float(swing.position[3])
             rate = 0.5 * float(swing.velocity[3])
-            cmp_offset = self._reaction.cmp_offset(swing.acceleration[:2])
+            cmp_offset = self._reaction.cmp_offset(swing)
         for i in range(2):
             rotations[i] = yaw_matrix(yaws[i])
         turn = yaw_matrix(yaws[0] + 0.5 * wrap(yaws[1] - yaws[0]))

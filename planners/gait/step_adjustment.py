@@ -90,6 +90,7 @@ class StepAdjustment:
         nominal: Step,
         planned_time: float,
         bounds: StepBounds,
+        coupling: float = 0.0,
     ) -> Step:
         """Adjust the step.
 
@@ -100,6 +101,7 @@ class StepAdjustment:
             nominal: The step that the command asks for.
             planned_time: Touchdown time of the last adjustment [s].
             bounds: Limits.
+            coupling: Change of the wanted offset per change of the foothold [-].
         """
         config = self._config
         lower, upper = self._bounds(omega, bounds)
@@ -110,11 +112,12 @@ class StepAdjustment:
         hessian[:] = 0.0
         gradient[:] = 0.0
         for i in range(2):
-            # b_i = row . (u_i, tau, delta_i)
+            # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
             index = (i, 2, 3 + i)
-            row = (-1.0, decay * dcm[i], -ahead)
+            row = (-1.0 - coupling, decay * dcm[i], -ahead)
+            goal = nominal.offset[i] - coupling * nominal.step[i]
             for a in range(3):
-                gradient[index[a]] -= config.offset * row[a] * nominal.offset[i]
+                gradient[index[a]] -= config.offset * row[a] * goal
                 for b in range(3):
                     hessian[index[a], index[b]] += config.offset * row[a] * row[b]
             hessian[i, i] += config.position

@@ -56,25 +56,26 @@ class SwingFoot:
         position: x, y, z [m] and yaw [rad] (4,).
         velocity: (4,).
         acceleration: (4,).
+        floor: Height that it lifted from [m].
+        duration: Of the swing, from lift-off to the planned touchdown [s].
+        clearance, apex, landing_velocity, freeze: As configured.
     """
 
     def __init__(self, config: SwingConfig) -> None:
         self._config = config
+        self.clearance, self.apex = config.clearance, config.apex
+        self.landing_velocity, self.freeze = config.landing_velocity, config.freeze
         self.position = np.zeros(4)
         self.velocity = np.zeros(4)
         self.acceleration = np.zeros(4)
-        self._floor = 0.0
+        self.floor, self.duration = 0.0, 0.0
 
-    def lift(self, pose: Vector) -> None:
-        """Start from rest at a pose x, y, z, yaw (4,)."""
+    def lift(self, pose: Vector, duration: float) -> None:
+        """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s]."""
         self.position[:] = pose
         self.velocity[:] = 0.0
         self.acceleration[:] = 0.0
-        self._floor = float(pose[Z])
-
-    def way(self, x: float, y: float) -> Vector:
-        """From where the foot is to a place in W (2,) [m]."""
-        return np.array([x - self.position[X], y - self.position[Y]])
+        self.floor, self.duration = float(pose[Z]), duration
 
     def step(self, target: Vector, elapsed: float, duration: float, dt: float) -> None:
         """Advance.
@@ -86,6 +87,7 @@ class SwingFoot:
             dt: Step [s].
         """
         config = self._config
+        self.duration = duration
         left = duration - elapsed + dt
         if left < dt:
             self._late(target, dt)
@@ -96,7 +98,7 @@ class SwingFoot:
             self._advance(i, (float(target[i]), 0.0, 0.0), steady, dt)
         apex = config.apex * duration - (elapsed - dt)
         if apex > config.freeze:
-            height = max(self._floor, float(target[Z])) + config.clearance
+            height = max(self.floor, float(target[Z])) + config.clearance
             self._advance(Z, (height, 0.0, 0.0), apex, dt)
         else:
             self._advance(Z, (float(target[Z]), -config.landing_velocity, 0.0), max(left, dt), dt)

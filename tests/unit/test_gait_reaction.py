@@ -10,83 +10,124 @@ import pytest
 
 from models.config import default_config
 from models.constants import GRAVITY
+from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from planners.gait import dcm
 from planners.gait.config import GaitConfig
-from planners.gait.reaction import SwingReaction, leg_lever
+from planners.gait.leg_lever import LegLever, leg_lever
+from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 OMEGA, SINGLE, DOUBLE, DT = 3.85, 0.34, 0.08, 0.001
-LEVER = 0.0045
+PERIOD = SINGLE + DOUBLE
+LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
 
 
-@pytest.mark.parametrize("name", ["g1", "talos"])
-def test_the_lever_is_the_momentum_of_a_moving_foot(name: str) -> None:
-    """A foot moved ahead alone takes ``-lambda m g`` of pitch momentum per m/s, moved to the left as much of roll."""
+@pytest.mark.parametrize(("name", "hip_pitch"), [("g1", 0), ("talos", 2)])
+@pytest.mark.parametrize("swing", [-0.3, 0.0, 0.3])
+def test_the_levers_give_the_momentum_of_a_moving_foot(name: str, hip_pitch: int, swing: float) -> None:
+    """A foot of a bent leg that is moved alone, behind, below and ahead of the hip, in each direction."""
     model = RobotModel.load(name)
-    data, q = model.data(), model.standing_configuration()
+    data, q, foot = model.data(), model.standing_configuration(), model.feet[0]
+    leg = np.array(foot.joint_ids_v)
+    for joint, angle in ((hip_pitch, -0.3 - swing), (3, 0.6), (4, swing - 0.3)):
+        q[leg[joint] + 1] += angle
     pin.computeJointJacobians(model.pin, data, q)
-    foot = model.feet[0]
+    pin.centerOfMass(model.pin, data, q)
     jacobian = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL_WORLD_ALIGNED).copy()
-    expected = leg_lever(model) * model.mass * GRAVITY
-    for axis, component, sign in ((0, 1, -1.0), (1, 0, 1.0)):
+    ahead = pin.updateFramePlacement(model.pin, data, foot.frame_id).translation[0] - data.com[0][0]
+    lever = leg_lever(model)
+    weight = model.mass * GRAVITY
+    forward = lever.lever + lever.slope * ahead
+    # The knee's angle changes what a lifted foot takes by half: one number stands for all of a swing.
+    for axis, component, expected, off in (
+        (0, 1, -forward, 0.001),
+        (2, 1, -lever.lift, 0.003),
+        (1, 0, lever.side, 0.001),
+    ):
         v = np.zeros(model.nv)
-        twist = np.eye(6)[axis]
-        v[list(foot.joint_ids_v)] = np.linalg.lstsq(jacobian[:, list(foot.joint_ids_v)], twist, rcond=None)[0]
-        momentum = pin.computeCentroidalMomentum(model.pin, data, q, v).angular
-        assert sign * momentum[component] == pytest.approx(expected, rel=0.1)
+        v[leg] = np.linalg.solve(jacobian[:, leg], np.eye(6)[axis])
+        momentum = pin.computeCentroidalMomentum(model.pin, data, q, v).angular[component] / weight
+        assert momentum == pytest.approx(expected, abs=off)
+    assert lever.slope < -0.004  # a trailing leg has more
 
 
-def swing_zmps(reaction: SwingReaction, way: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Planned ZMP of each tick of a swing, and what the DCM must allow for before it; the CoP is at the origin."""
+def test_a_leg_that_cannot_get_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planners.gait.leg_lever._REACH", 2.0)
+    with pytest.raises(RobotModelError, match="left foot cannot be moved"):
+        leg_lever(RobotModel.load("g1"))
+
+
+def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """CMP of each tick of a swing, and what the DCM must allow for before it; the CoP is at the origin."""
+    reaction = SwingReaction(LEVER)
+    c, s = math.cos(yaw), math.sin(yaw)
+    reaction.com_velocity = 0.5 / PERIOD * way
     foot = SwingFoot(CONFIG)
-    foot.lift(np.zeros(4))
-    target = np.array([*way, 0.0, 0.0])
-    zmps, rests = [], []
-    ticks = round(SINGLE / DT)
-    for i in range(ticks):
-        rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot.way(*way), foot.velocity[:2]))
+    foot.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE)
+    com = 0.5 * (way - reaction.com_velocity * SINGLE)
+    target = np.array([*way, 0.0, yaw])
+    cmps, rests = [], []
+    for i in range(round(SINGLE / DT)):
+        reaction.com = com + reaction.com_velocity * i * DT
+        rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot, way))
         foot.step(target, (i + 1) * DT, SINGLE, DT)
-        zmps.append(reaction.zmp(foot.acceleration[:2]))
-    return zmps, rests
+        cmps.append(reaction.cmp_offset(foot))
+    turn = np.array([[c, s], [-s, c]])  # into the heading
+    return [turn @ cmp for cmp in cmps], [turn @ rest for rest in rests]
 
 
 @pytest.mark.parametrize("begin", [0, 100, 200, 280])
 def test_what_the_rest_of_a_swing_uses_up(begin: int) -> None:
     """A DCM that allows for it ends over the CoP; one that does not is centimetres off at the nominal step."""
-    reaction = SwingReaction(LEVER, 1.0)
-    way = np.array([0.6, -0.1])
-    zmps, rests = swing_zmps(reaction, way)
+    cmps, rests = swing_cmps(np.array([0.6, -0.1]))
     xi = rests[begin].copy()
-    for zmp in zmps[begin:]:
-        xi += math.expm1(OMEGA * DT) * (xi - zmp)
-    assert xi == pytest.approx(np.zeros(2), abs=0.006)
+    for cmp in cmps[begin:]:
+        xi += math.expm1(OMEGA * DT) * (xi - cmp)
+    assert xi == pytest.approx(np.zeros(2), abs=0.003)
     assert np.linalg.norm(rests[0]) > 0.015
 
 
+def test_a_step_on_the_spot_pushes_forward_too() -> None:
+    """The knee of a lifted foot comes forward, and goes back later."""
+    cmps, _ = swing_cmps(np.zeros(2))
+    assert cmps[40][0] < -0.03 < 0.02 < cmps[140][0]
+
+
+def test_the_heading_turns_it() -> None:
+    straight, turned = swing_cmps(np.array([0.4, 0.1])), swing_cmps(_turned(np.array([0.4, 0.1]), 0.7), 0.7)
+    for here, there in zip(straight, turned, strict=True):
+        np.testing.assert_allclose(there, here, atol=1e-9)
+
+
+def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s], [s, c]]) @ vector
+
+
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
-    reaction = SwingReaction(LEVER, 1.0)
+    reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
-    per_metre = reaction.whole_swing(OMEGA, SINGLE)
-    offset = dcm.touchdown_offset(points, OMEGA, SINGLE, DOUBLE, None, per_metre)
+    way = points[2] - points[0]
+    swings = [reaction.whole_swing(OMEGA, SINGLE, PERIOD, way, 0.0, foot)] * 2
+    offset = dcm.touchdown_offset(points, OMEGA, SINGLE, DOUBLE, None, swings)
     xi = points[1] + offset
     ticks = round(DOUBLE / DT)
     for i in range(ticks):
         zmp = points[0] + (i + 0.5) / ticks * (points[1] - points[0])
         xi = xi + math.expm1(OMEGA * DT) * (xi - zmp)
-    zmps, _ = swing_zmps(reaction, points[2] - points[0])
-    for zmp in zmps:
-        xi = xi + math.expm1(OMEGA * DT) * (xi - points[1] - zmp)
-    wanted = points[2] + dcm.touchdown_offset(points[1:], OMEGA, SINGLE, DOUBLE, None, per_metre)
-    assert xi == pytest.approx(wanted, abs=0.006)
+    cmps, _ = swing_cmps(way)
+    for cmp in cmps:
+        xi = xi + math.expm1(OMEGA * DT) * (xi - points[1] - cmp)
+    wanted = points[2] + dcm.touchdown_offset(points[1:], OMEGA, SINGLE, DOUBLE, None, swings[1:])
+    assert xi == pytest.approx(wanted, abs=0.003)
     unaware = points[1] + dcm.touchdown_offset(points, OMEGA, SINGLE, DOUBLE)
     assert np.linalg.norm(unaware - points[1] - offset) > 0.01
 
 
-def test_the_share_scales_the_plan_but_not_the_true_offset() -> None:
-    acceleration = np.array([10.0, -4.0])
-    half = SwingReaction(LEVER, 0.5)
-    assert half.zmp(acceleration) == pytest.approx(-0.5 * LEVER * acceleration)
-    assert half.cmp_offset(acceleration) == pytest.approx(-LEVER * acceleration)
-    assert SwingReaction(LEVER, 0.0).whole_swing(OMEGA, SINGLE) == 0.0
+def test_a_longer_way_uses_up_more() -> None:
+    reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
+    short, long = (reaction.whole_swing(OMEGA, SINGLE, PERIOD, np.array([x, 0.0]), 0.0, foot)[0] for x in (0.3, 0.5))
+    assert (long - short) / 0.2 == pytest.approx(reaction.slope(OMEGA, SINGLE), rel=0.5)
+    assert long < short < 0.0

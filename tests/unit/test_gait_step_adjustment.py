@@ -96,3 +96,12 @@ def test_it_is_fast() -> None:
         times.append(perf_counter() - start)
     # The figure is 150 us; a busy machine is given room.
     assert np.median(times) < 4.5e-4
+
+
+def test_the_offset_follows_the_foothold() -> None:
+    """A step that comes out longer is to end at another offset."""
+    dcm, coupling = undisturbed() + np.array([0.04, 0.0]), -0.2
+    step = StepAdjustment(CONFIG).solve(dcm, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, BOUNDS, coupling)
+    longer = step.step - NOMINAL.step
+    assert longer[0] > 0.03
+    assert step.offset == pytest.approx(NOMINAL.offset + coupling * longer, abs=1e-3)

@@ -17,7 +17,7 @@ START = np.array([0.0, 0.1, 0.0, 0.0])
 def swing(targets: list[np.ndarray], durations: list[float], until: int) -> np.ndarray:
     """Positions, velocities and accelerations of every tick (n, 3, 4)."""
     foot = SwingFoot(CONFIG)
-    foot.lift(START)
+    foot.lift(START, DURATION)
     rows = []
     for i in range(until):
         foot.step(targets[min(i, len(targets) - 1)], (i + 1) * DT, durations[min(i, len(durations) - 1)], DT)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.walking import WalkingController
+from controllers.whole_body_config import WholeBodyConfig
+from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState
 from planners.gait.gait import GaitPlanner
@@ -58,3 +60,44 @@ def test_the_shift_is_bounded(case: tuple[WalkingController, RobotState, Referen
     reach = case[0].config.reaction_reach_max
     without = cmp_at(case, None)
     assert cmp_at(case, np.array([-10.0, 0.0]))[0] - without[0] == pytest.approx(-reach, abs=1e-6)
+
+
+def acceleration(swing: Reference, state: RobotState, **changes: object) -> np.ndarray:
+    """What the controller makes of a reference, with some of its settings changed."""
+    whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")
+    controller = WalkingController(RobotModel.load("g1"), whole_body=replace(whole_body, **changes))  # type: ignore[arg-type]
+    controller.reset(state)
+    result = controller.step(state, swing, 0.001)
+    assert result.acceleration is not None
+    return result.acceleration
+
+
+def momentum_rate(case: tuple[WalkingController, RobotState, Reference], weight: float) -> float:
+    """Angular momentum about the vertical that a leg swung forward takes in a second [N.m]."""
+    controller, state, ahead = case
+    accelerations = np.zeros((2, 6))
+    accelerations[1, 0] = 20.0
+    gains = replace(controller.whole_body.config.angular_momentum, weight_vertical=weight)
+    swing = replace(ahead, sole_accelerations=accelerations)
+    a = acceleration(swing, state, angular_momentum=gains)
+    terms = controller.whole_body.terms
+    return float((terms.momentum_matrix @ a + terms.momentum_drift)[2])
+
+
+def test_arms_and_torso_swing_against_the_leg(case: tuple[WalkingController, RobotState, Reference]) -> None:
+    alone, against = momentum_rate(case, 0.0), momentum_rate(case, 40000.0)
+    assert abs(alone) > 4.0
+    assert abs(against) < 0.7 * abs(alone)
+
+
+def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
+    case: tuple[WalkingController, RobotState, Reference],
+) -> None:
+    controller, state, ahead = case
+    model = controller.model
+    q, v = state.q.copy(), state.v.copy()
+    ankle = model.feet[1].joint_ids_v[4]
+    q[ankle + 1], v[ankle] = model.q_lower[ankle - 6] + 0.05, -2.0  # towards its limit, as in a lift-off
+    near = replace(state, q=q, v=v)
+    tilts = [abs(acceleration(ahead, near, foot_pitch_scale=scale)[3:6]).max() for scale in (1.0, 0.005)]
+    assert tilts[1] < 0.5 * tilts[0]
