@@ -20,14 +20,22 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report 
 PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
 
 
-def _bench(name: str, robot: str, seeds: int, workers: int, json: Path | None, plot: Path | None) -> None:
+def _bench(
+    name: str,
+    robot: str,
+    seeds: int,
+    workers: int,
+    json: Path | None,
+    plot: Path | None,
+    scenarios: tuple[str, ...] = (),
+) -> None:
     """Run one benchmark, write what was asked for, exit with its verdict."""
     from benchmarks.harness import Options, print_report, write_json
 
     console = Console()
     module = import_module(f"benchmarks.{name}")
     try:
-        report = module.run(Options(robot=robot, seeds=seeds, workers=workers))
+        report = module.run(Options(robot=robot, seeds=seeds, workers=workers, scenarios=scenarios))
     except PoiseError as error:
         console.print(f"[red]{error}[/red]")
         raise typer.Exit(2) from error
@@ -65,7 +73,23 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 _add_command("push", "Largest push at the pelvis taken without a step, in 8 directions, beside the ankle bound.")
 _add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
-_add_command("walk", "Walking at commanded velocities: falls, speed error, top speed, stopping.", usual_seeds=20)
+
+
+@app.command("walk")
+def walk(
+    robot: Robot = "g1",
+    seeds: Seeds = 20,
+    workers: Workers = 1,
+    json: JsonFile = None,
+    plot: PlotFolder = None,
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="Measure only this one, such as forward, random, stop, top; repeatable.")
+    ] = None,
+) -> None:
+    """Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping."""
+    _bench("walk", robot, seeds, workers, json, plot, tuple(scenario or ()))
+
+
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
 _add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)

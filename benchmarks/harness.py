@@ -47,11 +47,13 @@ class Options:
         robot: Name of a profile, or path of one.
         seeds: How many seeds; they are 0 .. seeds - 1.
         workers: How many processes measure cases at the same time.
+        scenarios: Which ones of a benchmark that has several; all of them when empty.
     """
 
     robot: str = "g1"
     seeds: int = 1
     workers: int = 1
+    scenarios: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

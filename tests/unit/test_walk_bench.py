@@ -8,27 +8,34 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import walk
+from benchmarks import walk, walk_cases, walk_plot
 from benchmarks.walk_measure import speed_error, tracking_error
 from models.errors import ConfigError
 
 
 def good() -> list[dict[str, Any]]:
     """Results of one perfect seed of TALOS."""
-    results = walk._cases("talos", 1)
-    scores = {"fell": False, "reason": "", "tracking_error": 0.01, "cost_of_transport": 0.5, "foot_slip": 0.001}
-    outcome: dict[str, dict[str, Any]] = {
-        "steady": {**scores, "velocity": [0.4, 0.0, 0.0], "speed_error": 0.0},
-        "stop": {"fell": False, "reason": "", "steps": 2, "stood": True, "drift": 0.001, "ok": True},
-        "top": {"top_speed": 0.5, "reason": "0.6 m/s: base tilted"},
+    results = walk.cases("talos", 1)
+    scores = {
+        "fell": False,
+        "reason": "",
+        "tracking_error": 0.01,
+        "cost_of_transport": 0.5,
+        "foot_slip": 0.001,
+        "trace": {},
     }
-    return [{**case, **outcome[case["kind"]]} for case in results]
+    outcome: dict[str, dict[str, Any]] = {
+        "steady": {**scores, "speed_error": 0.0},
+        "stop": {"fell": False, "reason": "", "steps": 2, "stood": True, "drift": 0.001, "ok": True},
+        "top": {"top_speed": 0.5, "reason": "0.6 m/s: base tilted", "trace": {}},
+    }
+    return [{**case, **outcome[case["kind"]], "velocity": list(case.get("command", ()))} for case in results]
 
 
 def test_a_perfect_walk_passes() -> None:
     figures, broken = walk.judge("talos", good())
     assert broken == []
-    assert figures["falls"] == 0.0 and figures["walks"] == 2.0
+    assert figures["falls"] == 0.0 and figures["walks"] == 6.0
     assert figures["speed_error_mean"] == 0.0 and figures["top_speed"] == 0.5
 
 
@@ -49,13 +56,43 @@ def test_every_bound_decides(kind: str, change: dict[str, Any], says: str) -> No
     assert any(says in line for line in broken)
 
 
+def test_a_choice_of_scenarios_is_judged_by_itself() -> None:
+    chosen = walk.cases("g1", 3, ("random", "left"))
+    assert [case["scenario"] for case in chosen] == ["random", "left"] * 3
+    figures, broken = walk.judge("talos", [case for case in good() if case["scenario"] in ("left", "top")])
+    assert broken == []
+    assert "speed_error_left" in figures and "speed_error_forward" not in figures and "stop_steps_max" not in figures
+
+
+def test_an_unknown_scenario_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"unknown scenario 'uphill' of g1; known: forward, .*random, stop, top"):
+        walk.cases("g1", 1, ("forward", "uphill"))
+
+
+def test_the_top_speed_is_the_highest_that_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    def steady(robot: str, seed: int, command: tuple[float, float, float], duration: float) -> dict[str, Any]:
+        fell = command[0] > 0.65
+        return {"fell": fell, "reason": "base tilted", "velocity": [command[0]], "trace": {"t": [1.0]} if fell else {}}
+
+    monkeypatch.setattr(walk_cases, "steady", steady)
+    case = walk_cases.top_speed("g1", 0)
+    assert case == {"top_speed": 0.6, "reason": "0.7 m/s: base tilted", "trace": {"t": [1.0]}}
+
+
+def test_a_fall_where_none_may_be_is_shown_before_one_at_the_limit() -> None:
+    top, must = {"kind": "top", "trace": {"t": [0.0]}}, {"kind": "steady", "trace": {"t": [0.0]}}
+    assert walk_plot.limiting([{"kind": "steady", "trace": {}}, top, must]) is must
+    assert walk_plot.limiting([top]) is top
+    assert walk_plot.limiting([{"kind": "stop"}]) is None
+
+
 def test_an_unknown_robot_is_refused() -> None:
     with pytest.raises(ConfigError, match="no scenarios for 'atlas'"):
-        walk._cases("atlas", 1)
+        walk.cases("atlas", 1)
 
 
 def test_the_cases_cover_every_scenario_and_seed() -> None:
-    cases = walk._cases("g1", 2)
+    cases = walk.cases("g1", 2)
     names = {case["scenario"] for case in cases}
     assert names == {"forward", "backward", "left", "right", "turn", "random", "stop", "top"}
     assert len(cases) == 2 * len(names)
@@ -77,7 +114,7 @@ def test_the_tracking_error_averages_a_stride_away_but_not_an_offset() -> None:
 
 def test_a_short_walk_is_measured() -> None:
     """Three seconds of the real thing: it goes where it is told, and walking costs energy."""
-    case = walk.steady("talos", 0, (0.3, 0.0, 0.0), 5.0)
+    case = walk_cases.steady("talos", 0, (0.3, 0.0, 0.0), 5.0)
     assert not case["fell"]
     assert case["speed_error"] < 0.2
     assert 0.1 < case["cost_of_transport"] < 3.0
