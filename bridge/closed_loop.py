@@ -19,6 +19,7 @@ from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
+from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
@@ -43,7 +44,7 @@ class ClosedLoop:
     Args:
         robot: Name or path of a profile, or a loaded ``RobotModel``.
         seed: Of the sensor noise.
-        terrain: Floor, one of ``models.mujoco_model.TERRAINS``.
+        terrain: The ground, or its name in ``models/config/terrain.yaml``.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
         payload_kg: Mass at the torso that no law knows of [kg].
         sensor_noise: True for the noise of the robot's profile, False for exact sensors, or a factor on the noise.
@@ -79,7 +80,7 @@ class ClosedLoop:
         robot: str | Path | RobotModel = "g1",
         seed: int = 0,
         *,
-        terrain: str = "flat",
+        terrain: str | Terrain = FLAT,
         friction: float | None = None,
         payload_kg: float = 0.0,
         sensor_noise: bool | float = True,

@@ -15,8 +15,8 @@ from models.constants import GRAVITY
 class PlantMonitor:
     """Watches for falls and for feet that slide while they stand.
 
-    Fallen, for good until ``reset``: the base is lower than ``fall_height`` of its height at ``reset``, or tilted more
-    than ``fall_tilt``, or anything but a sole touches the floor.
+    Fallen, for good until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``,
+    or tilted more than ``fall_tilt``, or anything but a sole touches the floor.
 
     Slip of a foot, from where its sole was when the foot last took load:
     |p_xy - p_xy,0| + |yaw - yaw_0| r, with r the distance from the sole's origin to the farthest corner.
@@ -50,7 +50,7 @@ class PlantMonitor:
         self.foot_slip = np.zeros(2)
         self._standing = np.zeros(2, dtype=bool)
         self._anchor = np.zeros((2, 3))  # x, y, yaw
-        self._height = float(self._plant.data.qpos[2])
+        self._height = self._height_over_ground()
 
     def update(self) -> None:
         """Look at the present state."""
@@ -61,10 +61,10 @@ class PlantMonitor:
 
     def _find_fall(self) -> str:
         data = self._plant.data
-        height = float(data.qpos[2])
+        height = self._height_over_ground()
         upright = float(data.xmat[self._plant.mujoco.base_body, 8])  # z of W along z of B
         if not height >= self._config.fall_height * self._height:
-            return f"base at {height:.2f} m, {height / self._height:.2f} of its standing height"
+            return f"base {height:.2f} m over the ground, {height / self._height:.2f} of its standing height"
         if not upright >= math.cos(self._config.fall_tilt):
             return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
         pairs = data.contact.geom  # (ncon, 2)
@@ -74,6 +74,10 @@ class PlantMonitor:
             body = self._plant.model.geom_bodyid[pair[0] if self._is_floor[pair[1]] else pair[1]]
             return f"{mujoco.mj_id2name(self._plant.model, mujoco.mjtObj.mjOBJ_BODY, body)} touches the floor"
         return ""
+
+    def _height_over_ground(self) -> float:
+        x, y, z = (float(value) for value in self._plant.data.qpos[:3])
+        return z - self._plant.ground.height(x, y)
 
     def _measure_slip(self) -> None:
         data = self._plant.data

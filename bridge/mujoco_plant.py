@@ -11,6 +11,7 @@ from bridge.sensors import SensorNoise
 from models.errors import CommandError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
 from models.robot_model import RobotModel
+from models.terrain import FLAT, Ground, Terrain, terrain_named
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
 
@@ -30,7 +31,7 @@ class MujocoPlant(Plant):
             biases.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
         payload_kg: Mass at the torso that no law knows of [kg].
-        terrain: Floor, one of ``models.mujoco_model.TERRAINS``.
+        terrain: The ground, or its name in ``models/config/terrain.yaml``.
         timestep: Physics step [s].
         visuals: Load meshes for pictures; no effect on the dynamics.
         sensor_errors: Errors of the sensors on top of those that profile and seed give.
@@ -39,6 +40,7 @@ class MujocoPlant(Plant):
         model: The compiled MuJoCo model.
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
+        ground: Height of the ground; for scoring only.
         noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
 
@@ -55,12 +57,13 @@ class MujocoPlant(Plant):
         sensor_noise: bool | float = True,
         friction: float | None = None,
         payload_kg: float = 0.0,
-        terrain: str = "flat",
+        terrain: str | Terrain = FLAT,
         timestep: float = 0.001,
         visuals: bool = False,
         sensor_errors: SensorErrors | None = None,
     ) -> None:
         self.robot = model
+        self.ground = Ground(terrain_named(terrain))
         self.mujoco: MujocoModel = build_mujoco(
             model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
         )

@@ -22,10 +22,8 @@ from models.errors import ConfigError, RobotModelError
 from models.mujoco_spec import HOLD, build_spec
 from models.plant_config import PlantConfig
 from models.robot_model import RobotModel
+from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
-
-TERRAINS = ("flat",)
-"""Floors that ``build_mujoco`` can lay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,7 @@ def build_mujoco(
     visuals: bool = False,
     friction: float | None = None,
     payload_kg: float = 0.0,
-    terrain: str = "flat",
+    terrain: str | Terrain = FLAT,
     config: PlantConfig | None = None,
 ) -> MujocoModel:
     """Build the simulated robot and its floor.
@@ -100,7 +98,7 @@ def build_mujoco(
         visuals: Load meshes, floor texture, light and camera for pictures; no effect on the dynamics.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
         payload_kg: Mass of a ball at the torso's centre of mass that only the plant knows of [kg].
-        terrain: One of ``TERRAINS``.
+        terrain: The ground, or its name in ``models/config/terrain.yaml``.
         config: Solver and contact settings; the packaged ones when None.
 
     Returns:
@@ -116,8 +114,7 @@ def build_mujoco(
         raise ConfigError(f"friction: {friction} is not positive")
     if not payload_kg >= 0.0:
         raise ConfigError(f"payload_kg: {payload_kg} kg is negative")
-    if terrain not in TERRAINS:
-        raise ConfigError(f"terrain: unknown '{terrain}'; known: {', '.join(TERRAINS)}")
+    ground = terrain_named(terrain)
     try:
         spec = build_spec(
             model,
@@ -125,6 +122,7 @@ def build_mujoco(
             visuals=visuals,
             friction=friction or model.profile.feet.friction,
             payload_kg=payload_kg,
+            terrain=ground,
             config=config or default_config(PlantConfig, "models", "mujoco"),
         )
         return _index(spec.compile(), model)

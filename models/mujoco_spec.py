@@ -15,7 +15,8 @@ import pinocchio as pin
 
 from models.constants import GRAVITY
 from models.plant_config import PlantConfig
-from models.robot_model import RobotModel
+from models.robot_model import Foot, RobotModel
+from models.terrain import FLAT, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
 
@@ -28,10 +29,18 @@ CAMERA = "track"
 _COLLISION_GROUP = 3
 _CONDIM = 4  # normal, two tangential and drilling friction
 _FLOOR = "floor"
+_BELOW = 1.0  # how far under the lowest block the plane lies [m]
 
 
 def build_spec(
-    model: RobotModel, *, timestep: float, visuals: bool, friction: float, payload_kg: float, config: PlantConfig
+    model: RobotModel,
+    *,
+    timestep: float,
+    visuals: bool,
+    friction: float,
+    payload_kg: float,
+    terrain: Terrain,
+    config: PlantConfig,
 ) -> mujoco.MjSpec:
     """Write down the simulated robot and its floor; ``models.mujoco_model.build_mujoco`` compiles it.
 
@@ -41,6 +50,7 @@ def build_spec(
         visuals: Load meshes, floor texture, light and camera for pictures; no effect on the dynamics.
         friction: Coulomb coefficient of sole on floor [-].
         payload_kg: Mass of a ball at the torso's centre of mass that only the plant knows of [kg].
+        terrain: The ground.
         config: Solver and contact settings.
 
     Returns:
@@ -51,11 +61,11 @@ def build_spec(
     """
     spec = mujoco.MjSpec.from_string(ET.tostring(for_mujoco(model.urdf, visuals=visuals), encoding="unicode"))
     _set_options(spec, timestep, config)
-    _add_floor(spec, friction, config, visuals)
+    _add_ground(spec, terrain, friction, config, visuals)
     _add_base(spec, model, config)
     _set_joints(spec, model, config)
     _add_frames(spec, model)
-    _add_soles(spec, model, config)
+    _add_soles(spec, model, config, uneven=terrain.kind != FLAT)
     _add_hulls(spec, model)
     if payload_kg > 0.0:
         _add_payload(spec, model, payload_kg, config)
@@ -79,28 +89,46 @@ def _set_options(spec: Any, timestep: float, config: PlantConfig) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _add_floor(spec: Any, friction: float, config: PlantConfig, visuals: bool) -> None:
-    contact = config.contact
-    floor = spec.worldbody.add_geom(name=_FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
-    floor.contype, floor.conaffinity = 1, 0
-    floor.priority = 1  # the floor's friction and stiffness count, whatever touches it
-    floor.condim = _CONDIM
-    floor.friction = [friction, contact.torsional_friction, contact.rolling_friction]
-    floor.solref = [contact.time_constant, contact.damping_ratio]
-    floor.solimp[:3] = contact.impedance
+def _add_ground(spec: Any, terrain: Terrain, friction: float, config: PlantConfig, visuals: bool) -> None:
+    """A plane; or the blocks of a terrain, and a plane below them for what falls beside them."""
     if visuals:
-        spec.add_texture(
-            name=_FLOOR,
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-            rgb1=[0.36, 0.40, 0.44],
-            rgb2=[0.28, 0.31, 0.35],
-            width=256,
-            height=256,
-        )
-        material = spec.add_material(name=_FLOOR, texrepeat=[0.5 / config.scene.checker_size] * 2, texuniform=True)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _FLOOR
-        floor.material = _FLOOR
+        _add_material(spec, config)
+    pieces = blocks(terrain)
+    floor = spec.worldbody.add_geom(name=_FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+    _set_surface(floor, terrain, friction, config, visuals)
+    if not pieces:
+        return
+    floor.pos = [0.0, 0.0, Ground(terrain).lowest - _BELOW]
+    for i, block in enumerate(pieces):
+        geom = spec.worldbody.add_geom(name=f"ground_{i}", type=mujoco.mjtGeom.mjGEOM_BOX, size=block.half_sizes)
+        geom.pos, geom.quat = block.centre, np.roll(pin.Quaternion(block.rotation).coeffs(), 1)
+        _set_surface(geom, terrain, friction, config, visuals)
+
+
+def _set_surface(geom: Any, terrain: Terrain, friction: float, config: PlantConfig, visuals: bool) -> None:
+    contact = config.contact
+    geom.contype, geom.conaffinity = 1, 0
+    geom.priority = 1  # the ground's friction and stiffness count, whatever touches it
+    geom.condim = _CONDIM
+    geom.friction = [friction, contact.torsional_friction, contact.rolling_friction]
+    geom.solref = [contact.time_constant if terrain.give is None else terrain.give, contact.damping_ratio]
+    geom.solimp[:3] = contact.impedance
+    if visuals:
+        geom.material = _FLOOR
+
+
+def _add_material(spec: Any, config: PlantConfig) -> None:
+    spec.add_texture(
+        name=_FLOOR,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.36, 0.40, 0.44],
+        rgb2=[0.28, 0.31, 0.35],
+        width=256,
+        height=256,
+    )
+    material = spec.add_material(name=_FLOOR, texrepeat=[0.5 / config.scene.checker_size] * 2, texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = _FLOOR
 
 
 def _add_base(spec: Any, model: RobotModel, config: PlantConfig) -> None:
@@ -139,8 +167,11 @@ def _add_frames(spec: Any, model: RobotModel) -> None:
         spec.add_sensor(name=sensor, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
 
 
-def _add_soles(spec: Any, model: RobotModel, config: PlantConfig) -> None:
-    """A massless body for each sole carries its contact points: what it passes to the foot is the ground reaction."""
+def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: bool) -> None:
+    """A massless body for each sole carries its contact points: what it passes to the foot is the ground reaction.
+
+    Four corners bear on level ground like the whole sole; uneven ground also touches what lies between them.
+    """
     radius = config.contact.corner_radius
     for foot in model.feet:
         name = model.pin.frames[foot.frame_id].name
@@ -148,12 +179,22 @@ def _add_soles(spec: Any, model: RobotModel, config: PlantConfig) -> None:
         offset = link.placement.actInv(model.pin.frames[foot.frame_id].placement)
         sole = spec.body(foot.link).add_body(name=name, pos=offset.translation, quat=_wxyz(offset.rotation))
         sole.add_site(name=name)
-        for i, corner in enumerate(foot.corners):
+        points = _sole_points(foot, config.contact.sole_points) if uneven else foot.corners
+        for i, corner in enumerate(points):
             ball = sole.add_geom(name=f"{name}_{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0.0, 0.0])
             ball.pos = corner + np.array([0.0, 0.0, radius])
             ball.contype, ball.conaffinity, ball.group, ball.mass = 0, 1, _COLLISION_GROUP, 0.0
         for sensor, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
             spec.add_sensor(name=f"{name}_{sensor}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
+
+
+def _sole_points(foot: Foot, count: tuple[int, int]) -> Matrix:
+    """Points round the edge of a sole, so many along its length and across, in the sole frame (k, 3) [m]."""
+    x_min, x_max, y_min, y_max = foot.rectangle
+    xs, ys = np.linspace(x_min, x_max, count[0]), np.linspace(y_min, y_max, count[1])
+    sides = [[x, y, 0.0] for x in xs for y in (y_min, y_max)]
+    ends = [[x, y, 0.0] for x in (x_min, x_max) for y in ys[1:-1]]
+    return np.array(sides + ends)
 
 
 def _add_hulls(spec: Any, model: RobotModel) -> None:

@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT
 
 Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=2)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 
 
@@ -18,6 +19,7 @@ class ContactConfig:
     """Contact of robot and floor; units in the YAML file."""
 
     corner_radius: Positive
+    sole_points: tuple[Count, Count]
     torsional_friction: NonNegative
     rolling_friction: NonNegative
     time_constant: Positive

@@ -86,6 +86,19 @@ def test_low_base_is_a_fall(g1: RobotModel) -> None:
     assert monitor.fallen  # for good
 
 
+def test_the_height_of_the_base_counts_over_the_ground_below_it(g1: RobotModel) -> None:
+    plant = MujocoPlant(g1, terrain="slope_down")
+    monitor = PlantMonitor(plant, CONFIG)
+    plant.data.qpos[0] = 6.0
+    plant.data.qpos[2] += plant.ground.height(6.0, 0.0)
+    assert plant.data.qpos[2] < 0.0
+    monitor.update()
+    assert not monitor.fallen
+    plant.data.qpos[0] = 0.0
+    monitor.update()
+    assert monitor.fallen
+
+
 @pytest.mark.parametrize(("factor", "fallen"), [(0.97, False), (1.03, True)])
 def test_tilted_base_is_a_fall(g1: RobotModel, factor: float, fallen: bool) -> None:
     plant, monitor = standing(g1)

@@ -1,0 +1,218 @@
+"""Ground as data: tiles, slopes and stairs as blocks, and how high the ground is anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, default_config
+from models.errors import ConfigError
+from models.types import Matrix
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Angle = Annotated[float, Field(gt=-0.6, lt=0.6)]
+
+FLAT = "flat"
+_SEAM = 1e-9
+"""Blocks reach this far over their edges in the scores: no point falls between two [m]."""
+
+_DEPTH = 0.5
+"""Thickness of a block [m]: nothing falls through it in one physics step."""
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Terrain:
+    """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x.
+
+    Attributes:
+        kind: ``flat``; ``tiles`` of random height; ``slope``: a plane; ``stairs``: level treads.
+        height: Tiles lie at a uniformly random height from 0 to this; each stair rises by this, down if negative [m].
+        size: Edge of a tile, or depth of a tread [m].
+        pitch: Slope along x, up positive [rad].
+        roll: Slope across, along y, up positive; reached gradually over ``ease`` [rad].
+        ease: Length over which a slope across turns from level to ``roll``, in strips [m].
+        strips: How many.
+        patch: The level patch reaches this far ahead of the origin, and ``width`` behind this [m].
+        length: The ground reaches this far ahead [m].
+        width: And this far to either side [m].
+        give: Time in which the ground undoes a penetration; the floor's own when None. Long means soft [s].
+        seed: Of the random heights.
+    """
+
+    kind: Literal["flat", "tiles", "slope", "stairs"]
+    height: float = 0.0
+    size: Positive = 0.4
+    pitch: Angle = 0.0
+    roll: Angle = 0.0
+    ease: Positive = 0.8
+    strips: Annotated[int, Field(ge=1, le=32)] = 8
+    patch: Positive = 0.4
+    length: Positive = 12.0
+    width: Positive = 3.0
+    give: Positive | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    def __post_init__(self) -> None:
+        if self.kind == "tiles" and self.height < 0.0:
+            raise ValueError(f"height {self.height} m of the tiles is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A box of ground whose top face is walked on.
+
+    Attributes:
+        top: Middle of the top face in W [m].
+        half: Half its length along x and along y, measured along the face [m].
+        pitch: Slope of the face along x, up positive [rad].
+        roll: Slope along y, up positive [rad]; a block has one of both.
+    """
+
+    top: tuple[float, float, float]
+    half: tuple[float, float]
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    @property
+    def rotation(self) -> Matrix:
+        """Of the block in W (3, 3)."""
+        cp, sp, cr, sr = math.cos(self.pitch), math.sin(self.pitch), math.cos(self.roll), math.sin(self.roll)
+        along = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
+        across = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+        rotation: Matrix = along @ across
+        return rotation
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Half the extent of the top face along x and y of W, seam included [m]."""
+        return self.half[0] * math.cos(self.pitch) + _SEAM, self.half[1] * math.cos(self.roll) + _SEAM
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """Of the box in W [m]."""
+        x, y, z = np.array(self.top) - 0.5 * _DEPTH * self.rotation[:, 2]
+        return float(x), float(y), float(z)
+
+    @property
+    def half_sizes(self) -> tuple[float, float, float]:
+        """Of the box along its own axes [m]."""
+        return self.half[0], self.half[1], 0.5 * _DEPTH
+
+    def height(self, x: float, y: float) -> float | None:
+        """Height of the top face over a point [m]; None beside it."""
+        dx, dy = x - self.top[0], y - self.top[1]
+        reach = self.reach
+        if abs(dx) > reach[0] or abs(dy) > reach[1]:
+            return None
+        return self.top[2] + dx * math.tan(self.pitch) + dy * math.tan(self.roll)
+
+
+def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain:
+    """The terrain of a name of ``models/config/terrain.yaml``, or the terrain given, with another seed if one is given.
+
+    Raises:
+        ConfigError: The name is unknown.
+    """
+    if isinstance(terrain, str):
+        known = terrains()
+        if terrain not in known:
+            raise ConfigError(f"terrain: unknown '{terrain}'; known: {', '.join(known)}")
+        terrain = known[terrain]
+    return terrain if seed is None else replace(terrain, seed=seed)
+
+
+@cache
+def terrains() -> Mapping[str, Terrain]:
+    """The packaged terrains by name; ``flat`` is the first."""
+    return {FLAT: Terrain(kind="flat"), **default_config(dict[str, Terrain], "models", "terrain")}
+
+
+def blocks(terrain: Terrain) -> list[Block]:
+    """The ground piece by piece; none for flat ground, which is a plane."""
+    if terrain.kind == "flat":
+        return []
+    reach = terrain.patch + terrain.width  # the patch goes as far back as the ground goes sideways
+    patch = Block((terrain.patch - 0.5 * reach, 0.0, 0.0), (0.5 * reach, terrain.width))
+    return [patch, *{"tiles": _tiles, "slope": _slope, "stairs": _stairs}[terrain.kind](terrain)]
+
+
+class Ground:
+    """Height of a terrain, for scores.
+
+    Args:
+        terrain: The terrain.
+    """
+
+    def __init__(self, terrain: Terrain) -> None:
+        self._blocks = blocks(terrain)
+        self._box = np.array([[*block.top[:2], *block.reach] for block in self._blocks]).reshape(-1, 4)
+
+    def height(self, x: float, y: float) -> float:
+        """Height of the ground under a point [m]; beside the terrain, that of its lowest block."""
+        if not self._blocks:
+            return 0.0
+        near = (np.abs(self._box[:, 0] - x) <= self._box[:, 2]) & (np.abs(self._box[:, 1] - y) <= self._box[:, 3])
+        found = [self._blocks[int(i)].height(x, y) for i in np.flatnonzero(near)]
+        heights = [height for height in found if height is not None]
+        return max(heights) if heights else self.lowest
+
+    @property
+    def lowest(self) -> float:
+        """Height of the lowest corner [m]."""
+        return min(
+            (b.top[2] - b.half[0] * abs(math.sin(b.pitch)) - b.half[1] * abs(math.sin(b.roll)) for b in self._blocks),
+            default=0.0,
+        )
+
+
+def _tiles(terrain: Terrain) -> list[Block]:
+    """Tiles ahead of the patch."""
+    rng = np.random.default_rng(terrain.seed)
+    half, size = 0.5 * terrain.size, terrain.size
+    tiles = []
+    rows = math.ceil(terrain.width / size)
+    for i in range(math.ceil((terrain.length - terrain.patch) / size)):
+        for j in range(-rows, rows):
+            place = terrain.patch + (i + 0.5) * size, (j + 0.5) * size
+            tiles.append(Block((*place, float(rng.uniform(0.0, terrain.height))), (half, half)))
+    return tiles
+
+
+def _stairs(terrain: Terrain) -> list[Block]:
+    half, count = 0.5 * terrain.size, math.ceil((terrain.length - terrain.patch) / terrain.size)
+    return [
+        Block((terrain.patch + (2 * i + 1) * half, 0.0, (i + 1) * terrain.height), (half, terrain.width))
+        for i in range(count)
+    ]
+
+
+def _slope(terrain: Terrain) -> list[Block]:
+    """A ramp along x; or strips that turn to the slope across, then a plane that has it."""
+    if terrain.pitch:
+        run = terrain.length - terrain.patch
+        top = terrain.patch + 0.5 * run, 0.0, 0.5 * run * math.tan(terrain.pitch)
+        return [Block(top, (0.5 * run / math.cos(terrain.pitch), terrain.width), pitch=terrain.pitch)]
+    half = 0.5 * terrain.ease / terrain.strips
+    pieces = [
+        Block(
+            (terrain.patch + (2 * i + 1) * half, 0.0, 0.0),
+            (half, terrain.width),
+            roll=terrain.roll * (i + 1) / (terrain.strips + 1),
+        )
+        for i in range(terrain.strips)
+    ]
+    start = terrain.patch + terrain.ease
+    rest = Block(
+        (0.5 * (start + terrain.length), 0.0, 0.0),
+        (0.5 * (terrain.length - start), terrain.width),
+        roll=terrain.roll,
+    )
+    return [*pieces, rest]
