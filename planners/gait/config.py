@@ -94,21 +94,35 @@ class SwingConfig:
         clearance: Height of the sole at mid-swing [m].
         apex: Share of the swing at which it is reached [-].
         landing_velocity: Downward speed of the sole at the planned touchdown [m/s].
+        late_velocity: Downward speed of a foot that is late [m/s].
+        late_time: Time constant with which a late foot follows its target sideways [s].
         depth_max: How far below its target a late foot is lowered [m].
         speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
         freeze: Time before touchdown at which the target is frozen [s].
-        rise_share: How far the expected height of a foot's next landing follows that of its last one [-].
-        rise_max: Largest expected height over the stance foot, up or down [m].
+        rise_step: Largest change from one landing to the next of the height that a foot is expected to land at [m].
+        rise_max: Largest expected height over the stance foot's plane, up or down [m].
+        tilt_time: Time constant with which the foot turns to the slope expected at its landing [s].
+        trip_lag: Distance behind its reference at which a foot may have been caught by something [m].
+        trip_speed: Share of its reference's speed below which it then has been [-].
+        trip_filter: Time constant of the measured speed [s].
+        trip_time: How long a caught foot only rises [s].
     """
 
     clearance: Positive
     apex: Share
     landing_velocity: NonNegative
+    late_velocity: Positive
+    late_time: Positive
     depth_max: Positive
     speed_max: Positive
     freeze: Positive
-    rise_share: Share
+    rise_step: NonNegative
     rise_max: NonNegative
+    tilt_time: Positive
+    trip_lag: Positive
+    trip_speed: Share
+    trip_filter: Positive
+    trip_time: Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -156,6 +170,25 @@ class RouteConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class GroundConfig:
+    """Inclination of the ground, felt through the soles.
+
+    Attributes:
+        settle_time: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s].
+        anchor_time: The same of a sole that bears: one that tips is drawn back to where it stood [s].
+        slope_time: Time constant with which the slope expected at the next landing follows the sole that bears [s].
+        slope_load: Share of the weight that it must bear for that [-].
+        slope_max: Steepest slope believed [-].
+    """
+
+    settle_time: Positive
+    anchor_time: Positive
+    slope_time: Positive
+    slope_load: Share
+    slope_max: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class GaitConfig:
     """The gait.
 
@@ -169,7 +202,7 @@ class GaitConfig:
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        timing, reach, velocity, swing, adjustment, route: Parts.
+        timing, reach, velocity, swing, adjustment, route, ground: Parts.
     """
 
     leg: Positive
@@ -187,6 +220,7 @@ class GaitConfig:
     swing: SwingConfig
     adjustment: AdjustmentConfig
     route: RouteConfig
+    ground: GroundConfig
 
     @property
     def period(self) -> float:
@@ -252,6 +286,7 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
             swing,
             clearance=swing.clearance * length,
             speed_max=swing.speed_max * time,
+            late_velocity=swing.late_velocity * time,
             rise_max=swing.rise_max * length,
         ),
         route=replace(route, forward=route.forward * time, lateral=route.lateral * time),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -15,7 +16,7 @@ from models.types import Reference, RobotState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.dcm_reference import DcmReference
 from planners.gait.footstep_plan import Footstep
-from planners.gait.footsteps import Foothold, wrap
+from planners.gait.footsteps import Foothold, clamped, wrap
 from planners.gait.leg_lever import leg_lever
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.plan import StepPlan
@@ -188,11 +189,13 @@ class GaitPlanner:
         self._reaction.com, self._reaction.com_velocity = self._measured.com[:2], self._measured.com_velocity[:2]
         self._elapsed += dt
         swinging = 1 - self.stance if self.phase is GaitPhase.SINGLE else None
-        self._soles.follow(self._measured, swinging, dt)
+        landed = self.stance if self.phase is GaitPhase.DOUBLE else None
+        self._soles.follow(self._measured, swinging, landed, dt)
         self._heed_command(dt)
         getattr(self, f"_in_{self.phase.value}")(dt)
         return self._builder.build(
             self.footholds,
+            self._soles.tilts,
             self._swing if self.phase is GaitPhase.SINGLE else None,
             1 - self.stance,
             self._loads(),
@@ -244,11 +247,14 @@ class GaitPlanner:
         if self._elapsed >= self._next_adjustment and left > config.swing.freeze:
             self._adjust()
             self._next_adjustment = self._elapsed + config.timing.adjust_period
-        target = self.footholds[foot]
+        elif left < 0.0:
+            self._shift(foot)
+        target, sole = self.footholds[foot], self._measured.soles[foot]
         yaw = float(self._swing.position[3])
         height = self._soles.landing_height(foot, self._measured)
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
-        self._swing.step(pose, self._elapsed, self.step_time, dt)
+        self._swing.heed(sole.x, sole.y, self._elapsed, self.step_time, dt)
+        self._swing.step(pose, self._soles.slope, self._elapsed, self.step_time, dt)
         self._dcm.single(
             self._soles.point(self.stance),
             self._target,
@@ -284,7 +290,7 @@ class GaitPlanner:
         foot = 1 - self.stance
         self._lifted = sole = self._measured.soles[foot]
         self.step_time = self.config.timing.single
-        self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]), self.step_time)
+        self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]), self.step_time, self._soles.tilts[foot])
         self._next_adjustment = 0.0
         self._enter(GaitPhase.SINGLE)
         self.footholds[foot] = self._sync().nominal()[0]
@@ -349,6 +355,15 @@ class GaitPlanner:
         if self.route.left:
             self.route.end(reason)
             self._steps_left = None
+
+    def _shift(self, foot: int) -> None:
+        """A late foot goes on with the DCM, so that it lands where it was to be under it."""
+        target, run = self.footholds[foot], self._measured.dcm(self._omega()) - self._target
+        moved = clamped(
+            self.footholds[self.stance], foot, target.x + run[0], target.y + run[1], target.yaw, self.config.reach
+        )
+        self._target = self._target + np.array([moved.x - target.x, moved.y - target.y])
+        self.footholds[foot] = replace(moved, z=target.z)
 
     # Small things -----------------------------------------------------------------------------------------------------
 

@@ -12,6 +12,9 @@ from models.robot_model import RobotModel
 from models.types import RobotState, Vector
 from planners.gait.footsteps import Foothold
 
+_UPRIGHT_MIN = 0.1
+"""Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot means nothing."""
+
 
 class GaitMeasurement:
     """CoM, DCM and soles of the last state.
@@ -23,6 +26,7 @@ class GaitMeasurement:
         com: In W (3,) [m].
         com_velocity: In W (3,) [m/s].
         soles: Measured pose of each sole.
+        tilts: Slope of each sole: its rise along x and along y of W (2, 2) [-].
         loads: Vertical force on each sole, share of the weight (2,) [-].
         active: Whether each foot bears, as the estimator has it.
     """
@@ -35,6 +39,7 @@ class GaitMeasurement:
         self.com = np.zeros(3)
         self.com_velocity = np.zeros(3)
         self.soles = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
+        self.tilts = np.zeros((2, 2))
         self.loads = [0.0, 0.0]
         self.active = [True, True]
 
@@ -49,6 +54,8 @@ class GaitMeasurement:
             x, y, z = (float(value) for value in pose.translation)
             rotation = pose.rotation
             self.soles[i] = Foothold(x, y, math.atan2(float(rotation[1, 0]), float(rotation[0, 0])), z)
+            upright = max(float(rotation[2, 2]), _UPRIGHT_MIN)
+            self.tilts[i] = -float(rotation[0, 2]) / upright, -float(rotation[1, 2]) / upright
             self.loads[i] = float(state.contacts[i].wrench[2]) / self._weight
             self.active[i] = state.contacts[i].active
 

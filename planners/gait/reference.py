@@ -21,6 +21,20 @@ def yaw_matrix(yaw: float) -> Matrix:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def sole_matrix(yaw: float, tilt: Vector) -> Matrix:
+    """Rotation of a sole that heads along ``yaw`` on a slope that rises by ``tilt`` along x and y of W (3, 3)."""
+    across, along = np.array([-tilt[0], -tilt[1], 1.0]), np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    normal = across / math.sqrt(float(across @ across))
+    along -= (along @ normal) * normal
+    along /= math.sqrt(float(along @ along))
+    left = (
+        normal[1] * along[2] - normal[2] * along[1],
+        normal[2] * along[0] - normal[0] * along[2],
+        normal[0] * along[1] - normal[1] * along[0],
+    )
+    return np.column_stack([along, left, normal])
+
+
 class ReferenceBuilder:
     """Reference of one tick of a gait: base and torso upright at the mean heading of the feet, constant CoM height.
 
@@ -56,6 +70,7 @@ class ReferenceBuilder:
     def build(
         self,
         footholds: list[Foothold],
+        tilts: Matrix,
         swing: SwingFoot | None,
         foot: int,
         load: tuple[float, float],
@@ -69,6 +84,7 @@ class ReferenceBuilder:
 
         Args:
             footholds: Of both feet.
+            tilts: Slope under each planted sole (2, 2) [-].
             swing: The swing foot's reference; None in double support.
             foot: Which foot swings.
             load: Share of the load of each foot.
@@ -96,7 +112,7 @@ class ReferenceBuilder:
             rate = 0.5 * float(swing.velocity[3])
             cmp_offset = self._reaction.cmp_offset(swing)
         for i in range(2):
-            rotations[i] = yaw_matrix(yaws[i])
+            rotations[i] = sole_matrix(yaws[i], tilts[i] if swing is None or i != foot else swing.tilt)
         turn = yaw_matrix(yaws[0] + 0.5 * wrap(yaws[1] - yaws[0]))
         planted = [footholds[i].z for i in range(2) if swing is None or i != foot]
         ground = sum(planted) / len(planted)

@@ -20,6 +20,8 @@ class Soles:
 
     Attributes:
         holds: Planned pose of each sole, or the target of the one that swings.
+        tilts: Slope of the ground under each planted sole: its rise along x and along y of W (2, 2) [-].
+        slope: Slope expected at the next landing (2,) [-].
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
@@ -29,27 +31,40 @@ class Soles:
         self._half = [np.array([0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])]) for r in rectangles]
         self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self._rise = [0.0, 0.0]
+        self.tilts, self.slope = np.zeros((2, 2)), np.zeros(2)
 
     def reset(self, measured: GaitMeasurement) -> None:
-        """Both feet planted where they are measured, on level ground."""
+        """Both feet planted where and as they are measured."""
         self.holds = list(measured.soles)
         self._rise = [0.0, 0.0]
+        self.tilts[:] = measured.tilts
+        self.slope[:] = measured.tilts.mean(axis=0)
 
     def landing_height(self, foot: int, measured: GaitMeasurement) -> float:
-        """Height at which a foot is expected to land [m].
+        """Height at which a foot is expected to land on its foothold [m].
 
-        As far above or below the measured stance sole as it landed before: a slope of the ground, an error of the
-        estimated inclination and encoder offsets all make feet land early or late, the same way at every step.
+        In the plane through the stance sole that has the expected slope, and as far above or below it as the foot
+        landed before: an error of the estimated inclination and encoder offsets make feet land early or late, the same
+        way at every step.
         """
-        return measured.soles[1 - foot].z + self._rise[foot]
+        return self._plane(foot, self.holds[foot], measured) + self._rise[foot]
 
     def land(self, foot: int, measured: GaitMeasurement) -> None:
-        """A foot has touched down where it is measured."""
-        config = self._config.swing
-        rise = measured.soles[foot].z - measured.soles[1 - foot].z
-        followed = self._rise[foot] + config.rise_share * (rise - self._rise[foot])
+        """A foot has touched down where it is measured.
+
+        The expected height follows by a bounded step: what repeats adds up, single bumps hardly count.
+        """
+        config, sole = self._config.swing, measured.soles[foot]
+        surprise = sole.z - self._plane(foot, sole, measured) - self._rise[foot]
+        followed = self._rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
         self._rise[foot] = min(max(followed, -config.rise_max), config.rise_max)
-        self.holds[foot] = measured.soles[foot]
+        self.holds[foot] = sole
+        self.tilts[foot] = measured.tilts[foot]
+
+    def _plane(self, foot: int, hold: Foothold, measured: GaitMeasurement) -> float:
+        """Height of the plane through the other sole at a foothold [m]."""
+        stance = measured.soles[1 - foot]
+        return stance.z + float(self.slope[0]) * (hold.x - stance.x) + float(self.slope[1]) * (hold.y - stance.y)
 
     def half_sole(self, foot: int) -> Vector:
         """Half length and half width of a sole (2,) [m]."""
@@ -103,14 +118,16 @@ class Soles:
         share = float(np.clip((zmp - left) @ way / (way @ way), 0.0, 1.0))
         return 1.0 - share, share
 
-    def follow(self, measured: GaitMeasurement, swinging: int | None, dt: float) -> None:
+    def follow(self, measured: GaitMeasurement, swinging: int | None, landed: int | None, dt: float) -> None:
         """Planted footholds creep after the soles that bear: what the estimator cannot observe moves both alike.
 
         Args:
             measured: Soles and loads.
             swinging: The foot in the air; None for none.
+            landed: The foot that has just landed and lies down on the ground; None for none.
             dt: [s].
         """
+        self._feel(measured, swinging, landed, dt)
         share = min(dt / self._config.anchor_time, 1.0)
         for foot in range(2):
             if foot == swinging or measured.loads[foot] < self._config.anchor_load:
@@ -122,3 +139,15 @@ class Soles:
                 hold.yaw + share * wrap(sole.yaw - hold.yaw),
                 hold.z + share * (sole.z - hold.z),
             )
+
+    def _feel(self, measured: GaitMeasurement, swinging: int | None, landed: int | None, dt: float) -> None:
+        """Slope under the soles that bear, and of the ground."""
+        ground = self._config.ground
+        for foot in range(2):
+            if foot == swinging or measured.loads[foot] < self._config.anchor_load:
+                continue
+            time = ground.settle_time if foot == landed else ground.anchor_time
+            self.tilts[foot] += min(dt / time, 1.0) * (measured.tilts[foot] - self.tilts[foot])
+            if measured.loads[foot] >= ground.slope_load:
+                self.slope += min(dt / ground.slope_time, 1.0) * (measured.tilts[foot] - self.slope)
+        np.clip(self.slope, -ground.slope_max, ground.slope_max, out=self.slope)

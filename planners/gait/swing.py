@@ -47,7 +47,11 @@ class SwingFoot:
     Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time that
     is left: the target and the time may move, and the reference stays smooth to its acceleration. The height goes
     likewise to the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot
-    goes on down at that velocity, at most ``depth_max``.
+    goes on down at ``late_velocity``, at most ``depth_max``, and follows its target.
+
+    A foot that stays behind its reference and hardly moves has been caught, by the edge of a tile for instance: the
+    harder it were pushed on, the faster friction would hold it. Its reference returns to where it is, and on the way up
+    it only rises for ``trip_time``.
 
     Args:
         config: Clearance and landing.
@@ -59,6 +63,8 @@ class SwingFoot:
         floor: Height that it lifted from [m].
         duration: Of the swing, from lift-off to the planned touchdown [s].
         clearance, apex, landing_velocity, freeze: As configured.
+        tilt: Slope of the sole: its rise along x and along y of W (2,) [-].
+        trips: How often a foot was caught so far.
     """
 
     def __init__(self, config: SwingConfig) -> None:
@@ -69,37 +75,73 @@ class SwingFoot:
         self.velocity = np.zeros(4)
         self.acceleration = np.zeros(4)
         self.floor, self.duration = 0.0, 0.0
+        self.tilt = np.zeros(2)
+        self.trips = 0
+        self._rising_until = 0.0
+        self._place, self._speed = np.full(2, np.nan), np.zeros(2)  # measured, in W [m], [m/s]
 
-    def lift(self, pose: Vector, duration: float) -> None:
-        """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s]."""
+    def lift(self, pose: Vector, duration: float, tilt: Vector) -> None:
+        """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s], on a slope (2,) [-]."""
         self.position[:] = pose
         self.velocity[:] = 0.0
         self.acceleration[:] = 0.0
         self.floor, self.duration = float(pose[Z]), duration
+        self.tilt[:] = tilt
+        self._rising_until = 0.0
+        self._place[:], self._speed[:] = np.nan, 0.0
 
-    def step(self, target: Vector, elapsed: float, duration: float, dt: float) -> None:
+    def heed(self, x: float, y: float, elapsed: float, duration: float, dt: float) -> None:
+        """Compare with where the foot is measured, in W [m], and give way if it has been caught.
+
+        Args:
+            x: Of the sole.
+            y: Of the sole.
+            elapsed: Time since lift-off [s].
+            duration: Planned time from lift-off to touchdown [s].
+            dt: Time since the last call of this swing [s].
+        """
+        config, place = self._config, np.array([x, y])
+        moved = place - self._place if np.isfinite(self._place[0]) else np.zeros(2)
+        self._place[:] = place
+        self._speed += min(dt / config.trip_filter, 1.0) * (moved / dt - self._speed)
+        wanted = self.velocity[:2]
+        stuck = self._speed @ wanted < config.trip_speed * (wanted @ wanted)
+        lag = float(np.hypot(*(self.position[:2] - place)))
+        if lag < config.trip_lag or not stuck or elapsed < self._rising_until:
+            return
+        self.trips += 1
+        self.position[:2] = place
+        self.velocity[:2] = 0.0
+        self.acceleration[:2] = 0.0
+        if elapsed < config.apex * duration:
+            self._rising_until = elapsed + config.trip_time
+
+    def step(self, target: Vector, slope: Vector, elapsed: float, duration: float, dt: float) -> None:
         """Advance.
 
         Args:
             target: Pose to land on: x, y, z [m], yaw [rad] (4,).
+            slope: Of the ground expected there (2,) [-].
             elapsed: Time since lift-off at the end of this step [s].
             duration: Planned time from lift-off to touchdown [s].
             dt: Step [s].
         """
         config = self._config
         self.duration = duration
+        self.tilt += min(dt / config.tilt_time, 1.0) * (slope - self.tilt)
         left = duration - elapsed + dt
         if left < dt:
             self._late(target, dt)
             return
+        rising = elapsed < self._rising_until
         # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
         steady = max(left, config.freeze)
-        for i in (X, Y, YAW):
+        for i in (YAW,) if rising else (X, Y, YAW):
             self._advance(i, (float(target[i]), 0.0, 0.0), steady, dt)
-        apex = config.apex * duration - (elapsed - dt)
-        if apex > config.freeze:
+        apex = max(config.apex * duration, self._rising_until) - (elapsed - dt)
+        if apex > config.freeze or rising:
             height = max(self.floor, float(target[Z])) + config.clearance
-            self._advance(Z, (height, 0.0, 0.0), apex, dt)
+            self._advance(Z, (height, 0.0, 0.0), max(apex, config.freeze), dt)
         else:
             self._advance(Z, (float(target[Z]), -config.landing_velocity, 0.0), max(left, dt), dt)
 
@@ -112,6 +154,9 @@ class SwingFoot:
         config = self._config
         self.acceleration[:] = 0.0
         self.velocity[:] = 0.0
+        for i in (X, Y):
+            self.velocity[i] = (target[i] - self.position[i]) / config.late_time
+            self.position[i] += dt * self.velocity[i]
         if self.position[Z] > target[Z] - config.depth_max:
-            self.velocity[Z] = -max(config.landing_velocity, 0.05)
+            self.velocity[Z] = -config.late_velocity
             self.position[Z] += dt * self.velocity[Z]

@@ -65,14 +65,14 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     c, s = math.cos(yaw), math.sin(yaw)
     reaction.com_velocity = 0.5 / PERIOD * way
     foot = SwingFoot(CONFIG)
-    foot.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE)
+    foot.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE, np.zeros(2))
     com = 0.5 * (way - reaction.com_velocity * SINGLE)
     target = np.array([*way, 0.0, yaw])
     cmps, rests = [], []
     for i in range(round(SINGLE / DT)):
         reaction.com = com + reaction.com_velocity * i * DT
         rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot, way))
-        foot.step(target, (i + 1) * DT, SINGLE, DT)
+        foot.step(target, np.zeros(2), (i + 1) * DT, SINGLE, DT)
         cmps.append(reaction.cmp_offset(foot))
     turn = np.array([[c, s], [-s, c]])  # into the heading
     return [turn @ cmp for cmp in cmps], [turn @ rest for rest in rests]

@@ -16,8 +16,14 @@ from planners.gait.soles import Soles
 CONFIG = default_config(GaitConfig, "planners", "gait")
 
 
-def measured(left_z: float = 0.0, right_z: float = 0.0, loads: tuple[float, float] = (0.5, 0.5)) -> SimpleNamespace:
-    return SimpleNamespace(soles=[Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)], loads=loads)
+def measured(
+    left_z: float = 0.0,
+    right_z: float = 0.0,
+    loads: tuple[float, float] = (0.5, 0.5),
+    tilt: tuple[float, float] = (0.0, 0.0),
+) -> SimpleNamespace:
+    soles = [Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)]
+    return SimpleNamespace(soles=soles, loads=loads, tilts=np.array([tilt, tilt]))
 
 
 @pytest.fixture()
@@ -44,11 +50,44 @@ def test_the_expected_rise_is_bounded(soles: Soles) -> None:
         assert soles.landing_height(0, measured()) == pytest.approx(sign * CONFIG.swing.rise_max)
 
 
+def test_one_bump_hardly_changes_the_expected_rise(soles: Soles) -> None:
+    soles.land(0, measured(left_z=0.03))
+    assert soles.landing_height(0, measured()) == pytest.approx(CONFIG.swing.rise_step)
+
+
+def test_a_foot_is_expected_to_land_in_the_slope_of_the_sole_that_bears(soles: Soles) -> None:
+    ground = CONFIG.ground
+    inclined = measured(loads=(0.0, 1.0), tilt=(0.1, -0.05))
+    soles.follow(inclined, 0, None, 0.5 * ground.slope_time)
+    assert soles.slope == pytest.approx([0.05, -0.025])
+    for _ in range(200):
+        soles.follow(inclined, 0, None, 0.1 * ground.slope_time)
+    assert soles.tilts[0] == pytest.approx([0.0, 0.0])  # it is in the air
+    soles.holds[0] = Foothold(0.2, 0.1, 0.0)
+    assert soles.landing_height(0, inclined) == pytest.approx(0.2 * 0.1 - 0.2 * 0.05)
+    assert soles._rise == [0.0, 0.0]
+    soles.follow(measured(loads=(0.0, 1.0), tilt=(5.0, 0.0)), 0, None, 100.0)
+    assert soles.slope[0] == ground.slope_max
+
+
+def test_half_a_load_says_nothing_about_the_slope(soles: Soles) -> None:
+    half = 0.9 * CONFIG.ground.slope_load
+    soles.follow(measured(loads=(half, half), tilt=(0.1, 0.0)), None, None, 1.0)
+    assert soles.slope == pytest.approx([0.0, 0.0])
+
+
+def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(soles: Soles) -> None:
+    tipped = measured(loads=(0.5, 0.5), tilt=(0.1, 0.0))
+    soles.follow(tipped, None, 0, CONFIG.ground.settle_time)
+    assert soles.tilts[0] == pytest.approx([0.1, 0.0])
+    assert soles.tilts[1, 0] == pytest.approx(0.1 * CONFIG.ground.settle_time / CONFIG.ground.anchor_time)
+
+
 def test_only_planted_soles_that_bear_are_followed(soles: Soles) -> None:
     moved = measured(left_z=0.01, right_z=0.01)
-    soles.follow(moved, 0, CONFIG.anchor_time)
+    soles.follow(moved, 0, None, CONFIG.anchor_time)
     assert [hold.z for hold in soles.holds] == [0.0, 0.01]
-    soles.follow(measured(left_z=0.01, loads=(0.5 * CONFIG.anchor_load, 1.0)), None, CONFIG.anchor_time)
+    soles.follow(measured(left_z=0.01, loads=(0.5 * CONFIG.anchor_load, 1.0)), None, None, CONFIG.anchor_time)
     assert soles.holds[0].z == 0.0
 
 

@@ -1,0 +1,21 @@
+"""Walking over ground that no law knows of: estimator on, sensor noise on, 2 ms delay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bridge.closed_loop import ClosedLoop
+from models.terrain import terrain_named
+
+
+@pytest.mark.parametrize(("ground", "seed"), [("slope_across", 0), ("tiles", 4)])
+def test_walks_blindly(ground: str, seed: int) -> None:
+    loop = ClosedLoop("g1", seed=seed, record=False, terrain=terrain_named(ground, seed=seed))
+    loop.command("walk")
+    loop.set_velocity(0.3, 0.0, 0.0)
+    loop.run(6.5)
+    assert not loop.fallen
+    assert loop.truth.q[0] > 1.4
+    if ground == "slope_across":
+        assert loop.gait._soles.slope == pytest.approx([0.0, np.tan(0.1396)], abs=0.03)
