@@ -90,6 +90,21 @@ def walk(
     _bench("walk", robot, seeds, workers, json, plot, tuple(scenario or ()))
 
 
+@app.command("terrain")
+def terrain(
+    robot: Robot = "g1",
+    seeds: Seeds = 20,
+    workers: Workers = 1,
+    json: JsonFile = None,
+    plot: PlotFolder = None,
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="Measure only this one, such as tiles, slope_up, friction; repeatable.")
+    ] = None,
+) -> None:
+    """Blind walking on tiles, slopes and slippery ground, with a payload and with late commands."""
+    _bench("terrain", robot, seeds, workers, json, plot, tuple(scenario or ()))
+
+
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
 _add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)

@@ -86,6 +86,9 @@ def up(
     sensor_errors: Annotated[
         str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
     ] = "",
+    terrain: Annotated[
+        str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
+    ] = "flat",
     calibration: Annotated[
         Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
     ] = None,
@@ -94,17 +97,19 @@ def up(
     need_ros()
     from bridge.launch import up as launch
     from bridge.sensor_errors import read_sensor_errors
+    from models.terrain import terrain_named
 
     with told():
         read_sensor_errors(sensor_errors)
-    parameters = {"mujoco_bridge": {"sensor_errors": sensor_errors}} if sensor_errors else {}
+        terrain_named(terrain)
+    plant = {"terrain": terrain, **({"sensor_errors": sensor_errors} if sensor_errors else {})}
     code = launch(
         robot,
         duration=duration,
         network=network,
         merged=merged,
         lockstep=lockstep,
-        parameters=parameters,
+        parameters={"mujoco_bridge": plant},
         calibration=calibration,
     )
     raise typer.Exit(code)

@@ -49,6 +49,7 @@ class MujocoBridge(PoiseNode):
             seed=given.seed,
             sensor_noise=given.sensor_noise,
             payload_kg=given.payload,
+            terrain=given.terrain,
             sensor_errors=read_sensor_errors(given.sensor_errors),
         )
         self._driven = DrivenRobot(plant, given.config)

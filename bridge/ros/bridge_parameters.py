@@ -11,6 +11,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import describe
+from models.terrain import FLAT
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +24,7 @@ class BridgeParameters:
         seed: Of the sensor noise.
         sensor_noise: Whether there is noise.
         sensor_errors: Errors of the sensors on purpose: a file or YAML; empty for none.
+        terrain: Name of the ground.
         payload: Mass unknown to the laws [kg].
         slow_rate: Rate of ``/clock`` and ``/ground_truth/odom`` [Hz].
         max_age: Age of the sensors a command answers above which it is refused [ns].
@@ -34,6 +36,7 @@ class BridgeParameters:
     seed: int
     sensor_noise: bool
     sensor_errors: str
+    terrain: str
     payload: float
     slow_rate: float
     max_age: int
@@ -54,6 +57,7 @@ def declare(node: PoiseNode) -> BridgeParameters:
         seed=int(get("seed", 0, "Seed of the sensor noise", integer=(0, 2**63 - 1))),
         sensor_noise=bool(get("sensor_noise", True, "Noise, bias and quantisation of the profile")),
         sensor_errors=str(get("sensor_errors", "", "Further errors of the sensors: a file, or YAML; empty for none")),
+        terrain=str(get("terrain", FLAT, "Ground: a name of models/config/terrain.yaml, or flat")),
         payload=float(get("payload", 0.0, "Mass unknown to the laws [kg]", low=0.0, high=100.0)),
         slow_rate=float(get("slow_rate", 100.0, "Rate of /clock and /ground_truth/odom [Hz]", low=1.0, high=1000.0)),
         max_age=round(NANOSECONDS * float(get("max_command_age", config.max_command_age, age, low=0.001, high=1.0))),

@@ -94,6 +94,11 @@ class GaitPlanner:
         return self._soles.holds
 
     @property
+    def trips(self) -> int:
+        """How often a swing foot was caught by something so far."""
+        return self._swing.trips
+
+    @property
     def walking(self) -> bool:
         """Whether steps are being taken, or the weight is on its way back to the middle."""
         return self.phase is not GaitPhase.STAND

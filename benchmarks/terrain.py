@@ -1,0 +1,222 @@
+"""Blind walking on uneven, slippery and soft ground, with a payload and with late commands: who gets through."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.terrain_fall import draw_fall, last_moments
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT, default_config
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.terrain import FLAT, terrain_named
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Condition:
+    """What makes a walk hard.
+
+    Attributes:
+        terrain: Name of the ground, see ``models/config/terrain.yaml``; random tiles get the seed of the case.
+        friction: Coulomb coefficient [-]; the robot's own when None.
+        payload: Mass at the torso that no law knows of, as a share of the robot's [-].
+        delay: Of the joint targets, on top of the usual delay of sensors and commands [s].
+    """
+
+    terrain: str = FLAT
+    friction: Positive | None = None
+    payload: NonNegative = 0.0
+    delay: NonNegative = 0.0
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class TerrainConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/terrain.yaml``."""
+
+    speed: Positive
+    duration: Positive
+    distance_share: Share
+    required_share: Share
+    record_period: Positive
+    shown: Positive
+    conditions: dict[str, Condition]
+    goals: dict[str, Condition]
+
+
+@cache
+def _config() -> TerrainConfig:
+    return default_config(TerrainConfig, "benchmarks", "terrain")
+
+
+@cache
+def _robot(name: str) -> RobotModel:
+    return RobotModel.load(name)
+
+
+def walk(robot: str, seed: int, scenario: str) -> Case:
+    """Walk straight ahead under one condition.
+
+    Args:
+        robot: Name of a profile.
+        seed: Of sensor noise and of random tiles.
+        scenario: Name of the condition.
+
+    Returns:
+        ``fell``, ``reason``, ``time`` until the end or the fall [s], ``distance`` along the heading at the start [m],
+        ``survived``, ``trips`` (feet that were caught), ``foot_slip`` [m], and of a walk that did not survive
+        ``moments``, its last moments.
+    """
+    config = _config()
+    condition = {**config.conditions, **config.goals}[scenario]
+    model = _robot(robot)
+    latency = model.profile.sensors.latency
+    loop = ClosedLoop(
+        model,
+        seed=seed,
+        terrain=terrain_named(condition.terrain, seed=seed),
+        friction=condition.friction,
+        payload_kg=condition.payload * model.mass,
+        delay_s=latency.sensors + latency.commands + condition.delay,
+        record_period_s=config.record_period,
+    )
+    loop.command("walk")
+    loop.set_velocity(config.speed, 0.0, 0.0)
+    x, y, _, qx, qy, qz, qw = loop.truth.q[:7]
+    heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+    start = loop.t
+    while loop.t - start < config.duration and not loop.fallen:
+        loop.run(0.1)
+    moved = loop.truth.q[:2] - (x, y)
+    distance = float(moved @ (math.cos(heading), math.sin(heading)))
+    survived = not loop.fallen and distance >= config.distance_share * config.speed * config.duration
+    outcome: Case = {
+        "fell": loop.fallen,
+        "reason": loop.fall_reason or "; ".join(loop.faults),
+        "time": loop.t - start,
+        "distance": distance,
+        "survived": survived,
+        "trips": loop.gait.trips,
+        "foot_slip": float(loop.foot_slip.max()),
+    }
+    return outcome if survived else {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+def cases(robot: str, seeds: int, scenarios: tuple[str, ...] = ()) -> list[Case]:
+    """Inputs of every case: the conditions that have a bound, or those chosen.
+
+    Raises:
+        ConfigError: A chosen condition is unknown.
+    """
+    config = _config()
+    known = [*config.conditions, *config.goals]
+    unknown = [name for name in scenarios if name not in known]
+    if unknown:
+        raise ConfigError(f"bench terrain: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    chosen = scenarios or tuple(config.conditions)
+    return [{"robot": robot, "seed": seed, "scenario": name} for name in chosen for seed in range(seeds)]
+
+
+def judge(results: list[Case]) -> tuple[dict[str, float], list[str]]:
+    """Figures of the results, and every bound that does not hold."""
+    config, figures, broken = _config(), {}, []
+    for name in dict.fromkeys(case["scenario"] for case in results):
+        of = [case for case in results if case["scenario"] == name]
+        survived = sum(case["survived"] for case in of)
+        figures[f"survived_{name}"], figures[f"total_{name}"] = float(survived), float(len(of))
+        figures[f"distance_{name}_m"] = float(np.mean([case["distance"] for case in of]))
+        if name in config.conditions and survived < config.required_share * len(of):
+            broken.append(f"{name}: {survived} of {len(of)} survived")
+        broken += [
+            f"{name}, seed {case['seed']}: {case['reason'] or 'too slow'} after {case['time']:.1f} s, "
+            f"{case['distance']:.2f} m"
+            for case in of
+            if not case["survived"]
+        ]
+    return figures, broken
+
+
+def run(options: Options) -> Report:
+    """The chosen conditions, once a seed.
+
+    Args:
+        options: Robot, seeds, workers and conditions.
+
+    Returns:
+        Of each condition ``survived_`` of ``total_`` walks and the mean ``distance_`` [m].
+
+    Raises:
+        ConfigError: A chosen condition is unknown.
+    """
+    load = LoadMeter()
+    wanted = cases(options.robot, options.seeds, options.scenarios)
+    results = run_cases(walk, wanted, title=f"terrain {options.robot}", workers=options.workers)
+    figures, notes = judge(results)
+    return Report(
+        bench="terrain",
+        robot=options.robot,
+        seeds=options.seeds,
+        figures=figures,
+        cases=results,
+        passed=passed(figures),
+        load=load.read(),
+        notes=notes,
+    )
+
+
+def passed(figures: dict[str, float]) -> bool:
+    """Whether enough walks of every measured condition that has a bound survived."""
+    config = _config()
+    return all(
+        figures[f"survived_{name}"] >= config.required_share * figures[f"total_{name}"]
+        for name in config.conditions
+        if f"total_{name}" in figures
+    )
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw how far every walk came, and the last moments of the first failure of each condition.
+
+    Args:
+        report: What ``run`` found.
+        folder: Where the pictures go.
+
+    Returns:
+        The files written.
+    """
+    config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
+    figure = new_figure(1.0 + 0.9 * len(names), 3.6)
+    axes = figure.add_subplot(1, 1, 1)
+    for survived, colour in ((True, "#1b6ca8"), (False, "#c0392b")):
+        chosen = [case for case in report.cases if case["survived"] == survived]
+        places = [names.index(case["scenario"]) + 0.3 * (case["seed"] / max(report.seeds, 1) - 0.5) for case in chosen]
+        label = "survived" if survived else "did not"
+        axes.plot(places, [case["distance"] for case in chosen], "o", markersize=4, color=colour, label=label)
+    commanded = config.speed * config.duration
+    axes.axhline(commanded, color="k", linewidth=0.8)
+    axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--")
+    axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
+    axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(fontsize=8)
+    files = [folder / f"terrain-{report.robot}.png"]
+    figure.savefig(files[0], dpi=110)
+    for name in names:
+        failed = [case for case in report.cases if case["scenario"] == name and not case["survived"]]
+        if failed:
+            files.append(folder / f"terrain-{report.robot}-{name}.png")
+            title = f"{report.robot}, {name}, seed {failed[0]['seed']}: {failed[0]['reason'] or 'too slow'}"
+            draw_fall(failed[0]["moments"], title, files[-1])
+    return files

@@ -1,0 +1,91 @@
+"""The benchmark on uneven ground: its cases, that every bound decides, and the picture of a fall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import terrain
+from benchmarks.harness import Report
+from benchmarks.terrain_fall import last_moments
+from bridge.closed_loop import ClosedLoop
+from models.errors import ConfigError
+from models.terrain import terrains
+
+CONFIG = terrain._config()
+
+
+def good(seeds: int) -> list[dict[str, Any]]:
+    """Results of walks that all survived."""
+    outcome = {"fell": False, "reason": "", "time": 20.0, "distance": 5.9, "survived": True, "trips": 0}
+    return [{**case, **outcome} for case in terrain.cases("g1", seeds)]
+
+
+def test_the_issue_s_conditions_have_a_bound_and_known_grounds() -> None:
+    assert set(CONFIG.conditions) == {
+        "tiles", "slope_up", "slope_down", "slope_across", "friction", "payload", "delay",
+    }  # fmt: skip
+    assert {condition.terrain for condition in {**CONFIG.conditions, **CONFIG.goals}.values()} <= set(terrains())
+    assert terrains()["tiles"].height == 0.03
+    assert np.degrees(terrains()["slope_up"].pitch) == pytest.approx(8.0, abs=0.01)
+
+
+def test_the_cases_are_the_bounded_conditions_or_those_chosen() -> None:
+    assert {case["scenario"] for case in terrain.cases("g1", 2)} == set(CONFIG.conditions)
+    assert [case["seed"] for case in terrain.cases("g1", 2, ("soft",))] == [0, 1]
+    with pytest.raises(ConfigError, match="unknown scenario 'lava'; known: tiles"):
+        terrain.cases("g1", 1, ("lava",))
+
+
+def test_walks_that_survive_pass() -> None:
+    figures, notes = terrain.judge(good(2))
+    assert terrain.passed(figures) and notes == []
+    assert figures["survived_tiles"] == figures["total_tiles"] == 2.0
+
+
+@pytest.mark.parametrize(("failures", "passes"), [(2, True), (3, False)])
+@pytest.mark.parametrize("name", list(CONFIG.conditions))
+def test_eighteen_of_twenty_decide(name: str, failures: int, passes: bool) -> None:
+    results = good(20)
+    for case in [case for case in results if case["scenario"] == name][:failures]:
+        case.update(survived=False, reason="base tilted")
+    figures, notes = terrain.judge(results)
+    assert terrain.passed(figures) is passes
+    assert any(f"{name}: {20 - failures} of 20" in note for note in notes) is not passes
+    assert sum("base tilted" in note for note in notes) == failures
+
+
+def test_goals_have_no_bound() -> None:
+    results = [{**case, **good(1)[0], "scenario": "slippery", "survived": False} for case in terrain.cases("g1", 1)]
+    figures, _ = terrain.judge(results)
+    assert figures["survived_slippery"] == 0.0 and terrain.passed(figures)
+
+
+def test_the_last_moments_of_a_walk_are_drawn(tmp_path: Path) -> None:
+    loop = ClosedLoop("g1", record_period_s=0.01)
+    loop.run(0.3)
+    moments = last_moments(loop, 0.2)
+    assert moments["t"][-1] - moments["t"][0] == pytest.approx(0.2, abs=0.011)
+    left, right = np.array(moments["left"]), np.array(moments["right"])
+    assert (left[:, 1] > 0.05).all() and (right[:, 1] < -0.05).all()
+    assert np.abs(np.array(moments["dcm"])).max() < 0.05
+    assert np.array(moments["loads"]).sum(axis=1) == pytest.approx(loop.robot.mass * 9.81, rel=0.1)
+    results = good(1)
+    results[0].update(survived=False, reason="base tilted", moments=moments)
+    report = Report("terrain", "g1", 1, {}, results, False, {})
+    files = terrain.plot(report, tmp_path)
+    assert [file.name for file in files] == ["terrain-g1.png", "terrain-g1-tiles.png"]
+    assert all(file.stat().st_size > 10_000 for file in files)
+
+
+def test_a_walk_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second is too short to walk the commanded distance from a standstill."""
+    config = CONFIG.__class__(**{**{name: getattr(CONFIG, name) for name in CONFIG.__slots__}, "duration": 1.0})
+    monkeypatch.setattr(terrain, "_config", lambda: config)
+    case = terrain.walk("g1", 0, "payload")
+    assert not case["fell"] and not case["survived"] and 0.0 < case["distance"] < 0.21
+    assert case["time"] == pytest.approx(1.0) and case["trips"] == 0
+    assert len(case["moments"]["t"]) > 100
