@@ -137,3 +137,11 @@ def test_unknown_modes_are_refused_by_name(bridge: MujocoBridge) -> None:
     assert bridge.counters[f"refused {topics.MODE}"] == 1
     assert "unknown mode 'fly'" in bridge.values["last refusal"]
     assert bridge._driven.awaits_command
+
+
+def test_the_ground_is_laid_or_refused(bench: Any) -> None:
+    bridge = bench.add(MujocoBridge, terrain="slope_up")
+    assert bridge._driven.plant.ground.height(5.0, 0.0) > 0.5
+    bench.remove(bridge)
+    bridge = bench.add(MujocoBridge, active=False, terrain="lava")
+    assert "terrain: unknown 'lava'; known: flat, tiles" in bridge.message
