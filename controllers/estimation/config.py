@@ -48,11 +48,16 @@ class InertialNoise:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class KinematicNoise:
-    """What the filter assumes of the sole pose computed from the encoders, per sample."""
+    """What the filter assumes of the sole pose computed from the encoders.
 
-    encoder_steps: Annotated[float, Field(ge=0.0, description="white noise of a joint position, in encoder steps [-]")]
+    The error is new at each sample while the joints move by a step a sample or more. While they hardly move it stays,
+    and wanders: as a random walk that makes up the whole variance in ``persistence``.
+    """
+
+    encoder_steps: Annotated[float, Field(ge=0.0, description="error of a joint position, in encoder steps [-]")]
     position: Annotated[float, Field(gt=0.0, description="model error of a sole position [m]")]
     orientation: Annotated[float, Field(gt=0.0, description="model error of a sole orientation [rad]")]
+    persistence: Annotated[float, Field(gt=0.0, description="time in which it wanders over its variance, twice [s]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -123,12 +128,13 @@ class FootNoise:
 
     slip: Annotated[float, Field(gt=0.0, description="horizontal position, foot bearing [m/sqrt(s)]")]
     sink: Annotated[float, Field(gt=0.0, description="height, foot bearing for long [m/sqrt(s)]")]
-    settling: Annotated[float, Field(gt=0.0, description="height, foot just landed [m/sqrt(s)]")]
-    settle_time: Annotated[float, Field(ge=0.0, description="how long a foot that has landed settles [s]")]
+    settling: Annotated[float, Field(gt=0.0, description="height, foot just landed or tipped [m/sqrt(s)]")]
+    settle_time: Annotated[float, Field(ge=0.0, description="how long a foot settles after that [s]")]
     swing: Annotated[float, Field(gt=0.0, description="position, foot in the air [m/sqrt(s)]")]
     flat: Annotated[float, Field(gt=0.0, description="orientation, sole flat on the ground [rad/sqrt(s)]")]
     tipping: Annotated[float, Field(gt=0.0, description="orientation, CoP at an edge [rad/sqrt(s)]")]
     swing_rotation: Annotated[float, Field(gt=0.0, description="orientation, foot in the air [rad/sqrt(s)]")]
+    pivot: Annotated[float, Field(ge=0.0, description="error of the point about which a bearing sole turns [m]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -150,6 +156,7 @@ class InitialConfig:
     velocity: Annotated[float, Field(gt=0.0, description="base velocity [m/s]")]
     force: Annotated[float, Field(gt=0.0, description="first specific force, vibration included [m/s^2]")]
     floor: Annotated[float, Field(gt=0.0, description="slope of the floor under the first stance [rad]")]
+    sole: Annotated[float, Field(gt=0.0, description="of each sole's measured tilt on that floor [rad]")]
     heading: Annotated[float, Field(gt=0.0, description="yaw; a convention, so small [rad]")]
     position: Annotated[float, Field(gt=0.0, description="base position x and y; a convention, so small [m]")]
     height: Annotated[float, Field(gt=0.0, description="of the soles above the floor, z = 0 [m]")]

@@ -90,7 +90,7 @@ class StateEstimator:
         self._t = 0.0
         self._rate = np.zeros(3)
         encoders = model.profile.sensors.encoders
-        joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2
+        joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2 + encoders.offset**2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
         self._warm_up()
 
@@ -242,7 +242,10 @@ class StateEstimator:
         self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
         np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
         self._rate *= 0.5
-        self.filter.predict(self._rate, imu[1], dt, self._contacts.densities, self._contacts.pivots, scale)
+        self.filter.predict(
+            self._rate, imu[1], dt, self._contacts.densities, self._contacts.pivots, scale,
+            self._kinematics.covariances,
+        )  # fmt: skip
 
     def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
         """Advance the force observer; over missing samples it takes one longer step afterwards."""

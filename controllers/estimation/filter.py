@@ -46,6 +46,8 @@ _LEVEL_GATE = 3.0
 """Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]."""
 _LYING = 1e-6
 """Sine of the angle between up and the base's x axis below which the robot lies and that axis has no heading [-]."""
+FULLY_TRUSTED = 1.01
+"""Factor on ``foot.slip`` below which the random walk of a foot is that of one that bears, rounding aside [-]."""
 _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
 _REST_MINUS = np.full(3, -1)
 
@@ -79,17 +81,20 @@ class InvariantFilter:
         self._rest_noise = np.eye(3) * config.rest.velocity**2
         # Both soles stand on the same floor, so its slope is common to them.
         common = np.tile(np.eye(2, dtype=np.float64), (2, 2)) * config.initial.floor**2  # (4, 4)
-        self._level_noise: Matrix = common + np.eye(4) * config.kinematics.orientation**2
+        self._level_noise: Matrix = common + np.eye(4) * config.initial.sole**2
         imu = config.imu
         self._densities = np.array([imu.gyro_noise, imu.accel_noise, imu.gyro_bias_walk, imu.accel_bias_walk]) ** 2
         self._imu_variances = np.zeros(4)
         self._foot_variances = np.zeros((2, 3))
+        self._wander = np.zeros((2, 6, 6))
         foot = config.foot
         # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
         span = math.log(foot.swing / foot.slip)
         self._exponents = (math.log(foot.swing / foot.settling) / span, math.log(foot.swing / foot.sink) / span)
         self._middle = math.sqrt(foot.swing * foot.slip)
-        self._standing = [0.0, 0.0]
+        self._middle_rotation = math.sqrt(foot.tipping * foot.flat)
+        self._standing = [math.inf, math.inf]
+        self._bore = [False, False]
 
     def initialise(self, kinematics: SoleKinematics, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
@@ -117,7 +122,9 @@ class InvariantFilter:
             self.soles[foot] = self.rotation @ kinematics.rotations[foot]
         self.biases[:] = 0.0
         self.innovation[:] = 0.0
-        self._standing[:] = 0.0, 0.0
+        # The give of the soles under the first load is part of ``initial.height``: only what bore can settle again.
+        self._standing[:] = math.inf, math.inf
+        self._bore[:] = False, False
         self._initialise_covariance(kinematics)
 
     def _initialise_covariance(self, kinematics: SoleKinematics) -> None:
@@ -151,7 +158,14 @@ class InvariantFilter:
         covariance[:] = 0.5 * (covariance + covariance.T)
 
     def predict(
-        self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, pivots: Matrix, scale: float
+        self,
+        rate: Vector,
+        force: Vector,
+        dt: float,
+        foot_densities: Matrix,
+        pivots: Matrix,
+        scale: float,
+        sole_noise: Matrix,
     ) -> None:
         """Propagate by one step.
 
@@ -162,19 +176,27 @@ class InvariantFilter:
             foot_densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
             pivots: Point of each sole about which it turns, in its frame (2, 2) [m].
             scale: Multiplier of the inertial noise densities [-].
+            sole_noise: Covariance of the sole poses that the encoders give, in the sole frames (2, 6, 6).
         """
+        np.multiply(sole_noise, 2.0 * dt / self._config.kinematics.persistence, out=self._wander)
         np.multiply(self._densities, scale * scale * dt, out=self._imu_variances)
         config, variances = self._config.foot, self._foot_variances
         for foot in range(2):
             position, orientation = float(foot_densities[foot, 0]), float(foot_densities[foot, 1])
-            self._standing[foot] = self._standing[foot] + dt if position < self._middle else 0.0
-            exponent = self._exponents[self._standing[foot] > config.settle_time]
+            lies = orientation < self._middle_rotation
+            self._bore[foot] |= lies and position < FULLY_TRUSTED * config.slip
+            if lies and position < self._middle:
+                self._standing[foot] += dt
+            elif self._bore[foot]:
+                self._standing[foot] = 0.0
+            exponent = self._exponents[int(self._standing[foot] > config.settle_time)]
             height = config.swing * (position / config.swing) ** exponent
-            variances[foot] = position * position, height * height, orientation * orientation
+            lift = config.pivot * orientation  # of a sole that turns about a point this far from where it is thought
+            variances[foot] = position * position, height * height + lift * lift, orientation * orientation
         variances *= dt
         predict(
             self.rotation, self.vectors, self.soles, self.covariance, rate - self.biases[0], force - self.biases[1],
-            dt, self._config.gravity, pivots, self._foot_variances, self._imu_variances,
+            dt, self._config.gravity, pivots, self._foot_variances, self._imu_variances, self._wander,
         )  # fmt: skip
 
     def measure_soles(self, kinematics: SoleKinematics) -> int:

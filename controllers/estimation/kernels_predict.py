@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.estimation.so3 import exponential, left_jacobian, multiply, orthonormalise, rotate
+from controllers.estimation.so3 import exponential, left_jacobian, multiply, orthonormalise, rotate, turn_noise
 from models.compiled import njit
 
 Array = NDArray[np.float64]
@@ -90,8 +90,9 @@ def apply_transition(rotation: Array, vectors: Array, dt: float, gravity: float,
 
 @njit(cache=True)
 def add_process_noise(
-    vectors: Array, soles: Array, covariance: Array, pivots: Array, foot_variances: Array, imu_variances: Array
-) -> None:
+    vectors: Array, soles: Array, covariance: Array, pivots: Array, foot_variances: Array, imu_variances: Array,
+    wander: Array,
+) -> None:  # fmt: skip
     """Add the noise that one step brings.
 
     Args:
@@ -101,6 +102,7 @@ def add_process_noise(
         pivots: Point of each sole about which it turns, in its frame (2, 2) [m].
         foot_variances: Of horizontal position, height and orientation of each foot over the step (2, 3) [m^2, rad^2].
         imu_variances: Of angle, velocity, gyro bias and accelerometer bias over the step (4,).
+        wander: Of the measured sole poses' error over the step, in each sole frame (2, 6, 6) [m^2, m.rad, rad^2].
     """
     gain = np.zeros((15, 3))  # [I; [v]x; [p]x; [d_L]x; [d_R]x]: gyro noise in the right-invariant error
     for i in range(3):
@@ -121,6 +123,7 @@ def add_process_noise(
         covariance[ACCEL_BIAS + i, ACCEL_BIAS + i] += imu_variances[3]
     lever = np.zeros((3, 3))  # [r]x, r = sole origin minus pivot in W
     r = np.empty(3)
+    slow = np.empty((6, 6))
     for foot in range(2):
         d, z = FOOT + 3 * foot, SOLE + 3 * foot
         tip = foot_variances[foot, 2]
@@ -138,6 +141,14 @@ def add_process_noise(
                 covariance[z + j, d + i] -= tip * lever[i, j]
                 for k in range(3):
                     covariance[d + i, d + j] += tip * lever[i, k] * lever[j, k]
+        # The filter's sole is where the encoders see it, so it moves as their error does.
+        turn_noise(soles[foot], wander[foot], slow)
+        for i in range(3):
+            for j in range(3):
+                covariance[d + i, d + j] += slow[i, j]
+                covariance[d + i, z + j] += slow[i, 3 + j]
+                covariance[z + i, d + j] += slow[3 + i, j]
+                covariance[z + i, z + j] += slow[3 + i, 3 + j]
 
 
 @njit(cache=True)
@@ -153,6 +164,7 @@ def predict(
     pivots: Array,
     foot_variances: Array,
     imu_variances: Array,
+    wander: Array,
 ) -> None:
     """Propagate state and covariance by ``dt``, in place.
 
@@ -168,6 +180,7 @@ def predict(
         pivots: See ``add_process_noise``.
         foot_variances: See ``add_process_noise``.
         imu_variances: See ``add_process_noise``.
+        wander: See ``add_process_noise``.
     """
     angle = np.empty(3)
     turn = np.empty((3, 3))
@@ -194,7 +207,7 @@ def predict(
             mean = 0.5 * (transposed[i, j] + transposed[j, i])
             covariance[i, j] = mean
             covariance[j, i] = mean
-    add_process_noise(centre, soles, covariance, pivots, foot_variances, imu_variances)
+    add_process_noise(centre, soles, covariance, pivots, foot_variances, imu_variances, wander)
 
 
 @njit(cache=True)

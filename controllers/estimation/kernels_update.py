@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.kernels_predict import SIZE
-from controllers.estimation.so3 import logarithm, multiply, rotate
+from controllers.estimation.so3 import logarithm, multiply, rotate, turn_noise
 from models.compiled import njit
 
 Array = NDArray[np.float64]
@@ -163,12 +163,4 @@ def foot_residual(
     logarithm(turn, turned)
     for i in range(3):
         residual[3 + i] = turned[i]
-    for a in range(0, 6, 3):
-        for b in range(0, 6, 3):
-            for i in range(3):
-                for j in range(3):
-                    total = 0.0
-                    for k in range(3):
-                        for n in range(3):
-                            total += measured[i, k] * noise[a + k, b + n] * measured[j, n]
-                    world_noise[a + i, b + j] = total
+    turn_noise(measured, noise, world_noise)

@@ -38,6 +38,24 @@ def rotate_transposed(rotation: Array, x: Array, out: Array) -> None:
 
 
 @njit(cache=True)
+def turn_noise(rotation: Array, noise: Array, out: Array) -> None:
+    """Covariance (6, 6) of two vectors (linear, angular) in the frame that ``rotation`` (3, 3) turns them into."""
+    half = np.empty((3, 6))
+    for a in range(0, 6, 3):
+        for i in range(3):
+            for j in range(6):
+                half[i, j] = (
+                    rotation[i, 0] * noise[a, j] + rotation[i, 1] * noise[a + 1, j] + rotation[i, 2] * noise[a + 2, j]
+                )
+        for b in range(0, 6, 3):
+            for i in range(3):
+                for j in range(3):
+                    out[a + i, b + j] = (
+                        half[i, b] * rotation[j, 0] + half[i, b + 1] * rotation[j, 1] + half[i, b + 2] * rotation[j, 2]
+                    )
+
+
+@njit(cache=True)
 def _polynomial(phi: Array, a: float, b: float, out: Array) -> None:
     """``I + a [phi]x + b [phi]x^2`` (3, 3)."""
     x, y, z = phi[0], phi[1], phi[2]

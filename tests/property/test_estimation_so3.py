@@ -7,7 +7,14 @@ import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.estimation.so3 import exponential, left_jacobian, logarithm, orthonormalise, to_quaternion
+from controllers.estimation.so3 import (
+    exponential,
+    left_jacobian,
+    logarithm,
+    orthonormalise,
+    to_quaternion,
+    turn_noise,
+)
 
 coordinate = st.floats(-1.0, 1.0, allow_subnormal=False)
 direction = st.tuples(coordinate, coordinate, coordinate).filter(lambda v: np.linalg.norm(v) > 1e-3)
@@ -121,3 +128,14 @@ def test_series_and_closed_forms_meet(size: float, axis: tuple[float, float, flo
     left_jacobian(1.001 * phi, far)
     assert np.abs(near - far).max() <= 1e-3 * size + 1e-11
     assert np.abs(exp(phi) - exp(1.001 * phi)).max() <= 2e-3 * size + 1e-11
+
+
+@settings(max_examples=100, deadline=None)
+@given(direction, angle, st.integers(0, 2**32 - 1))
+def test_noise_turns_with_the_frame(axis: tuple[float, float, float], size: float, seed: int) -> None:
+    root = np.random.default_rng(seed).normal(size=(6, 6))
+    noise, out = root @ root.T, np.empty((6, 6))
+    rotation = exp(vector(axis, size))
+    turn_noise(rotation, noise, out)
+    both = np.kron(np.eye(2), rotation)
+    np.testing.assert_allclose(out, both @ noise @ both.T, atol=1e-12 * np.trace(noise))

@@ -48,6 +48,8 @@ def test_sound_runs_pass() -> None:
         ("stand", {"ok": False}, "nobody fell"),
         ("stand", {"nees": {name: [2.5 * rows.size] * 4 for name, rows in PARTS.items()}}, "nees_velocity <"),
         ("walk", {"nees": {name: [2.5 * rows.size] * 4 for name, rows in PARTS.items()}}, "nees_joint <"),
+        ("stand", {"nees": {name: [0.4 * rows.size] * 4 for name, rows in PARTS.items()}}, "nees_height >"),
+        ("wave", {"nees": {name: [0.4 * rows.size] * 4 for name, rows in PARTS.items()}}, "nees_joint >"),
     ],
 )
 def test_every_bound_can_fail(scenario: str, changes: dict[str, object], bound: str) -> None:

@@ -27,6 +27,8 @@ from models.profile import ImuSensor
 
 CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
 DT, GRAVITY = 0.001, 9.81
+EXACT = np.zeros((2, 6, 6))
+"""Noise of sole poses that are without."""
 FOOT_PLUS = np.array([6, 7, 8, 0, 1, 2])
 FOOT_MINUS = [np.array([9, 10, 11, 15, 16, 17]), np.array([12, 13, 14, 18, 19, 20])]
 
@@ -66,7 +68,7 @@ class State:
         covariance = np.eye(SIZE) if covariance is None else covariance
         predict(
             result.rotation, result.vectors, result.soles, covariance, rate - self.biases[0], force - self.biases[1],
-            DT, GRAVITY, np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(4),
+            DT, GRAVITY, np.zeros((2, 2)), np.zeros((2, 3)), np.zeros(4), EXACT,
         )  # fmt: skip
         return result
 
@@ -162,7 +164,7 @@ def test_a_foot_turns_about_its_pivot() -> None:
     tip = np.array([2e-3, 3e-3])
     covariance = np.zeros((SIZE, SIZE))
     add_process_noise(
-        true.vectors, true.soles, covariance, cops, np.column_stack([np.zeros((2, 2)), tip**2]), np.zeros(4)
+        true.vectors, true.soles, covariance, cops, np.column_stack([np.zeros((2, 2)), tip**2]), np.zeros(4), EXACT
     )
     expected = np.zeros((SIZE, SIZE))
     step = 1e-6
@@ -183,7 +185,7 @@ def test_gyro_noise_enters_like_a_bias_over_one_step() -> None:
     true = State.random(rng)
     covariance = np.zeros((SIZE, SIZE))
     add_process_noise(
-        true.vectors, true.soles, covariance, np.zeros((2, 2)), np.zeros((2, 3)), np.array([1.0, 0, 0, 0])
+        true.vectors, true.soles, covariance, np.zeros((2, 2)), np.zeros((2, 3)), np.array([1.0, 0, 0, 0]), EXACT
     )
     transition, small = np.eye(SIZE), 1e-7
     apply_transition(true.rotation, true.vectors, small, GRAVITY, transition)
@@ -260,7 +262,7 @@ def test_covariance_stays_positive_definite_through_swings_and_long_runs() -> No
     for k in range(20000):
         densities = np.array([quiet, swing] if (k // 300) % 2 else [swing, quiet])
         filter_.predict(
-            rng.normal(size=3), 10.0 * rng.normal(size=3), DT, densities, 0.05 * rng.normal(size=(2, 2)), 1.0
+            rng.normal(size=3), 10.0 * rng.normal(size=3), DT, densities, 0.05 * rng.normal(size=(2, 2)), 1.0, EXACT
         )
         for foot in range(2):
             assert correct(filter_.covariance, FOOT_PLUS, FOOT_MINUS[foot], residual, noise, 1e9, error) >= 0.0
@@ -291,23 +293,74 @@ def test_level_floor_corrects_tilt_but_a_slope_is_left_alone() -> None:
             np.testing.assert_array_equal(left, pin.log3(turn))
 
 
+FOOT_NOISE = CONFIG.foot
+BEARS, SWINGS = (FOOT_NOISE.slip, FOOT_NOISE.flat), (FOOT_NOISE.swing, FOOT_NOISE.swing_rotation)
+TIPS = (FOOT_NOISE.slip, FOOT_NOISE.tipping)
+BRIEFLY, LONG = round(0.5 * FOOT_NOISE.settle_time / DT), round(FOOT_NOISE.settle_time / DT)
+
+
 @pytest.mark.parametrize(
-    ("state", "height"),
-    [("swing", CONFIG.foot.swing), ("landed", CONFIG.foot.settling), ("bearing", CONFIG.foot.sink)],
+    ("past", "now", "height"),
+    [
+        ([], BEARS, FOOT_NOISE.sink),  # the give under the first load is in the initial height
+        ([SWINGS] * 10, BEARS, FOOT_NOISE.sink),
+        ([BEARS], SWINGS, FOOT_NOISE.swing),
+        ([BEARS, SWINGS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.settling),
+        ([BEARS, SWINGS] + [BEARS] * LONG, BEARS, FOOT_NOISE.sink),
+        ([BEARS, TIPS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.settling),
+        ([BEARS, TIPS] + [BEARS] * LONG, BEARS, FOOT_NOISE.sink),
+    ],
 )
-def test_height_of_a_foot_wanders_less_the_longer_it_bears(state: str, height: float) -> None:
-    filter_, foot = InvariantFilter(CONFIG), CONFIG.foot
-    bears = np.tile([foot.slip, foot.flat], (2, 1))
-    swings = np.tile([foot.swing, foot.swing_rotation], (2, 1))
-    past = {"swing": 0.0, "landed": 0.5 * foot.settle_time, "bearing": foot.settle_time}[state]
-    for densities in [swings] + [bears] * round(past / DT):
-        filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, densities, np.zeros((2, 2)), 1.0)
+def test_height_of_a_foot_wanders_less_the_longer_it_lies(
+    past: list[tuple[float, float]], now: tuple[float, float], height: float
+) -> None:
+    filter_ = InvariantFilter(CONFIG)
+    for densities in past:
+        advance(filter_, densities)
     filter_.vectors[2:] = 0.0  # no lever for the noise of the gyro
     filter_.covariance[:] = 0.0
-    densities = swings if state == "swing" else bears
-    filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, densities, np.zeros((2, 2)), 1.0)
-    expected = np.array([densities[0, 0], densities[0, 0], height])
+    advance(filter_, now)
+    expected = np.array([now[0], now[0], np.hypot(height, FOOT_NOISE.pivot * now[1])])
     np.testing.assert_allclose(np.diag(filter_.covariance)[FOOT : FOOT + 6], np.tile(expected**2 * DT, 2), rtol=1e-9)
+
+
+def advance(filter_: InvariantFilter, densities: tuple[float, float], noise: np.ndarray = EXACT) -> None:
+    """One step at rest, both feet alike."""
+    both = np.tile(densities, (2, 1))
+    filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, both, np.zeros((2, 2)), 1.0, noise)
+
+
+def test_error_of_the_encoders_wanders_while_the_robot_stands() -> None:
+    """Twice its variance in the persistence, turned into W, position and orientation together."""
+    rng, config = np.random.default_rng(13), CONFIG.kinematics
+    noise = np.array([positive_definite(rng, 6) for _ in range(2)])
+    with_, without = InvariantFilter(CONFIG), InvariantFilter(CONFIG)
+    soles = [np.ascontiguousarray(pin.exp3(rng.normal(size=3))) for _ in range(2)]
+    steps = 5
+    for filter_, given in ((with_, noise), (without, EXACT)):
+        filter_.soles[:] = soles
+        filter_.covariance[:] = 0.0
+        for _ in range(steps):
+            advance(filter_, BEARS, given)
+    expected = np.zeros((SIZE, SIZE))
+    for foot in range(2):
+        turn, rows = np.kron(np.eye(2), soles[foot]), FOOT_MINUS[foot]
+        expected[np.ix_(rows, rows)] = 2.0 * steps * DT / config.persistence * turn @ noise[foot] @ turn.T
+    np.testing.assert_allclose(with_.covariance - without.covariance, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_levelling_does_not_trust_a_sole_more_than_its_encoders_zeros() -> None:
+    """Soles that disagree about the floor: each keeps its share of the tilt that it has against the other."""
+    filter_, sole = InvariantFilter(CONFIG), CONFIG.initial.sole
+    filter_.covariance[:] = 1e-12 * np.eye(SIZE)
+    rows = [SOLE, SOLE + 1, SOLE + 3, SOLE + 4]
+    filter_.covariance[rows, rows] = sole**2
+    tilt = 0.5 * sole
+    for foot, sign in ((0, 1.0), (1, -1.0)):
+        filter_.soles[foot] = pin.exp3(np.array([sign * tilt, 0.0, 0.0]))
+    assert filter_.measure_level() == 0
+    for foot, sign in ((0, 1.0), (1, -1.0)):
+        np.testing.assert_allclose(pin.log3(filter_.soles[foot]), [sign * 0.5 * tilt, 0.0, 0.0], atol=1e-3 * tilt)
 
 
 def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
@@ -382,7 +435,7 @@ def test_an_accelerometer_bias_does_not_leak_into_yaw() -> None:
         filter_.initialise(soles, np.array([0.0, 0.0, GRAVITY]))
         yaw = filter_.covariance[2, 2]
         for _ in range(2000):
-            filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]) + bias, DT, quiet, np.zeros((2, 2)), 1.0)
+            filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]) + bias, DT, quiet, np.zeros((2, 2)), 1.0, EXACT)
             assert filter_.measure_soles(soles) == 0
             assert filter_.covariance[2, 2] >= yaw * (1.0 - 1e-9)
             yaw = filter_.covariance[2, 2]

@@ -91,7 +91,7 @@ def test_covariance_is_that_of_finite_differences(estimator: StateEstimator, rob
     expected += config.imu.gyro_noise**2 / DT * (rate @ rate.T)
     expected += encoders.velocity_noise**2 * (speeds[:, between] @ speeds[:, between].T)
     joints[6:] = 0.0  # times the speed: left out of the twist, see ``odometry_covariance``
-    angle = config.kinematics.encoder_steps * encoders.resolution
+    angle = np.hypot(config.kinematics.encoder_steps * encoders.resolution, encoders.offset)
     expected += angle**2 * (joints[:, between] @ joints[:, between].T)
     pose, twist = estimator.odometry_covariance()
     np.testing.assert_allclose(pose, expected[:6, :6], rtol=1e-6, atol=1e-8 * np.abs(expected[:6, :6]).max())
