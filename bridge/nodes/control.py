@@ -10,6 +10,7 @@ import sys
 
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
+from models.nodes import realtime
 from models.nodes.spin import run
 from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
@@ -17,6 +18,12 @@ from planners.nodes.gait_planner import GaitPlannerNode
 
 def main(args: list[str] | None = None) -> None:
     """Run the three nodes until a signal."""
+    code = _run(args)
+    realtime.release()  # again: the nodes are referred to in there
+    sys.exit(code)
+
+
+def _run(args: list[str] | None) -> int:
     gaits: list[GaitPlannerNode] = []
     controllers: list[BalanceControllerNode] = []
 
@@ -33,7 +40,7 @@ def main(args: list[str] | None = None) -> None:
         gaits[0].tell(stamp)
         return controllers[0].scheduled
 
-    sys.exit(run([gait, controller, lambda: StateEstimatorNode(hand_over)], args))
+    return run([gait, controller, lambda: StateEstimatorNode(hand_over)], args)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,15 @@ def collect() -> None:
     gc.collect()
 
 
+def release() -> None:
+    """Collect what has been frozen too: the ROS context, and with it the middleware's thread that watches the graph.
+
+    That thread must have ended when the process does: the middleware then destroys what the thread reads.
+    """
+    gc.unfreeze()
+    gc.collect()
+
+
 _done: set[str] = set()
 """Steps this process has taken; nodes that share it ask for the same ones."""
 

@@ -15,7 +15,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-from models.nodes.realtime import die_with_parent
+from models.nodes import realtime
 
 SUPERVISED = "POISE_SUPERVISED"
 """Set by the launcher for the processes that are to end with it."""
@@ -76,7 +76,7 @@ def run(
         Exit code: 0 after a signal, 1 when a callback raised.
     """
     if os.environ.get(SUPERVISED):
-        die_with_parent()
+        realtime.die_with_parent()
     os.environ.update(log_variables())
     rclpy.init(args=list(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
@@ -92,9 +92,16 @@ def run(
         traceback.print_exc()
         code = 1
     finally:
-        for node in nodes:
-            node.trigger_shutdown()
-            executor.remove_node(node)
-            node.destroy_node()
+        while nodes:
+            _end(executor, nodes.pop(0))
         try_shutdown()
+    del executor
+    realtime.release()
     return code
+
+
+def _end(executor: Any, node: Any) -> None:
+    """Shut a node down and destroy it."""
+    node.trigger_shutdown()
+    executor.remove_node(node)
+    node.destroy_node()

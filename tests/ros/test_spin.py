@@ -43,3 +43,38 @@ def test_exit_code(ros_domain_id: int, act: str, code: int) -> None:
     assert ended.returncode == code
     assert "shut down" in ended.stdout
     assert ("ValueError: a bug" in ended.stderr) == (code == 1)
+
+
+MAINS = """
+import os, signal
+from importlib import import_module
+from pathlib import Path
+from models.nodes import spin
+
+for module in ("bridge.nodes.mujoco_bridge", "bridge.nodes.control", "controllers.nodes.supervisor"):
+    main, run = import_module(module).main, spin.run
+    def serve(executor, nodes, stop):
+        for node in nodes:
+            node.trigger_configure()
+            node.trigger_activate()
+        executor.spin_once(timeout_sec=0.1)
+    import_module(module).run = lambda factories, args, loop=None: run(factories, args, serve)
+    try:
+        main([])
+    except SystemExit as end:
+        assert end.code == 0
+    threads = {path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")}
+    print(module, sorted(name for name in threads if name.startswith("dds")), flush=True)
+os._exit(0)  # what is left must not decide it
+"""
+
+
+def test_the_middleware_has_ended_before_the_process_does(ros_domain_id: int) -> None:
+    """Its thread that watches the graph would read what the process destroys at its end: one run in twelve crashed."""
+    environment = {**os.environ, **graph_environment()}
+    ended = subprocess.run(
+        [sys.executable, "-c", MAINS], capture_output=True, text=True, timeout=120, env=environment, check=True
+    )
+    lines = ended.stdout.splitlines()
+    assert len(lines) == 3
+    assert [line for line in lines if not line.endswith("[]")] == []
