@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
+import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import ContactState, ControlResult, Matrix, Reference, RobotState
+from models.types import ContactState, ControlResult, JointCommand, Matrix, Reference, RobotState, SolveStatus
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -86,6 +87,7 @@ class WalkingController:
         self._position, self._velocity = np.zeros(3), np.zeros(3)
         self._acceleration = np.zeros(3)
         self._pose = np.eye(4)
+        self._data = model.data()
         self.reference: Reference
         self.capture_margin = 0.0
         self._warm_up()
@@ -105,6 +107,8 @@ class WalkingController:
         self.reference = reference
         terms = self.whole_body.terms
         terms.update(state)
+        if not any(reference.contacts):
+            return self._hang(state, reference)
         self._feed_back(reference)
         command, status = self.whole_body.step(state, reference)
         return ControlResult(
@@ -117,6 +121,22 @@ class WalkingController:
             dcm=self._dcm.copy(),
             zmp=self._cmp.copy(),
             solve_time=self.whole_body.solution.time,
+        )
+
+    def _hang(self, state: RobotState, reference: Reference) -> ControlResult:
+        """In the air there is nothing to push against: the drivers hold the posture and carry the limbs' weight."""
+        model, terms = self.model, self.whole_body.terms
+        gravity = pin.computeGeneralizedGravity(model.pin, self._data, state.q)[6:]
+        tau = np.clip(gravity, -model.tau_max, model.tau_max)
+        return ControlResult(
+            command=JointCommand(reference.posture.copy(), reference.posture_velocity.copy(), tau),
+            status=SolveStatus.OPTIMAL,
+            residual=0.0,
+            acceleration=np.zeros(model.nv),
+            wrenches=np.zeros((2, 6)),
+            com=terms.com.copy(),
+            dcm=terms.com[:2].copy(),
+            zmp=terms.com[:2].copy(),
         )
 
     def _support_pose(self, sole: Matrix, reference: Reference) -> Matrix:

@@ -189,6 +189,23 @@ class GroundConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class LiftConfig:
+    """A robot that is lifted off the floor.
+
+    Attributes:
+        float_time: Both feet without load for so long: it is held as it is, its gait waits [s].
+        up_time: For so long: it has been lifted, the walk is over [s].
+        level_time: It then takes so long to return to the standing posture, for being put down [s].
+        down_time: Both feet loaded for so long: it has been put down [s].
+    """
+
+    float_time: Positive
+    up_time: Positive
+    level_time: Positive
+    down_time: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class GaitConfig:
     """The gait.
 
@@ -202,7 +219,7 @@ class GaitConfig:
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        timing, reach, velocity, swing, adjustment, route, ground: Parts.
+        timing, reach, velocity, swing, adjustment, route, ground, lift: Parts.
     """
 
     leg: Positive
@@ -221,6 +238,7 @@ class GaitConfig:
     adjustment: AdjustmentConfig
     route: RouteConfig
     ground: GroundConfig
+    lift: LiftConfig
 
     @property
     def period(self) -> float:

@@ -18,6 +18,7 @@ from planners.gait.dcm_reference import DcmReference
 from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold, clamped, wrap
 from planners.gait.leg_lever import leg_lever
+from planners.gait.lifted import Lifted
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.plan import StepPlan
 from planners.gait.reaction import SwingReaction
@@ -40,6 +41,8 @@ class GaitPhase(Enum):
     """Both feet; the weight moves to the foot that has just landed."""
     FINISH = "finish"
     """Both feet; the weight returns to the middle."""
+    LIFTED = "lifted"
+    """In the air: nothing moves."""
 
 
 class GaitPlanner:
@@ -76,6 +79,8 @@ class GaitPlanner:
         self._plan = StepPlan(self._soles, config, reaction, self._swing, self.route)
         self._dcm = DcmReference(reaction)
         self._builder = ReferenceBuilder(model, config, reaction)
+        self._lifted_off = Lifted(model, config.lift)
+        self._muted = False
         self.phase = GaitPhase.STAND
         self.stance = 1
         self.steps = 0
@@ -137,19 +142,25 @@ class GaitPlanner:
         self._builder.reset(measured.com[2] - self._soles.ground())
         self._dcm.reset(measured.com[:2])
         self._steps_left = None
+        self._lifted_off.reset()
+        self._muted = False
         self._enter(GaitPhase.STAND)
         self.steps = 0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Wanted velocity of the body in its own frame [m/s, m/s, rad/s]; brought into the limits.
 
-        Zero stands still, but leaves a route alone; any other velocity ends it.
+        Zero stands still, but leaves a route alone; any other velocity ends it. One that was commanded when the
+        robot was lifted counts for nothing until it has been zero.
 
         Raises:
             CommandError: A value is not finite.
         """
         if not all(math.isfinite(value) for value in (forward, left, turn)):
             raise CommandError(f"velocity ({forward}, {left}, {turn}) refused: not finite")
+        self._muted = self._muted and any((forward, left, turn))
+        if self._muted:
+            return
         self._limiter.set(forward, left, turn)
         if self._limiter.moving:
             self._leave_route("a velocity was commanded")
@@ -191,6 +202,8 @@ class GaitPlanner:
             What the whole-body controller is to track.
         """
         self._measured.update(state)
+        if self._hangs(state, dt):
+            return self._lifted_off.reference(state, self._measured.com, self._measured.soles)
         self._reaction.com, self._reaction.com_velocity = self._measured.com[:2], self._measured.com_velocity[:2]
         self._elapsed += dt
         swinging = 1 - self.stance if self.phase is GaitPhase.SINGLE else None
@@ -270,6 +283,20 @@ class GaitPlanner:
         )
         if self._measured.active[foot] and self._elapsed > config.timing.landing_from * self.step_time:
             self._land(foot)
+
+    def _hangs(self, state: RobotState, dt: float) -> bool:
+        """Whether the robot is in the air; put down, it stands where it is and waits for a new command."""
+        lifted, (left, right) = self._lifted_off, self._measured.active
+        if lifted.update((left, right), state, dt):
+            steps = self.steps
+            self.reset(state)
+            self.steps, self._muted = steps, True
+        elif lifted.confirmed and self.phase is not GaitPhase.LIFTED:
+            self._limiter.reset()
+            self._leave_route("the robot was lifted")
+            self._enter(GaitPhase.LIFTED)
+            self._muted = True
+        return lifted.active
 
     # Events -----------------------------------------------------------------------------------------------------------
 

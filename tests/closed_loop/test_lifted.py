@@ -1,0 +1,53 @@
+"""A robot that is lifted while it steps freezes, and stands once it has been put down."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bridge.closed_loop import ClosedLoop
+from models.constants import GRAVITY
+from models.types import Mode
+from planners.gait.gait import GaitPhase
+
+
+def hoist(loop: ClosedLoop, speed: float, duration: float) -> float:
+    """Move the held robot up [m/s] for a time [s]; the fastest that any joint turned meanwhile [rad/s]."""
+    fastest = 0.0
+    for _ in range(round(duration / loop.plant.period)):
+        loop.data.mocap_pos[0, 2] += speed * loop.plant.period
+        loop.step()
+        fastest = max(fastest, float(np.abs(loop.truth.v[6:]).max()))
+    return fastest
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_a_lifted_robot_freezes_and_stands_once_it_is_put_down(robot: str) -> None:
+    loop = ClosedLoop(robot, seed=3, record=False)
+    loop.command("walk")
+    loop.set_velocity(0.0, 0.0, 0.3)
+    loop.run(1.6)
+    assert loop.gait.walking
+    loop.plant.hold(True)
+    hoist(loop, 0.3, 0.5)
+    assert loop.gait.phase is GaitPhase.LIFTED
+    steps = loop.gait.steps
+    assert hoist(loop, 0.0, 1.5) < 4.0  # [rad/s] no kick (it was 36): the legs return slowly to the standing posture
+    assert np.abs(loop.truth.q[7:] - loop.robot.posture("stand")).max() < 0.1
+    loop.set_velocity(0.0, 0.0, 0.3)  # somebody goes on commanding
+    hoist(loop, -0.2, 0.4)
+    for _ in range(60):
+        hoist(loop, -0.05, 0.05)
+        if loop.plant.load > 0.95 * loop.robot.mass * GRAVITY:
+            break
+    loop.plant.hold(False)
+    loop.run(1.5)
+    assert not loop.fallen and loop.mode is Mode.WALK
+    assert loop.gait.phase is GaitPhase.STAND and loop.gait.steps == steps
+    loop.set_velocity(0.0, 0.0, 0.3)
+    loop.run(0.1)
+    assert not loop.gait.walking  # that velocity is over: it has to be zero first
+    loop.set_velocity(0.0, 0.0, 0.0)
+    loop.set_velocity(0.0, 0.0, 0.3)
+    loop.run(0.1)
+    assert loop.gait.walking
