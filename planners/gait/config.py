@@ -176,15 +176,13 @@ class GroundConfig:
     Attributes:
         settle_time: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s].
         anchor_time: The same of a sole that bears: one that tips is drawn back to where it stood [s].
-        slope_time: Time constant with which the slope expected at the next landing follows the sole that bears [s].
-        slope_load: Share of the weight that it must bear for that [-].
+        slope_steps: Steps over whose soles the slope expected at the next landing is the median.
         slope_max: Steepest slope believed [-].
     """
 
     settle_time: Positive
     anchor_time: Positive
-    slope_time: Positive
-    slope_load: Share
+    slope_steps: Annotated[int, Field(ge=1, le=9)]
     slope_max: Positive
 
 

@@ -32,13 +32,15 @@ class Soles:
         self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self._rise = [0.0, 0.0]
         self.tilts, self.slope = np.zeros((2, 2)), np.zeros(2)
+        self._felt: list[Vector] = []
 
     def reset(self, measured: GaitMeasurement) -> None:
         """Both feet planted where and as they are measured."""
         self.holds = list(measured.soles)
         self._rise = [0.0, 0.0]
         self.tilts[:] = measured.tilts
-        self.slope[:] = measured.tilts.mean(axis=0)
+        self._felt = [measured.tilts.mean(axis=0)] * self._config.ground.slope_steps
+        self.slope[:] = self._felt[0]
 
     def landing_height(self, foot: int, measured: GaitMeasurement) -> float:
         """Height at which a foot is expected to land on its foothold [m].
@@ -52,7 +54,8 @@ class Soles:
     def land(self, foot: int, measured: GaitMeasurement) -> None:
         """A foot has touched down where it is measured.
 
-        The expected height follows by a bounded step: what repeats adds up, single bumps hardly count.
+        The expected height follows by a bounded step: what repeats adds up, single bumps hardly count. The expected
+        slope is the median of the last soles that bore alone: one that stood on an edge does not count.
         """
         config, sole = self._config.swing, measured.soles[foot]
         surprise = sole.z - self._plane(foot, sole, measured) - self._rise[foot]
@@ -60,6 +63,9 @@ class Soles:
         self._rise[foot] = min(max(followed, -config.rise_max), config.rise_max)
         self.holds[foot] = sole
         self.tilts[foot] = measured.tilts[foot]
+        self._felt = [*self._felt[1:], measured.tilts[1 - foot].copy()]
+        steepest = self._config.ground.slope_max
+        self.slope[:] = np.clip(np.median(self._felt, axis=0), -steepest, steepest)
 
     def _plane(self, foot: int, hold: Foothold, measured: GaitMeasurement) -> float:
         """Height of the plane through the other sole at a foothold [m]."""
@@ -141,13 +147,10 @@ class Soles:
             )
 
     def _feel(self, measured: GaitMeasurement, swinging: int | None, landed: int | None, dt: float) -> None:
-        """Slope under the soles that bear, and of the ground."""
+        """Slope under the soles that bear."""
         ground = self._config.ground
         for foot in range(2):
             if foot == swinging or measured.loads[foot] < self._config.anchor_load:
                 continue
             time = ground.settle_time if foot == landed else ground.anchor_time
             self.tilts[foot] += min(dt / time, 1.0) * (measured.tilts[foot] - self.tilts[foot])
-            if measured.loads[foot] >= ground.slope_load:
-                self.slope += min(dt / ground.slope_time, 1.0) * (measured.tilts[foot] - self.slope)
-        np.clip(self.slope, -ground.slope_max, ground.slope_max, out=self.slope)
