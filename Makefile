@@ -14,7 +14,7 @@ BENCHES ?= tick push stand latency calibrate estimate walk terrain
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
 
-demo:  ## Stand, wave, squat and take a push over ROS 2; report and pictures in out/
+demo:  ## Stand, wave, squat, take a push and walk a square over ROS 2; report and pictures in out/
 	@.ci/setup run
 	@$(BIN)/poise demo --robot $(ROBOT) --out $(OUT)
 

@@ -69,7 +69,7 @@ def demo(
     robot: Robot = "g1",
     out: Annotated[Path, typer.Option(help="Folder for report, plots, film strip and recording.")] = Path("out"),
 ) -> None:
-    """Stand, wave, squat and take a push over ROS 2 in real time, and report how well."""
+    """Stand, wave, squat, take a push and walk a square over ROS 2 in real time, and report how well."""
     need_ros()
     from bridge.demo import demo as play
 

@@ -1,4 +1,4 @@
-"""``poise demo``: the robot stands, waves, squats and takes a push over ROS 2 in real time, and a report tells how."""
+"""``poise demo``: over ROS 2 in real time the robot stands, waves, squats, is pushed and walks; a report tells how."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
 from rich.console import Console
 from std_msgs.msg import String
 
 from bridge.demo_config import DemoConfig
+from bridge.demo_stage import Stage
+from bridge.demo_walk import WALK, SquareWalk
 from bridge.launch import Graph
 from bridge.plots import plot_run
+from bridge.plots_walk import plot_walk
 from bridge.recording import Recording
 from bridge.render import render_filmstrip
 from bridge.report import Check, judge, judge_speed, print_report, write_report
-from bridge.ros.observer import Observer
 from bridge.stability import stability_figures
+from bridge.walk_report import judge_walk
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
@@ -40,15 +42,13 @@ class Demo:
     """
 
     def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
-        self._graph, self._config, self._say = graph, config, say
-        self._observer = Observer(model)
+        self._stage = Stage(graph, model, config, say)
+        self._walk = SquareWalk(self._stage)
         self._motion_states: list[str] = []
-        self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             graph.node.create_subscription(String, topic, self._on_motion, EVENT)
         graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         self._ticks: list[tuple[float, float]] = []
-        self._events: list[tuple[float, str]] = []
         self._real_time_factor = float("nan")
 
     def play(self) -> None:
@@ -57,28 +57,29 @@ class Demo:
         Raises:
             PoiseError: A step cannot be carried out; it is named.
         """
-        config = self._config
-        self._graph.wait_standing(config.start_limit)
-        self._watch(lambda: self._observer.stamp > 0.0, config.pause, "no ground truth arrived")
-        began = time.monotonic(), self._observer.stamp
-        self._say(f"standing; quiet for {config.quiet_time:.0f} s")
-        self._pause(config.quiet_time)
+        stage, config = self._stage, self._stage.config
+        stage.graph.wait_standing(config.start_limit)
+        stage.watch(lambda: stage.observer.ready, config.pause, "no ground truth or no estimate arrived")
+        began = time.monotonic(), stage.observer.stamp
+        stage.say(f"standing; quiet for {config.quiet_time:.0f} s")
+        stage.pause(config.quiet_time)
         for name in config.motions:
             self._move(name)
-            self._pause(config.pause)
-        self._disturb()
-        self._pause(config.recover_time)
-        self._real_time_factor = (self._observer.stamp - began[1]) / (time.monotonic() - began[0])
-        if self._graph.mode != Mode.STAND.value:
-            raise PoiseError(f"the robot does not stand at the end: mode '{self._graph.mode}'")
+            stage.pause(config.pause)
+        stage.push(config.push_force, "push")
+        stage.pause(config.recover_time)
+        self._walk.play()
+        self._real_time_factor = (stage.observer.stamp - began[1]) / (time.monotonic() - began[0])
+        if stage.graph.mode != Mode.STAND.value:
+            raise PoiseError(f"the robot does not stand at the end: mode '{stage.graph.mode}'")
 
     def recording(self) -> Recording:
         """What was seen so far."""
-        return self._observer.recording(self._events)
+        return self._stage.observer.recording(self._stage.events)
 
     def close(self) -> None:
         """Stop to observe."""
-        self._observer.close()
+        self._stage.observer.close()
 
     def _on_motion(self, message: String) -> None:
         self._motion_states.append(message.data)
@@ -101,53 +102,22 @@ class Demo:
             figures |= {"tick_us_p50": float(np.median(medians)), "tick_us_p99": float(tails.max())}
         return figures
 
-    def _watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        """Observe until a condition holds.
-
-        Raises:
-            PoiseError: It does not hold in time [s], which ``otherwise`` says, or the robot has given up.
-        """
-        end = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > end:
-                raise PoiseError(f"{otherwise}: mode '{self._graph.mode}', drivers '{self._graph.driver_state}'")
-            if self._graph.mode in (Mode.DAMP.value, Mode.OFF.value):
-                raise PoiseError(f"the robot gave up: mode '{self._graph.mode}'; the log says why")
-            self._graph.spin(self._config.poll_period)
-            self._observer.poll()
-
-    def _pause(self, duration: float) -> None:
-        end = time.monotonic() + duration
-        self._watch(lambda: time.monotonic() >= end, duration + 1.0, "the clock stands still")
-
-    def _note(self, text: str) -> None:
-        self._events.append((self._observer.stamp, text))
-        self._say(text)
-
     def _move(self, name: str) -> None:
         """Send a motion's name and watch until it is done."""
-        limit = self._config.motion_limit
+        stage = self._stage
+        limit = stage.config.motion_limit
         self._motion_states.clear()
-        self._note(name)
-        self._graph.send(name)
+        stage.note(name)
+        stage.graph.send(name)
 
         def ended() -> bool:
             refused = [state for state in self._motion_states if state.startswith(topics.MOTION_REFUSED)]
             if refused:
                 raise PoiseError(f"{name} {refused[0]}")
-            return topics.MOTION_DONE in self._motion_states and self._graph.mode == Mode.STAND.value
+            return topics.MOTION_DONE in self._motion_states and stage.graph.mode == Mode.STAND.value
 
-        self._watch(ended, limit, f"{name} did not end within {limit:.0f} s")
-        self._events.append((self._observer.stamp, f"{name} done"))
-
-    def _disturb(self) -> None:
-        """Push the robot."""
-        force = self._config.push_force
-        message = WrenchStamped()
-        message.header.frame_id = "base_link"
-        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
-        self._note(f"push {np.linalg.norm(force) * self._config.push_duration:.0f} N.s")
-        self._push.publish(message)
+        stage.watch(ended, limit, f"{name} did not end within {limit:.0f} s")
+        stage.events.append((stage.observer.stamp, f"{name} done"))
 
 
 def latency_figures(file: Path) -> dict[str, float]:
@@ -231,11 +201,18 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     stable: dict[str, float] = {}
     fast |= latency_figures(latency_file)
     if recording is not None:
-        more, stability = judge(model, recording, config)
-        checks += [*more, judge_speed(fast, config)]
+        standing, walking = recording.split(WALK)
+        more, stability = judge(model, standing, config)
         stable = stability_figures(stability, config.pause)
         recording.save(out / "recording.npz")
-        plots = plot_run(model, recording, stability, out / "plots")
+        plots = plot_run(model, standing, stability, out / "plots")
+        if walking is not None:
+            walked, far = judge_walk(model, walking, config)
+            more, stable = [*more, *walked], stable | far
+            plots.append(plot_walk(model, walking, out / "plots"))
+        else:
+            more.append(Check(WALK, False, "did not happen"))
+        checks += [*more, judge_speed(fast, config)]
         say("plots: " + ", ".join(str(file) for file in plots))
         problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png")
         say(problem or f"film strip: {out / 'filmstrip.png'}")

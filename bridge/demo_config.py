@@ -33,3 +33,12 @@ class DemoConfig:
     hand_travel: Positive
     squat_depth: Positive
     push_excursion: Positive
+    square_side: Positive
+    walk_limit: Positive
+    walk_push: float
+    walk_push_after: Positive
+    closure_limit: Positive
+    turn_tolerance: Positive
+    drift_limit: Positive
+    walk_wave_steps: Annotated[int, Field(ge=1)]
+    walk_hand_travel: Positive

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from models.errors import PoiseError
+from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 
 
@@ -23,6 +25,8 @@ class Recording:
         tau: Joint torques (n, nj) [N.m].
         wrenches: Ground reaction on each foot in its sole frame (n, 2, 6) [N, N.m].
         events: Stamp and text of what happened.
+        estimate: Base pose as the robot estimates it, in ``odom``: position, quaternion xyzw (n, 7) [m]; None where
+            nobody listened.
     """
 
     robot: str
@@ -32,6 +36,28 @@ class Recording:
     tau: Matrix
     wrenches: Matrix
     events: tuple[tuple[float, str], ...] = ()
+    estimate: Matrix | None = None
+
+    def split(self, word: str) -> tuple[Recording, Recording | None]:
+        """What was before the first event that begins with a word, and what came from then on; None without one."""
+        starts = [time for time, text in self.events if text.split()[0] == word]
+        if not starts or not (self.t >= starts[0]).any():
+            return self, None
+        return self.between(-np.inf, starts[0]), self.between(starts[0], np.inf)
+
+    def between(self, start: float, end: float) -> Recording:
+        """The part from a stamp [s] to just before another one [s], with the events in it."""
+        rows = (self.t >= start) & (self.t < end)
+        return Recording(
+            robot=self.robot,
+            t=self.t[rows],
+            q=self.q[rows],
+            v=self.v[rows],
+            tau=self.tau[rows],
+            wrenches=self.wrenches[rows],
+            events=tuple(event for event in self.events if start <= event[0] < end),
+            estimate=None if self.estimate is None else self.estimate[rows],
+        )
 
     def save(self, path: Path) -> None:
         """Write the recording as a compressed NumPy archive."""
@@ -46,6 +72,7 @@ class Recording:
             wrenches=self.wrenches,
             event_times=np.array([time for time, _ in self.events]),
             event_texts=np.array([text for _, text in self.events], dtype=np.str_),
+            estimate=np.empty((0, 7)) if self.estimate is None else self.estimate,
         )
 
     @classmethod
@@ -59,9 +86,21 @@ class Recording:
             with np.load(path, allow_pickle=False) as data:
                 events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
                 arrays = {name: data[name] for name in ("t", "q", "v", "tau", "wrenches")}
-                return cls(robot=str(data["robot"]), events=tuple(events), **arrays)
+                estimate = data["estimate"]
+                return cls(
+                    str(data["robot"]), events=tuple(events), estimate=estimate if len(estimate) else None, **arrays
+                )
         except (OSError, KeyError, ValueError) as error:
             raise PoiseError(f"{path}: not a recording: {error}") from error
+
+
+def sole_middle(model: RobotModel, data: pin.Data, q: Vector) -> tuple[float, float, float]:
+    """X [m], y [m] and heading [rad] half-way between the soles of a configuration (nq,)."""
+    pin.framesForwardKinematics(model.pin, data, q)
+    poses = [data.oMf[foot.frame_id] for foot in model.feet]
+    middle = 0.5 * (poses[0].translation + poses[1].translation)
+    ahead = poses[0].rotation[:, 0] + poses[1].rotation[:, 0]
+    return float(middle[0]), float(middle[1]), float(np.arctan2(ahead[1], ahead[0]))
 
 
 class Recorder:

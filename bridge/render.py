@@ -17,8 +17,8 @@ import numpy as np
 from bridge.recording import Recording
 from models.errors import PoiseError
 
-FRAMES = 8
-"""Pictures in a film strip [-]."""
+FRAMES, ROWS = 12, 2
+"""Pictures in a film strip, and rows of it [-]."""
 
 FRAME_SIZE = (300, 480)
 """Width and height of one picture [pixel]."""
@@ -122,9 +122,9 @@ def draw(recording: Recording, picture: Path) -> None:
     camera.distance, camera.azimuth, camera.elevation = 1.45 * tall, 150.0, -12.0
     mj.model.vis.map.shadowclip, mj.model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
     font = ImageFont.load_default(size=18)
-    strip = Image.new("RGB", (width * FRAMES, height))
+    strip = Image.new("RGB", (width * FRAMES // ROWS, height * ROWS))
     with mujoco.Renderer(mj.model, height, width) as renderer:
-        for column, time in enumerate(frame_times(recording)):
+        for number, time in enumerate(frame_times(recording)):
             index = min(int(np.searchsorted(recording.t, time)), len(recording.t) - 1)
             data.qpos[:], data.qvel[:] = pin_to_mujoco(model, mj, recording.q[index], recording.v[index])
             mujoco.mj_forward(mj.model, data)
@@ -134,7 +134,8 @@ def draw(recording: Recording, picture: Path) -> None:
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
             label = f"{time - recording.t[0]:.1f} s  {happened[-1] if happened else ''}"
             ImageDraw.Draw(frame).text((8, 6), label, fill=(30, 40, 60), font=font)
-            strip.paste(frame, (column * width, 0))
+            row, column = divmod(number, FRAMES // ROWS)
+            strip.paste(frame, (column * width, row * height))
     picture.parent.mkdir(parents=True, exist_ok=True)
     strip.save(picture)
 

@@ -18,13 +18,17 @@ from bridge.demo_config import DemoConfig
 from bridge.recording import Recording
 from bridge.stability import Stability, analyse, stability_figures
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import Matrix, Vector
 
 LABELS = {
     "com_drift_m": ("CoM drift, end against beginning", 1e3, "mm"),
     "dcm_excursion_max_m": ("largest DCM excursion", 1e3, "mm"),
     "capture_margin_min_m": ("smallest capture margin", 1e3, "mm"),
     "sole_motion_max_m": ("largest motion of a sole", 1e3, "mm"),
+    "walked_m": ("walked", 1.0, "m"),
+    "drift_m": ("drift of the estimate, walking", 1e2, "cm"),
+    "drift_percent": ("... of the distance", 1.0, "%"),
+    "closure_m": ("end of the square from its beginning", 1e2, "cm"),
     "latency_us_p50": ("sensors to command, p50", 1e-3, "ms"),
     "latency_us_p99": ("sensors to command, p99", 1e-3, "ms"),
     "latency_us_max": ("sensors to command, largest", 1e-3, "ms"),
@@ -93,7 +97,7 @@ def _judge_part(
 ) -> Check:
     """Check one motion or the push within its part of the run."""
     if name == "wave":
-        travel = max(_travel(model, recording.q[during], wrist) for wrist in ("l_wrist", "r_wrist"))
+        travel = hand_travel(model, recording.q[during])
         return Check(name, travel > config.hand_travel, f"hand moved {100 * travel:.0f} cm")
     if name == "squat":
         depth = float(recording.q[0, 2] - recording.q[during, 2].min())
@@ -102,11 +106,21 @@ def _judge_part(
         before = stability.dcm[during][0]
         excursion = float(np.linalg.norm(stability.dcm[during] - before, axis=1).max())
         impulse = float(np.linalg.norm(config.push_force)) * config.push_duration
-        upright = bool(np.all(recording.q[during, 2] > 0.7 * recording.q[0, 2]))  # lower than 0.7: on its knees
+        upright = not fell(recording.q[during], recording.q[0, 2])
         detail = f"{impulse:.0f} N.s, DCM moved {100 * excursion:.1f} cm"
         return Check(name, upright and excursion > config.push_excursion, detail)
     moved = float(np.abs(recording.q[during, 7:] - recording.q[during][0, 7:]).max())
     return Check(name, moved > 0.0, f"a joint moved {moved:.2f} rad")
+
+
+def fell(configurations: Matrix, height: float) -> bool:
+    """Whether the base of a robot that stood at a height [m] has ever been on its knees or lower."""
+    return bool((configurations[:, 2] <= 0.7 * height).any())
+
+
+def hand_travel(model: RobotModel, configurations: Matrix) -> float:
+    """How far the hand that moved more has moved relative to the base [m]."""
+    return max(_travel(model, configurations, wrist) for wrist in ("l_wrist", "r_wrist"))
 
 
 def _travel(model: RobotModel, configurations: Vector, frame: str) -> float:

@@ -11,7 +11,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from bridge.recording import Recording
+from bridge.recording import Recording, sole_middle
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
@@ -33,16 +33,19 @@ class Observer:
     """
 
     def __init__(self, model: RobotModel, context: Context | None = None) -> None:
-        self._model = model
+        self._model, self._data = model, model.data()
         self._node = Node("poise_observer", context=context)
         subscribe = self._node.create_subscription
         self._odom = subscribe(Odometry, topics.GROUND_TRUTH, _ignore, SENSOR, raw=True)
         self._joints = subscribe(JointState, topics.JOINT_STATES, _ignore, SENSOR, raw=True)
-        self._feet = [subscribe(WrenchStamped, topic, _ignore, SENSOR, raw=True) for topic in topics.FOOT_WRENCHES]
+        self._estimate = subscribe(Odometry, topics.ODOM, _ignore, SENSOR, raw=True)
+        self._foot_topics = topics.foot_wrenches(model)
+        self._feet = [subscribe(WrenchStamped, topic, _ignore, SENSOR, raw=True) for topic in self._foot_topics]
         self._odom_codec, self._joint_codec = OdometryCodec(), JointStateCodec(model)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._base_rows: list[tuple[int, Vector]] = []
         self._joint_rows: list[tuple[int, Vector]] = []
+        self._estimate_rows: list[tuple[int, Vector]] = []
         self._foot_rows: tuple[list[tuple[int, Vector]], ...] = ([], [])
         self.stamp = 0.0
 
@@ -57,6 +60,10 @@ class Observer:
             stamp, pose, twist = self._odom_codec.decode(data)
             _append(self._base_rows, stamp, np.concatenate([pose, twist]))
             self.stamp = stamp / NANOSECONDS
+        data = _take(self._estimate)
+        if data is not None:
+            stamp, pose, _ = self._odom_codec.decode(data)
+            _append(self._estimate_rows, stamp, pose)
         data = _take(self._joints)
         if data is not None:
             stamp, *values = self._joint_codec.decode(data)
@@ -65,6 +72,17 @@ class Observer:
             data = _take(subscription)
             if data is not None:
                 _append(self._foot_rows[foot], *self._foot_codecs[foot].decode(data))
+
+    @property
+    def ready(self) -> bool:
+        """Whether a sample of everything has arrived."""
+        return all((self._base_rows, self._joint_rows, self._estimate_rows, *self._foot_rows[: len(self._feet)]))
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """Where the robot takes itself to stand: x [m], y [m] and heading [rad] of the middle between its soles."""
+        q = np.concatenate([self._estimate_rows[-1][1], self._joint_rows[-1][1][: self._model.nj]])
+        return sole_middle(self._model, self._data, q)
 
     @property
     def base_height(self) -> float:
@@ -81,13 +99,16 @@ class Observer:
             PoiseError: One of the topics was silent.
         """
         named = {topics.GROUND_TRUTH: self._base_rows, topics.JOINT_STATES: self._joint_rows}
-        named |= dict(zip(topics.FOOT_WRENCHES, self._foot_rows, strict=True))
+        named |= dict(zip(self._foot_topics, self._foot_rows, strict=False))
         silent = [name for name, rows in named.items() if len(rows) < 2]
         if silent:
             raise PoiseError(f"nothing to record: {', '.join(silent)} silent")
         t, base = _table(self._base_rows)
         joints = _interpolate(t, *_table(self._joint_rows))
-        wrenches = np.stack([_interpolate(t, *_table(rows)) for rows in self._foot_rows], axis=1)  # (n, 2, 6)
+        wrenches = np.full((len(t), 2, 6), np.nan)  # where no foot sensors are fitted
+        for foot, rows in enumerate(self._foot_rows[: len(self._feet)]):
+            wrenches[:, foot] = _interpolate(t, *_table(rows))
+        estimate = _interpolate(t, *_table(self._estimate_rows)) if len(self._estimate_rows) > 1 else None
         nj = self._model.nj
         return Recording(
             robot=self._model.name,
@@ -97,6 +118,7 @@ class Observer:
             tau=joints[:, 2 * nj :],
             wrenches=wrenches,
             events=tuple(events),
+            estimate=estimate,
         )
 
     def close(self) -> None:

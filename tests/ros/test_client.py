@@ -119,6 +119,7 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
     node = Node("plant", context=context)
     odom = node.create_publisher(Odometry, topics.GROUND_TRUTH, SENSOR)
     joints = node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    estimate = node.create_publisher(Odometry, topics.ODOM, SENSOR)
     feet = [node.create_publisher(WrenchStamped, topic, SENSOR) for topic in topics.FOOT_WRENCHES]
     odom_codec, joint_codec = OdometryCodec(), JointStateCodec(g1)
     foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
@@ -134,10 +135,12 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
             for foot, publisher in enumerate(feet):
                 publisher.publish(foot_codecs[foot].encode(stamp, np.full(6, float(k) * (foot + 1))))
             joints.publish(joint_codec.encode(stamp, values, 2.0 * values, 3.0 * values))
+            estimate.publish(odom_codec.encode(stamp, RobotState(0.0, q + 0.0, v, values, (rest, rest))))
             odom.publish(odom_codec.encode(stamp, RobotState(0.0, q, v, values, (rest, rest))))
             threading.Event().wait(0.002)
             if k % 10 == 0:
                 observer.poll()
+        assert observer.ready
         recording = observer.recording([(0.1, "wave")])
     finally:
         observer.close()
@@ -149,4 +152,20 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
     assert recording.q[inner, 7] == pytest.approx(t) and recording.v[inner, 6] == pytest.approx(2.0 * t)
     assert recording.tau[inner, -1] == pytest.approx(3.0 * t)
     assert recording.wrenches[inner, 1, 5] == pytest.approx(2000.0 * t)
+    assert recording.estimate is not None
+    assert recording.estimate[inner, 2] == pytest.approx(0.7 + 1e-3 * t, abs=1e-12)
     assert recording.events == ((0.1, "wave"),)
+
+
+def test_a_robot_without_foot_sensors_is_recorded_without_them(
+    context: Context, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(topics, "foot_wrenches", lambda model: ())
+    observer = Observer(g1, context)
+    with pytest.raises(PoiseError, match="ground_truth/odom, joint_states silent"):
+        observer.recording([])
+    observer._base_rows += [(k, np.zeros(13)) for k in range(3)]
+    observer._joint_rows += [(k, np.zeros(3 * g1.nj)) for k in range(3)]
+    recording = observer.recording([])
+    observer.close()
+    assert np.isnan(recording.wrenches).all() and recording.estimate is None
