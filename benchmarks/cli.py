@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +21,14 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report 
 PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
 
 
+class PushMode(StrEnum):
+    """What a robot that is pushed does meanwhile."""
+
+    STAND = "stand"
+    STEP = "step"
+    WALK = "walk"
+
+
 def _bench(
     name: str,
     robot: str,
@@ -28,6 +37,7 @@ def _bench(
     json: Path | None,
     plot: Path | None,
     scenarios: tuple[str, ...] = (),
+    mode: str = "",
 ) -> None:
     """Run one benchmark, write what was asked for, exit with its verdict."""
     from benchmarks.harness import Options, print_report, write_json
@@ -35,7 +45,7 @@ def _bench(
     console = Console()
     module = import_module(f"benchmarks.{name}")
     try:
-        report = module.run(Options(robot=robot, seeds=seeds, workers=workers, scenarios=scenarios))
+        report = module.run(Options(robot=robot, seeds=seeds, workers=workers, scenarios=scenarios, mode=mode))
     except PoiseError as error:
         console.print(f"[red]{error}[/red]")
         raise typer.Exit(2) from error
@@ -71,7 +81,23 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
 
 
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
-_add_command("push", "Largest push at the pelvis taken without a step, in 8 directions, beside the ankle bound.")
+
+
+@app.command("push")
+def push(
+    robot: Robot = "g1",
+    seeds: Seeds = 1,
+    workers: Workers = 1,
+    json: JsonFile = None,
+    plot: PlotFolder = None,
+    mode: Annotated[
+        PushMode, typer.Option(help="Standing without a step, standing with steps, or walking.")
+    ] = PushMode.STAND,
+) -> None:
+    """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
+    _bench("push" if mode is PushMode.STAND else "push_map", robot, seeds, workers, json, plot, mode=mode.value)
+
+
 _add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
 
 

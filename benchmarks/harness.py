@@ -48,12 +48,14 @@ class Options:
         seeds: How many seeds; they are 0 .. seeds - 1.
         workers: How many processes measure cases at the same time.
         scenarios: Which ones of a benchmark that has several; all of them when empty.
+        mode: Which kind of a benchmark that has several.
     """
 
     robot: str = "g1"
     seeds: int = 1
     workers: int = 1
     scenarios: tuple[str, ...] = ()
+    mode: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,12 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.push_bounds import ankle_bound
+from benchmarks.push_search import Search, largest
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.support_polygon import distance_along, support_polygon
 from models.config import STRICT, default_config
-from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 
@@ -107,19 +108,6 @@ def stance(model: RobotModel, truth: RobotState) -> Stance:
     return Stance(data.com[0].copy(), data.vcom[0].copy(), cop, soles, support_polygon(corners))
 
 
-def ankle_bound(mass: float, height: float, distance: float, duration: float) -> float:
-    """Largest force that the ankle strategy takes [N].
-
-    Args:
-        mass: Mass of the robot [kg].
-        height: CoM above the soles [m].
-        distance: Centre of pressure to the edge of the support in the direction of the push [m].
-        duration: How long the force acts [s].
-    """
-    omega = math.sqrt(GRAVITY / height)
-    return mass * omega**2 * distance / (1.0 - math.exp(-omega * duration))
-
-
 def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:
     """Push a standing robot once.
 
@@ -169,34 +157,6 @@ def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tu
     return ankle_bound(loop.robot.mass, height, distance, config.duration), distance
 
 
-def largest_ratio(holds: Callable[[float], bool], config: PushConfig) -> tuple[float, int]:
-    """Bracket and bisect the largest ratio that holds; every smaller ratio that was tried holds as well.
-
-    Args:
-        holds: Whether the robot survives a push of this part of the bound.
-        config: Search limits.
-
-    Returns:
-        The ratio [-], 0 when none holds, and how many pushes were tried.
-    """
-    low, high, ratio, tried = 0.0, math.inf, config.first_ratio, 0
-    while high - low > config.resolution:
-        tried += 1
-        if holds(ratio):
-            low = ratio
-            if low >= config.largest_ratio:
-                break
-        else:
-            high = ratio
-        if math.isinf(high):
-            ratio = min(low + config.stride, config.largest_ratio)
-        elif low == 0.0:
-            ratio = max(high - config.stride, 0.5 * high)
-        else:
-            ratio = 0.5 * (low + high)
-    return low, tried
-
-
 def measure(robot: str, seed: int, angle: float) -> Case:
     """Bisect the push in one direction.
 
@@ -213,7 +173,8 @@ def measure(robot: str, seed: int, angle: float) -> Case:
     loop.reset(seed)
     loop.run(config.settle_time - config.rest_time)
     bound, distance = bound_at_rest(loop, direction, config)
-    ratio, pushes = largest_ratio(lambda part: survives(robot, seed, part * bound * direction, config), config)
+    search = Search(config.first_ratio, config.largest_ratio, config.stride, config.resolution)
+    ratio, pushes = largest(lambda part: survives(robot, seed, part * bound * direction, config), search)
     to_dv = config.duration / loop.robot.mass
     return {
         "force": ratio * bound,

@@ -24,7 +24,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles
-from benchmarks.push import ankle_bound, stance
+from benchmarks.push import stance
+from benchmarks.push_bounds import ankle_bound
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure

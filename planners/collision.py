@@ -86,6 +86,11 @@ class SelfCollision:
         self.ignored = tuple(self.names(int(k)) for k in np.flatnonzero(~self._active))
         """Pairs of links whose hulls overlap in the posture 'stand'."""
 
+    @property
+    def count(self) -> int:
+        """Number of pairs."""
+        return len(self._pairs)
+
     def names(self, pair: int) -> tuple[str, str]:
         """Links that a pair belongs to."""
         first, second = self._pairs[pair]

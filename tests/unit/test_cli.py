@@ -45,6 +45,23 @@ def test_a_bench_ends_with_its_verdict(
     assert (tmp_path / "p/push.png").is_file()
 
 
+@pytest.mark.parametrize(("mode", "module"), [("stand", "push"), ("step", "push_map"), ("walk", "push_map")])
+def test_the_push_test_has_modes(mode: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def imported(name: str) -> SimpleNamespace:
+        def run(options: Options) -> Report:
+            asked.append((name, options.mode))
+            return _bench(True).run(options)
+
+        return SimpleNamespace(run=run, plot=None)
+
+    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
+    assert RUNNER.invoke(app, ["bench", "push", "--mode", mode]).exit_code == 0
+    assert asked == [(f"benchmarks.{module}", mode)]
+    assert RUNNER.invoke(app, ["bench", "push", "--mode", "run"]).exit_code == 2
+
+
 @pytest.mark.parametrize(("name", "seeds"), [("tick", 1), ("push", 1), ("stand", 20), ("latency", 1), ("calibrate", 1)])
 def test_a_command_runs_its_own_module_with_its_usual_seeds(
     name: str, seeds: int, monkeypatch: pytest.MonkeyPatch

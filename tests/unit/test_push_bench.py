@@ -6,10 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.push import PushConfig, ankle_bound, largest_ratio
+from benchmarks.push import PushConfig
+from benchmarks.push_bounds import ankle_bound
+from benchmarks.push_search import Search, largest
 from models.config import default_config
 
 CONFIG = default_config(PushConfig, "benchmarks", "push")
+SEARCH = Search(CONFIG.first_ratio, CONFIG.largest_ratio, CONFIG.stride, CONFIG.resolution)
 
 
 @given(st.floats(0.3, 1.2), st.floats(0.02, 0.2), st.floats(0.02, 0.5))
@@ -35,12 +38,12 @@ def test_the_search_brackets_the_limit(limit: float) -> None:
         tried.append(ratio)
         return ratio <= limit
 
-    found, count = largest_ratio(holds, CONFIG)
+    found, count = largest(holds, SEARCH)
     assert found <= limit < found + CONFIG.resolution
     assert count == len(tried) <= 14
     assert found == 0.0 or found in tried
 
 
 def test_the_search_ends_at_its_largest_ratio_and_at_nothing() -> None:
-    assert largest_ratio(lambda ratio: True, CONFIG)[0] == CONFIG.largest_ratio
-    assert largest_ratio(lambda ratio: False, CONFIG)[0] == 0.0
+    assert largest(lambda ratio: True, SEARCH)[0] == CONFIG.largest_ratio
+    assert largest(lambda ratio: False, SEARCH)[0] == 0.0

@@ -1,0 +1,158 @@
+"""Largest push that a robot takes with steps, standing or walking, beside the bounds of ankles and of N steps.
+
+``poise bench push --mode step`` pushes a robot that stands in mode 'walk', ``--mode walk`` one that walks. The figure
+of a direction is the largest push that it takes at every moment tried (phases of the stride; standing, seeds): a
+bisection on all of them at once. A push is taken when the robot does not fall, its legs do not run through each other,
+and some seconds later it stands still, or walks on.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cli import PushMode
+from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.push import stance
+from benchmarks.push_bounds import ankle_bound, step_distance
+from benchmarks.push_search import Search, largest
+from benchmarks.push_trial import Trial, heading, map_config, prepare, survives
+from models.constants import GRAVITY
+
+
+def bounds(trial: Trial) -> dict[str, float]:
+    """Impulse over mass that the linear pendulum takes at the moment of a push [m/s]: ``ankle_dv`` and ``steps_dv``.
+
+    The edge is that of the soles that bear, in the direction of the push; 0 where the DCM is beyond it already.
+    """
+    config, loop = map_config(), prepare(trial)
+    angle = heading(loop) + trial.angle
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    now = stance(loop.robot, loop.truth)
+    loaded = [foot for foot in range(2) if loop.truth.contacts[foot].active] or [0, 1]
+    height = float(now.com[2] - now.soles[loaded, 2].mean())
+    omega = math.sqrt(GRAVITY / height)
+    dcm = now.com[:2] + now.com_velocity[:2] / omega
+    ahead = float((now.polygon @ direction).max() - dcm @ direction)
+    frame = np.array([math.cos(trial.angle), math.sin(trial.angle)])
+    further = step_distance(loop.gait.config, omega, config.bound_steps, frame)
+    mass = loop.robot.mass
+    return {
+        name: max(ankle_bound(mass, height, distance, config.duration), 0.0) * config.duration / mass
+        for name, distance in (("ankle_dv", ahead), ("steps_dv", ahead + further))
+    }
+
+
+def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
+    """Bisect the push in one direction, over all phases.
+
+    Args:
+        robot: Name of the profile.
+        mode: 'step' or 'walk'.
+        seed: Seed of the sensor noise.
+        angle: Heading of the push relative to that of the robot [rad].
+
+    Returns:
+        ``dv`` [m/s], ``impulse`` [N.s], ``ankle_dv`` and ``steps_dv`` [m/s], ``pushes`` [-]; of the smallest push that
+        was not taken, ``failed_dv`` [m/s], ``failed_phase`` and ``reason``.
+    """
+    config = map_config()
+    trials = [Trial(robot, PushMode(mode), seed, phase, angle) for phase in range(config.phases)]
+    failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": ""}
+
+    def holds(dv: float) -> bool:
+        # The moment that failed last is the likeliest to fail again.
+        for trial in sorted(trials, key=lambda trial: trial.phase != failed["failed_phase"]):
+            reason = survives(trial, dv)
+            if reason:
+                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=reason)
+                return False
+        return True
+
+    search = Search(config.first, config.largest, config.stride, config.resolution)
+    dv, pushes = largest(holds, search)
+    limits = [bounds(trial) for trial in trials]
+    mass = prepare(trials[0]).robot.mass
+    return {
+        "dv": dv,
+        "impulse": dv * mass,
+        "mass": mass,
+        **{name: min(limit[name] for limit in limits) for name in limits[0]},
+        "pushes": pushes,
+        **failed,
+    }
+
+
+def judge(mode: PushMode, results: list[Case]) -> tuple[dict[str, float], list[str]]:
+    """Figures of the results, and every bound that does not hold."""
+    required = map_config().required[mode.value]
+    angles = sorted({case["angle"] for case in results})
+    dv = np.array([min(case["dv"] for case in results if case["angle"] == angle) for angle in angles])
+    figures = {
+        "dv_min": float(dv.min()),
+        "dv_median": float(np.median(dv)),
+        "impulse_min": min(float(case["impulse"]) for case in results),
+        "ankle_dv_min": min(case["ankle_dv"] for case in results),
+        "steps_dv_min": min(case["steps_dv"] for case in results),
+        "legs_touched": float(sum("legs" in case["reason"] for case in results)),
+    }
+    pairs = (("smallest", figures["dv_min"], required.smallest), ("median", figures["dv_median"], required.median))
+    broken = [f"{name}: {value:.2f} m/s, required {least:.2f}" for name, value, least in pairs if value < least]
+    return figures, broken
+
+
+def weakest(report: Report) -> Case:
+    """The case of the smallest push that was not taken."""
+    return min(report.cases, key=lambda case: (case["dv"], case["angle"]))
+
+
+def run(options: Options) -> Report:
+    """Bisect the push in every direction for every seed.
+
+    Args:
+        options: Robot, seeds and workers; ``mode`` 'step' or 'walk'.
+
+    Returns:
+        Figures ``dv_min`` and ``dv_median`` over the directions, each the smallest of its seeds and phases [m/s],
+        ``impulse_min`` [N.s], ``ankle_dv_min`` and ``steps_dv_min`` of the bounds [m/s], and ``legs_touched``: how many
+        directions are limited by legs that would have touched.
+    """
+    config, load, mode = map_config(), LoadMeter(), PushMode(options.mode)
+    cases: list[dict[str, Any]] = [
+        {"robot": options.robot, "mode": mode.value, "seed": seed, "angle": 2.0 * math.pi * k / config.directions}
+        for seed in range(options.seeds)
+        for k in range(config.directions)
+    ]
+    title = f"push, {mode.value}, {options.robot}"
+    results = run_cases(measure, cases, title=title, workers=options.workers)
+    figures, broken = judge(mode, results)
+    rows = [
+        f"{math.degrees(case['angle']):4.0f} deg: {case['dv']:.2f} m/s, {case['impulse']:.1f} N.s; at "
+        f"{case['failed_dv']:.2f} m/s, phase {case['failed_phase']}: {case['reason'] or 'taken'}"
+        for case in results
+    ]
+    return Report(
+        bench=f"push_{mode.value}",
+        robot=options.robot,
+        seeds=options.seeds,
+        figures=figures,
+        cases=results,
+        passed=not broken,
+        load=load.read(),
+        notes=rows + broken,
+    )
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw the push map, and the smallest push that was not taken; returns the files written."""
+    from benchmarks.push_plot import draw_failure, draw_map
+
+    files = [draw_map(report, folder)]
+    case = weakest(report)
+    if case["reason"]:
+        trial = Trial(case["robot"], PushMode(case["mode"]), case["seed"], case["failed_phase"], case["angle"])
+        files.append(draw_failure(trial, case["failed_dv"], folder))
+    return files

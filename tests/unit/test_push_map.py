@@ -1,0 +1,98 @@
+"""The push test with steps: its bounds, its search over phases, legs that may not run through each other, verdicts."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import benchmarks.push_map as push_map
+from benchmarks.cli import PushMode
+from benchmarks.harness import Case, Options
+from benchmarks.leg_clearance import LegClearance
+from benchmarks.push_bounds import step_distance, step_length
+from benchmarks.push_trial import Trial, map_config
+from models.robot_model import RobotModel
+from planners.gait.config import load_gait_config
+
+OMEGA = 3.9
+
+
+@pytest.fixture(scope="module")
+def g1() -> RobotModel:
+    return RobotModel.load("g1")
+
+
+def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(g1: RobotModel) -> None:
+    """Forward simulation: the DCM grows from the edge it is held by, and each step moves that edge on."""
+    gait = load_gait_config(g1)
+    ahead, growth = np.array([1.0, 0.0]), math.exp(OMEGA * gait.timing.single_min)
+    for steps in (1, 2, 3):
+        for share, caught in ((0.999, True), (1.001, False)):
+            beyond = share * step_distance(gait, OMEGA, steps, ahead)
+            for _ in range(steps):
+                beyond = beyond * growth - gait.reach.forward
+            assert (beyond <= 0.0) == caught
+
+
+def test_the_first_step_to_the_side_is_taken_by_the_foot_that_reaches_farther(g1: RobotModel) -> None:
+    gait = load_gait_config(g1)
+    left = np.array([0.0, 1.0])
+    assert step_length(gait, 0, left) == gait.reach.width_max
+    assert step_length(gait, 1, left) == -gait.reach.width_min
+    growth = math.exp(OMEGA * gait.timing.single_min)
+    assert step_distance(gait, OMEGA, 1, left) == pytest.approx(gait.reach.width_max / growth)
+
+
+@pytest.mark.parametrize("name", ["g1", "talos"])
+def test_legs_that_cross_at_one_height_overlap(name: str) -> None:
+    model = RobotModel.load(name)
+    legs, q = LegClearance(model, map_config().sole_thickness), model.standing_configuration()
+    apart = legs.distance(q)
+    assert apart > 0.0
+    rolls = ("hip_roll", "leg_left_2_joint", "leg_right_2_joint")
+    for i, joint in enumerate(model.joint_names):
+        if any(part in joint for part in rolls):
+            q[7 + i] += -0.2 if "left" in joint else 0.2  # both legs inwards, soles into each other
+    assert legs.distance(q) < -map_config().overlap_tolerance
+
+
+def case(angle: float, dv: float, reason: str = "fell") -> Case:
+    return {"angle": angle, "dv": dv, "impulse": 33.0 * dv, "ankle_dv": 0.4, "steps_dv": 1.2, "reason": reason}
+
+
+def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> None:
+    results = [case(0.0, 1.0), case(0.0, 0.7), case(1.0, 1.3), case(2.0, 1.2, "the legs run through each other")]
+    figures, broken = push_map.judge(PushMode.STEP, results)
+    assert (figures["dv_min"], figures["dv_median"], figures["legs_touched"]) == (0.7, 1.2, 1.0)
+    assert broken == []
+    assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.5), case(1.0, 1.5)])[1]) == 1  # the smallest alone
+    assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.7), case(1.0, 0.8)])[1]) == 1  # the median alone
+
+
+def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = (1.3, 0.7, 1.0)
+
+    def survives(trial: Trial, dv: float) -> str:
+        return "" if dv <= limits[trial.phase] else "fell"
+
+    class Loop:
+        class robot:
+            mass = 30.0
+
+    monkeypatch.setattr(push_map, "survives", survives)
+    monkeypatch.setattr(push_map, "prepare", lambda trial: Loop)
+    monkeypatch.setattr(
+        push_map, "bounds", lambda trial: {"ankle_dv": 0.4 + trial.phase, "steps_dv": 2.0 - trial.phase}
+    )
+    found: dict[str, Any] = push_map.measure("g1", "walk", 0, 0.0)
+    assert found["dv"] <= 0.7 < found["dv"] + map_config().resolution
+    assert found["failed_phase"] == 1 and found["failed_dv"] > 0.7 and found["reason"] == "fell"
+    assert (found["ankle_dv"], found["steps_dv"]) == (0.4, 0.0)
+
+
+def test_an_unknown_mode_is_refused() -> None:
+    with pytest.raises(ValueError, match="run"):
+        push_map.run(Options(mode="run"))
