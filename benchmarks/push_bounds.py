@@ -42,7 +42,7 @@ def ankle_bound(mass: float, height: float, distance: float, duration: float) ->
 def step_length(gait: GaitConfig, foot: int, direction: Vector) -> float:
     """How far from the stance sole a foot can be put along a direction (2,) of its frame [m]."""
     reach = gait.reach
-    narrow, wide = (reach.width_min, reach.width_max) if foot == 0 else (-reach.width_max, -reach.width_min)
+    narrow, wide = (reach.width_min, reach.width_urgent) if foot == 0 else (-reach.width_urgent, -reach.width_min)
     corners = [(x, y) for x in (-reach.backward, reach.forward) for y in (narrow, wide)]
     return float(max(np.dot(corner, direction[:2]) for corner in corners))
 
@@ -59,7 +59,7 @@ def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector)
     Returns:
         That of the better first foot, feet alternating.
     """
-    decay = math.exp(-omega * gait.timing.single_min)
+    decay = math.exp(-omega * gait.timing.single_urgent)
     sums = []
     for first in range(2):
         lengths = [step_length(gait, (first + k) % 2, direction) for k in range(steps)]

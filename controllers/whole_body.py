@@ -115,6 +115,8 @@ class WholeBodyController:
             limit.position_gain,
             limit.velocity_gain,
             limit.acceleration,
+            contact.linear_max,
+            contact.angular_max,
         )
         self._contacts: tuple[tuple[bool, bool], tuple[float, float]] | None = None
         self._ahead, self._nv = config.lookahead_s, model.nv

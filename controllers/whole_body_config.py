@@ -55,6 +55,8 @@ class ContactConfig:
     Attributes:
         stiffness: Draws a planted sole to its foothold [1/s^2].
         damping: Draws its velocity to zero [1/s].
+        linear_max: Largest acceleration that both may ask of a sole [m/s^2].
+        angular_max: The same, angular [rad/s^2].
         friction: Coulomb coefficient of the cones [-].
         sole_margin: Taken off each side of the contact rectangles [m].
         force_min: Least normal force per sole, share of the weight [-].
@@ -65,6 +67,8 @@ class ContactConfig:
 
     stiffness: NonNegative
     damping: NonNegative
+    linear_max: Positive
+    angular_max: Positive
     friction: Positive
     sole_margin: NonNegative
     force_min: NonNegative

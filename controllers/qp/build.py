@@ -65,7 +65,7 @@ class QPLimits:
     """
 
     def __init__(self, nj: int) -> None:
-        shapes = ((nj,), (nj,), (nj,), (2, 6), (2, 6), (2, 6), (nj,), (nj,), (nj,), (5,), (nj,), (nj,))
+        shapes = ((nj,), (nj,), (nj,), (2, 6), (2, 6), (2, 6), (nj,), (nj,), (nj,), (7,), (nj,), (nj,))
         self.block = block = Block(dict(zip(LIMITS, shapes, strict=True)))
         self.torque = block["torque"]
         self.acceleration_lower, self.acceleration_upper = block["acceleration_lower"], block["acceleration_upper"]

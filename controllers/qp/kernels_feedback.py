@@ -146,13 +146,15 @@ def pose_error(pose: Array, rotation: Array, position: Array, out: Array) -> Non
 
 
 @njit(cache=True)
-def foothold_feedback(
-    pose: Array, twist: Array, rotation: Array, position: Array, stiffness: float, damping: float, out: Array
-) -> None:
-    """Acceleration that draws a planted sole to its foothold: ``stiffness * error - damping * twist`` (6,)."""
+def foothold_feedback(pose: Array, twist: Array, rotation: Array, position: Array, gains: Array, out: Array) -> None:
+    """Acceleration that draws a planted sole to its foothold: ``stiffness * error - damping * twist`` (6,), bounded.
+
+    ``gains`` starts with stiffness and damping and ends with the largest linear [m/s^2] and angular [rad/s^2] value.
+    """
     pose_error(pose, rotation, position, out)
     for i in range(6):
-        out[i] = stiffness * out[i] - damping * twist[i]
+        limit = gains[5] if i < 3 else gains[6]
+        out[i] = min(max(gains[0] * out[i] - gains[1] * twist[i], -limit), limit)
 
 
 @njit(cache=True)
@@ -213,7 +215,7 @@ def update_limits(
     pose, twist = part_3(terms, terms_layout, POSE), part_2(terms, terms_layout, TWIST)
     gains, wanted = part_1(limits, layout, _GAINS), part_2(limits, layout, CONTACT_ACCELERATION)
     for foot in range(2):
-        foothold_feedback(pose[foot], twist[foot], rotations[foot], positions[foot], gains[0], gains[1], wanted[foot])
+        foothold_feedback(pose[foot], twist[foot], rotations[foot], positions[foot], gains, wanted[foot])
     joint_bounds(
         part_1(terms, terms_layout, Q)[7:],
         part_1(terms, terms_layout, V)[6:],

@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib.resources import files
 from typing import Annotated
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -17,6 +18,10 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
+QUINTIC_PEAK = 15.0 / 8.0
+"""Peak over mean speed of a quintic from rest to rest [-]."""
+
+
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TimingConfig:
     """When feet lift and land [s].
@@ -24,6 +29,7 @@ class TimingConfig:
     Attributes:
         single: Nominal single support.
         single_min: Shortest single support.
+        single_urgent: Shortest single support when the DCM is far from its reference.
         single_max: Longest single support.
         double: Double support between two steps.
         start: First shift of the weight, from standing.
@@ -34,6 +40,7 @@ class TimingConfig:
 
     single: Positive
     single_min: Positive
+    single_urgent: Positive
     single_max: Positive
     double: Positive
     start: Positive
@@ -50,6 +57,7 @@ class ReachConfig:
         width: Nominal lateral distance of the soles [m].
         width_min: Least lateral distance of the soles [m].
         width_max: Largest lateral distance of the soles [m].
+        width_urgent: The same for an urgent step [m].
         forward: Largest step ahead of the stance foot [m].
         backward: Largest step behind the stance foot [m].
         turn_out: Largest turn of a sole outwards from the stance sole [rad].
@@ -59,6 +67,7 @@ class ReachConfig:
     width: Positive
     width_min: Positive
     width_max: Positive
+    width_urgent: Positive
     forward: Positive
     backward: Positive
     turn_out: Positive
@@ -98,6 +107,8 @@ class SwingConfig:
         late_time: Time constant with which a late foot follows its target sideways [s].
         depth_max: How far below its target a late foot is lowered [m].
         speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
+        speed_share: The same as a share of what the limits of the joints give the foot [-].
+        urgent_lead: Time by which the foot of an urgent step aims at an earlier touchdown [s].
         freeze: Time before touchdown at which the target is frozen [s].
         rise_step: Largest change from one landing to the next of the height that a foot is expected to land at [m].
         rise_max: Largest expected height over the stance foot's plane, up or down [m].
@@ -115,6 +126,8 @@ class SwingConfig:
     late_time: Positive
     depth_max: Positive
     speed_max: Positive
+    speed_share: Positive
+    urgent_lead: NonNegative
     freeze: Positive
     rise_step: NonNegative
     rise_max: NonNegative
@@ -135,6 +148,7 @@ class AdjustmentConfig:
         offset: Weight of the DCM offset's distance from the nominal one [1/m^2].
         cop: Weight of the CoP offset over the rest of the step [1/m^2].
         cop_share: Share of the sole that the CoP offset may use [-].
+        urgent: Distance of the DCM from its reference at which steps are as quick as they can be [m].
     """
 
     position: Positive
@@ -142,6 +156,7 @@ class AdjustmentConfig:
     offset: Positive
     cop: Positive
     cop_share: NonNegative
+    urgent: Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -210,11 +225,14 @@ class GaitConfig:
     Attributes:
         leg: Hip height above the sole of the robot that the lengths are written for [m].
         crouch: Walking lowers the CoM below that of standing by this [m].
-        height_rate: Fastest change of the wanted CoM height [m/s].
+        height_rate: Fastest rise of the wanted CoM height [m/s].
+        drop_rate: Fastest descent of it [m/s].
         preview: Steps that the DCM recursion looks ahead.
         settle_dcm: DCM distance from the middle at which a finished walk counts as standing [m].
         settle_time: For this long [s].
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
+        lean_urgent: Share of the way between the feet at which the body is when the foot of an urgent step lands [-].
+        astride: Distance of a sole from where it stands beside the other one at which a walk does not end yet [m].
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
         timing, reach, velocity, swing, adjustment, route, ground, lift: Parts.
@@ -223,10 +241,13 @@ class GaitConfig:
     leg: Positive
     crouch: NonNegative
     height_rate: Positive
+    drop_rate: Positive
     preview: Annotated[int, Field(ge=1, le=12)]
     settle_dcm: Positive
     settle_time: NonNegative
     step_share: Share
+    lean_urgent: Share
+    astride: Positive
     anchor_time: Positive
     anchor_load: Share
     timing: TimingConfig
@@ -249,6 +270,8 @@ class GaitConfig:
             raise ValueError("timing: single_min <= single <= single_max does not hold")
         if not reach.width_min <= reach.width <= reach.width_max:
             raise ValueError("reach: width_min <= width <= width_max does not hold")
+        if reach.width_urgent < reach.width_max or timing.single_urgent > timing.single_min:
+            raise ValueError("an urgent step may not be held to narrower limits than any other")
 
 
 def load_gait_config(model: RobotModel) -> GaitConfig:
@@ -256,7 +279,15 @@ def load_gait_config(model: RobotModel) -> GaitConfig:
     own = f"gait_{model.name}"
     if (files("planners") / "config" / f"{own}.yaml").is_file():
         return default_config(GaitConfig, "planners", own)
-    return scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model))
+    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model))
+    fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
+    return replace(config, swing=replace(config.swing, speed_max=fastest))
+
+
+def foot_speed(model: RobotModel) -> float:
+    """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
+    joints = [joint - 6 for foot in model.feet for joint in foot.joint_ids_v]
+    return float(np.median(model.v_max[joints])) * leg_length(model) / QUINTIC_PEAK
 
 
 def leg_length(model: RobotModel) -> float:
@@ -286,6 +317,7 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
             timing,
             single=timing.single * time,
             single_min=timing.single_min * time,
+            single_urgent=timing.single_urgent * time,
             single_max=timing.single_max * time,
             double=timing.double * time,
             start=timing.start * time,

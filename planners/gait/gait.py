@@ -92,6 +92,7 @@ class GaitPlanner:
         self._target = np.zeros(2)
         self._next_adjustment = 0.0
         self._early = 0.0
+        self._caught = False
 
     @property
     def footholds(self) -> list[Foothold]:
@@ -217,6 +218,8 @@ class GaitPlanner:
             self._swing if self.phase is GaitPhase.SINGLE else None,
             1 - self.stance,
             self._loads(),
+            self._measured.com,
+            self.config.lean_urgent if self._plan.urgent else 0.5,
             self._dcm.dcm,
             self._dcm.rate,
             upright=self.phase in (GaitPhase.STAND, GaitPhase.FINISH),
@@ -248,7 +251,7 @@ class GaitPlanner:
         new, end = self._soles.point(self.stance), self._sync().start_of_single()
         elapsed = self._elapsed - self._early
         self._dcm.double(new, end, omega, elapsed, duration)
-        if elapsed >= duration:
+        if elapsed >= duration or self._urgent():
             self._lift()
 
     def _in_finish(self, dt: float) -> None:
@@ -271,8 +274,11 @@ class GaitPlanner:
         yaw = float(self._swing.position[3])
         height = self._soles.landing_height(foot, self._measured)
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
-        self._swing.heed(sole.x, sole.y, self._elapsed, self.step_time, dt)
-        self._swing.step(pose, self._soles.slope, self._elapsed, self.step_time, dt)
+        if not self._plan.urgent:  # a foot in a hurry lags as if it were caught
+            self._swing.heed(sole.x, sole.y, self._elapsed, self.step_time, dt)
+        # A foot in a hurry lags behind its reference, and one that lands late is worse than one that lands early.
+        lead = config.swing.urgent_lead if self._plan.urgent else 0.0
+        self._swing.step(pose, self._soles.slope, self._elapsed, self.step_time - lead, dt)
         self._dcm.single(
             self._soles.point(self.stance),
             self._target,
@@ -316,6 +322,7 @@ class GaitPlanner:
         near = [float(np.linalg.norm(self._measured.dcm(self._omega()) - self._soles.point(foot))) for foot in range(2)]
         self.stance = 0 if near[0] < near[1] else 1
         self._steps_left = 2
+        self._caught = True
         self._lift()
 
     def _lift(self) -> None:
@@ -324,6 +331,7 @@ class GaitPlanner:
         self.step_time = self.config.timing.single
         self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]), self.step_time, self._soles.tilts[foot])
         self._next_adjustment = 0.0
+        self._plan.urgent = self._urgent()
         self._enter(GaitPhase.SINGLE)
         self.footholds[foot] = self._sync().nominal()[0]
         self._adjust()
@@ -338,8 +346,9 @@ class GaitPlanner:
             self._steps_left = self.route.left + 1
         if self._steps_left is not None:
             self._steps_left -= 1
-        if self._steps_left is not None and self._steps_left <= 0 and self._must_step():
-            self._steps_left = 1  # not caught yet
+        astride = self._caught and self._soles.astride()
+        if self._steps_left is not None and self._steps_left <= 0 and (self._must_step() or astride):
+            self._steps_left = 1  # not caught yet, or in no stance to stay in
         if self._steps_left is not None and self._steps_left <= 0:
             self._dcm.begin_blend()
             self._steps_left = None
@@ -352,6 +361,7 @@ class GaitPlanner:
         self._elapsed = 0.0
         self._settled = 0.0
         if phase is GaitPhase.STAND:
+            self._plan.urgent = self._caught = False
             self._dcm.begin_blend()
 
     def _heed_command(self, dt: float) -> None:
@@ -379,6 +389,7 @@ class GaitPlanner:
     def _adjust(self) -> None:
         """Foothold and time of the step under way, from the measured DCM."""
         plan = self._sync()
+        plan.urgent = plan.urgent or self._urgent()
         self.footholds[plan.foot], self.step_time, self._target = plan.adjust(
             self._measured.dcm(plan.omega), self._elapsed, self.step_time, self.footholds[plan.foot]
         )
@@ -391,9 +402,10 @@ class GaitPlanner:
     def _shift(self, foot: int) -> None:
         """A late foot goes on with the DCM, so that it lands where it was to be under it."""
         target, run = self.footholds[foot], self._measured.dcm(self._omega()) - self._target
-        moved = clamped(
-            self.footholds[self.stance], foot, target.x + run[0], target.y + run[1], target.yaw, self.config.reach
-        )
+        reach = self.config.reach
+        if self._plan.urgent:
+            reach = replace(reach, width_max=reach.width_urgent)
+        moved = clamped(self.footholds[self.stance], foot, target.x + run[0], target.y + run[1], target.yaw, reach)
         self._target = self._target + np.array([moved.x - target.x, moved.y - target.y])
         self.footholds[foot] = replace(moved, z=target.z)
 
@@ -401,6 +413,11 @@ class GaitPlanner:
 
     def _omega(self) -> float:
         return math.sqrt(GRAVITY / max(self._builder.height, 0.1))
+
+    def _urgent(self) -> bool:
+        """Whether the DCM is so far from its reference that every moment counts."""
+        error = self._measured.dcm(self._omega()) - self._dcm.dcm
+        return float(np.linalg.norm(error)) > self.config.adjustment.urgent
 
     def _must_step(self) -> bool:
         return self._soles.beyond_standing(self._measured.dcm(self._omega()))
@@ -411,4 +428,6 @@ class GaitPlanner:
             return 1.0, 1.0
         if self.phase is GaitPhase.SINGLE:
             return (1.0, 0.0) if self.stance == 0 else (0.0, 1.0)
+        if self._plan.urgent:
+            return 1.0, 1.0  # whatever catches it
         return self._soles.shares(self._dcm.zmp(self._omega()))

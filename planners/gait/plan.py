@@ -51,6 +51,7 @@ class StepPlan:
         self.steps_left: int | None = None
         self.omega = 1.0
         self.unsolved = 0
+        self.urgent = False
 
     def nominal(self) -> tuple[Foothold, Vector]:
         """Next foothold and the DCM offset wanted at its touchdown (2,) [m]."""
@@ -114,7 +115,7 @@ class StepPlan:
         shift = np.array(stance.relative(*self._soles.point_of(foot, step))) - place - self._soles.centre(1 - foot)
         used = self._reaction.rest(self.omega, planned - elapsed, self._swing, np.array([target.x, target.y]))
         wanted = Step(place + shift, self._config.timing.single, turn @ offset, np.zeros(2), True)
-        bounds = self._bounds(shift, elapsed, planned, self._swing.position)
+        bounds = self._bounds(shift, elapsed, self._swing.position)
         free = turn @ (measured - point - used)
         coupling = self._coupling()
         adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds, coupling)
@@ -133,18 +134,20 @@ class StepPlan:
         transfer = dcm.transfer_share(omega, timing.double) - 1.0
         return transfer + math.exp(-omega * timing.double) * self._reaction.slope(omega, timing.single)
 
-    def _bounds(self, shift: Vector, elapsed: float, planned: float, swing: Vector) -> StepBounds:
+    def _bounds(self, shift: Vector, elapsed: float, swing: Vector) -> StepBounds:
         config, reach, timing = self._config, self._config.reach, self._config.timing
-        lower = np.array([-reach.backward, reach.width_min if self.foot == 0 else -reach.width_max])
-        upper = np.array([reach.forward, reach.width_max if self.foot == 0 else -reach.width_min])
-        far = config.swing.speed_max * max(planned - elapsed, 0.0)
+        widest = reach.width_urgent if self.urgent else reach.width_max
+        lower = np.array([-reach.backward, reach.width_min if self.foot == 0 else -widest])
+        upper = np.array([reach.forward, widest if self.foot == 0 else -reach.width_min])
+        # A foot that is out of reach yet may stay in line with where it is, as far as its speed is concerned.
         near = np.clip(np.array(self.stance.relative(float(swing[0]), float(swing[1]))), lower, upper)
-        lower, upper = np.maximum(lower, near - far), np.minimum(upper, near + far)
-        soonest = max(timing.single_min, elapsed + config.swing.freeze)
+        soonest = max(timing.single_urgent if self.urgent else timing.single_min, elapsed + config.swing.freeze)
         return StepBounds(
             lower + shift,
             upper + shift,
             soonest,
             max(timing.single_max, soonest),
             config.adjustment.cop_share * self._soles.half_sole(1 - self.foot),
+            near + shift,
+            config.swing.speed_max,
         )

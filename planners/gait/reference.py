@@ -57,6 +57,8 @@ class ReferenceBuilder:
         pin.centerOfMass(model.pin, data, q)
         torso = pin.updateFramePlacement(model.pin, data, model.frame_id("torso"))
         self._standing_height = float(data.com[0][2])
+        soles = [pin.updateFramePlacement(model.pin, data, foot.frame_id).translation[:2] for foot in model.feet]
+        self._under = [np.array(sole - data.com[0][:2]) for sole in soles]
         self._base: Matrix = data.oMi[1].rotation.copy()
         self._torso: Matrix = torso.rotation.copy()
         self.height = self._standing_height
@@ -74,6 +76,8 @@ class ReferenceBuilder:
         swing: SwingFoot | None,
         foot: int,
         load: tuple[float, float],
+        com: Vector,
+        lean: float,
         dcm: Vector,
         dcm_rate: Vector,
         *,
@@ -88,6 +92,8 @@ class ReferenceBuilder:
             swing: The swing foot's reference; None in double support.
             foot: Which foot swings.
             load: Share of the load of each foot.
+            com: Measured CoM (3,) [m].
+            lean: Share of the way between the feet at which the body will be when the swing foot lands.
             dcm: (2,) [m].
             dcm_rate: (2,) [m/s].
             upright: Whether to rise to the standing height.
@@ -95,8 +101,11 @@ class ReferenceBuilder:
         """
         config = self._config
         wanted = self._standing_height - (0.0 if upright else config.crouch)
+        yaw = footholds[0].yaw + 0.5 * wrap(footholds[1].yaw - footholds[0].yaw)
+        turn = yaw_matrix(yaw)
+        wanted = min(wanted, self._in_reach(footholds, None if swing is None else foot, com[:2], lean, turn[:2, :2]))
         step = config.height_rate * dt
-        change = min(max(wanted - self.height, -step), step)
+        change = min(max(wanted - self.height, -config.drop_rate * dt), step)
         self.height += change
         rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
         velocities, accelerations = np.zeros((2, 6)), np.zeros((2, 6))
@@ -140,3 +149,22 @@ class ReferenceBuilder:
             heading_rate=rate,
             cmp_offset=cmp_offset,
         )
+
+    def _in_reach(
+        self, footholds: list[Foothold], swinging: int | None, com: Vector, lean: float, turn: Matrix
+    ) -> float:
+        """CoM height at which no leg is longer than in the 'stand' posture [m].
+
+        A planted foot is as far from under its hip as it is measured, and will be as far as ``lean`` of the way
+        between the feet when the swing foot lands.
+        """
+        feet = [np.array([hold.x, hold.y]) for hold in footholds]
+        under = [turn @ place for place in self._under]
+        apart = feet[0] - feet[1] - (under[0] - under[1])
+        square = lean * lean * float(apart @ apart)
+        for foot in range(2):
+            if foot != swinging:
+                off = feet[foot] - com - under[foot]
+                square = max(square, float(off @ off))
+        leg = self._config.leg
+        return self._standing_height - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from models.robot_model import RobotModel
@@ -101,6 +103,13 @@ class Soles:
         """Whether a DCM (2,) nears the edge of the box around both soles, so that standing cannot bring it back."""
         place, half = self.standing_box(dcm)
         return bool((np.abs(place) > self._config.step_share * half).any())
+
+    def astride(self) -> bool:
+        """Whether the soles are farther from the nominal stance than standing is to be."""
+        left, right = self.holds
+        yaw = left.yaw + 0.5 * wrap(right.yaw - left.yaw)
+        forward, side = Foothold(right.x, right.y, yaw).relative(left.x, left.y)
+        return math.hypot(forward, side - self._config.reach.width) > self._config.astride
 
     def standing_box(self, dcm: Vector) -> tuple[Vector, Vector]:
         """The box around both soles, along their mean heading.

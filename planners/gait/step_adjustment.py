@@ -22,6 +22,8 @@ class StepBounds:
         time_lower: Time from the start of the single support to touchdown [s].
         time_upper: Time from the start of the single support to touchdown [s].
         cop: Largest CoP offset to either side (2,) [m].
+        place: Where the swing foot is now (2,) [m]; None to leave its speed out.
+        speed: Largest mean speed of the swing foot along each axis until touchdown [m/s].
     """
 
     step_lower: Vector
@@ -29,6 +31,8 @@ class StepBounds:
     time_lower: float
     time_upper: float
     cop: Vector
+    place: Vector | None = None
+    speed: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +67,11 @@ class StepAdjustment:
 
     .. math::
         \min_{u, \tau, \delta} w_u |u - \bar u|^2 + w_\tau (\tau - \bar \tau)^2 + w_b |b - \bar b|^2 + w_p |\delta|^2
-        \quad \text{s.t. bounds on } u, \tau, \delta
+        \quad \text{s.t. bounds on } u, \tau, \delta, \quad |u - u_{now}| \le v_{max} (T - t)
 
     The offset ``b`` is soft: it is the distance from a walk that can go on for ever. The product of ``delta`` and
-    ``tau`` is linearised at the last time. Units: the foothold is a ZMP point; the caller adds the sole's shape.
+    ``tau`` is linearised at the last time, and so is the logarithm in T of the way that the foot can still go: a foot
+    that is to land farther may do so later. Units: the foothold is a ZMP point; the caller adds the sole's shape.
 
     Args:
         config: Weights.
@@ -79,8 +84,10 @@ class StepAdjustment:
         self._config = config
         self._hessian = np.zeros((5, 5))
         self._gradient = np.zeros(5)
-        self._rows = np.zeros((0, 5))
-        self._sense = np.zeros(5, dtype=np.int32)
+        self._rows = np.zeros((4, 5))
+        for i in range(2):
+            self._rows[2 * i, i], self._rows[2 * i + 1, i] = 1.0, -1.0
+        self._sense = np.zeros(9, dtype=np.int32)
 
     def solve(
         self,
@@ -104,7 +111,7 @@ class StepAdjustment:
             coupling: Change of the wanted offset per change of the foothold [-].
         """
         config = self._config
-        lower, upper = self._bounds(omega, bounds)
+        lower, upper = self._bounds(omega, bounds, elapsed, planned_time)
         ahead = math.exp(omega * max(planned_time - elapsed, 0.0)) - 1.0
         decay = math.exp(-omega * elapsed)
         wanted = math.exp(omega * nominal.time)
@@ -128,11 +135,22 @@ class StepAdjustment:
         z, _, flag, _ = daqp.solve(hessian, gradient, self._rows, upper, lower, self._sense)
         solved = flag == 1 and bool(np.isfinite(z).all())
         if not solved:
-            z = np.clip(np.array([*nominal.step, wanted, 0.0, 0.0]), lower, upper)
+            z = np.clip(np.array([*nominal.step, wanted, 0.0, 0.0]), lower[:5], upper[:5])
         offset = decay * z[2] * dcm - ahead * z[3:] - z[:2]
         return Step(z[:2].copy(), math.log(z[2]) / omega, offset, z[3:].copy(), solved)
 
-    def _bounds(self, omega: float, bounds: StepBounds) -> tuple[Vector, Vector]:
-        lower = np.array([*bounds.step_lower, math.exp(omega * bounds.time_lower), *(-bounds.cop)])
-        upper = np.array([*bounds.step_upper, math.exp(omega * bounds.time_upper), *bounds.cop])
+    def _bounds(self, omega: float, bounds: StepBounds, elapsed: float, planned: float) -> tuple[Vector, Vector]:
+        """Bounds of the unknowns (5,) and of the rows for the swing foot's speed (4,), which are set here too."""
+        lower, upper = np.empty(9), np.full(9, np.inf)
+        lower[:2], lower[2], lower[3:5] = bounds.step_lower, math.exp(omega * bounds.time_lower), -bounds.cop
+        upper[:2], upper[2], upper[3:5] = bounds.step_upper, math.exp(omega * bounds.time_upper), bounds.cop
+        lower[5:] = -np.inf
+        self._rows[:, 2] = 0.0
+        if bounds.place is not None:
+            # T = planned + (tau - tau_0) / (omega tau_0)
+            at = min(max(planned, bounds.time_lower), bounds.time_upper)
+            self._rows[:, 2] = -bounds.speed / (omega * math.exp(omega * at))
+            way = bounds.speed * (at - elapsed - 1.0 / omega)
+            for i in range(2):
+                upper[5 + 2 * i], upper[6 + 2 * i] = way + bounds.place[i], way - bounds.place[i]
         return lower, upper

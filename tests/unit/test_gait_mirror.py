@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState
+from planners.gait.config import load_gait_config
 from planners.gait.config import load_gait_config
 from planners.gait.gait import GaitPhase, GaitPlanner
 

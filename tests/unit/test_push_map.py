@@ -28,7 +28,7 @@ def g1() -> RobotModel:
 def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(g1: RobotModel) -> None:
     """Forward simulation: the DCM grows from the edge it is held by, and each step moves that edge on."""
     gait = load_gait_config(g1)
-    ahead, growth = np.array([1.0, 0.0]), math.exp(OMEGA * gait.timing.single_min)
+    ahead, growth = np.array([1.0, 0.0]), math.exp(OMEGA * gait.timing.single_urgent)
     for steps in (1, 2, 3):
         for share, caught in ((0.999, True), (1.001, False)):
             beyond = share * step_distance(gait, OMEGA, steps, ahead)
@@ -40,10 +40,10 @@ def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(g1: RobotModel
 def test_the_first_step_to_the_side_is_taken_by_the_foot_that_reaches_farther(g1: RobotModel) -> None:
     gait = load_gait_config(g1)
     left = np.array([0.0, 1.0])
-    assert step_length(gait, 0, left) == gait.reach.width_max
+    assert step_length(gait, 0, left) == gait.reach.width_urgent
     assert step_length(gait, 1, left) == -gait.reach.width_min
-    growth = math.exp(OMEGA * gait.timing.single_min)
-    assert step_distance(gait, OMEGA, 1, left) == pytest.approx(gait.reach.width_max / growth)
+    growth = math.exp(OMEGA * gait.timing.single_urgent)
+    assert step_distance(gait, OMEGA, 1, left) == pytest.approx(gait.reach.width_urgent / growth)
 
 
 @pytest.mark.parametrize("name", ["g1", "talos"])
