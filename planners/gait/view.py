@@ -100,10 +100,10 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
 def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -> float:
     """Margin on one foot, so long after the other one has left the floor [s]."""
     timing, soles, reach, foot = config.timing, view.soles, config.reach, 1 - stance
-    soonest = max(timing.single_urgent, elapsed + config.swing.freeze)
+    soonest = max(timing.single_min, elapsed + config.swing.freeze)
     times = np.linspace(soonest, max(timing.single_max, soonest), TIMES) - elapsed
     growth = np.exp(view.omega * times)[:, None]  # (TIMES, 1)
-    width = (reach.width_min, reach.width_urgent) if foot == LEFT else (-reach.width_urgent, -reach.width_min)
+    width = (reach.width_min, reach.width_max) if foot == LEFT else (-reach.width_max, -reach.width_min)
     shift = np.subtract(soles.centre(foot), soles.centre(stance))
     more = soles.half_sole(foot) + (growth - 1.0) * soles.half_sole(stance)  # (TIMES, 2)
     lower = (np.array([-reach.backward, width[0]]) + shift - more) / growth

@@ -109,14 +109,14 @@ def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view
     edge = walk.dcm[0] + capture_margin(walk, config)
     stance, half = walk.soles.point(1)[0], float(walk.soles.half_sole(1)[0])
     cop = stance + half
-    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_urgent - walk.elapsed))
+    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.elapsed))
     assert landed == pytest.approx(stance + config.reach.forward + half, abs=1e-9)
 
 
 def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitPlanner, view: GaitView) -> None:
     config, walk = planner.config, swinging(view)
     walk = replace(walk, dcm=walk.soles.point(1) + np.array([0.0, 0.02]))
-    least = config.timing.single_urgent
+    least = config.timing.single_min
     hurried = replace(config, timing=replace(config.timing, single=least, single_max=least))
     assert capture_margin(walk, hurried) < 0.0 < capture_margin(walk, config)
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState
-from planners.gait.config import load_gait_config
 from planners.gait.config import load_gait_config
 from planners.gait.gait import GaitPhase, GaitPlanner
 
@@ -23,7 +20,9 @@ def references(model: RobotModel, side: float, foot: int) -> list[Reference]:
     """Start, one swing that a lateral push disturbs, and the touchdown after it; ``foot`` is the one that swings."""
     config = load_gait_config(model)
     # The feet of this robot stay where they are: none of them has been caught.
-    planner = GaitPlanner(model, replace(config, swing=replace(config.swing, trip_lag=10.0)))
+    swing = replace(config.swing, trip_lag=10.0)
+    # Urgency is a switch, which the robots' own CoM, off their middle, would throw at different ticks.
+    planner = GaitPlanner(model, replace(config, swing=swing, adjustment=replace(config.adjustment, urgent=1.0)))
     weight = 0.5 * model.mass * 9.81
 
     def state(t: float) -> RobotState:

@@ -105,3 +105,22 @@ def test_the_offset_follows_the_foothold() -> None:
     longer = step.step - NOMINAL.step
     assert longer[0] > 0.03
     assert step.offset == pytest.approx(NOMINAL.offset + coupling * longer, abs=1e-3)
+
+
+def test_a_foot_that_is_to_land_farther_does_so_later() -> None:
+    """The way that is left at the foot's speed bounds the foothold, and grows with the time of the step."""
+    place, speed = np.array([0.0, 0.2]), 1.2
+    bounds = StepBounds(
+        *(getattr(BOUNDS, name) for name in ("step_lower", "step_upper")), 0.2, 0.6, BOUNDS.cop, place, speed
+    )
+    dcm, planned = undisturbed() + np.array([0.2, 0.0]), NOMINAL.time
+    law = StepAdjustment(CONFIG)
+    for _ in range(20):  # the linearisation follows the last time
+        step = law.solve(dcm, ELAPSED, OMEGA, NOMINAL, planned, bounds)
+        planned = step.time
+    free = solve(dcm)
+    assert step.solved
+    assert np.abs(step.step - place).max() <= speed * (step.time - ELAPSED) + 1e-3
+    assert free.step[0] - place[0] > speed * (
+        free.time - ELAPSED
+    )  # the bound is active: without it the foot goes farther
