@@ -33,6 +33,11 @@ class DcmReference:
         self.dcm, self.rate = dcm_now.copy(), np.zeros(2)
         self.begin_blend()
 
+    def carry(self, way: Vector) -> None:
+        """Move all of it (2,) [m]."""
+        self.dcm, self._old = self.dcm + way, self._old + way
+        self._start = self._start[0] + way, self._start[1]
+
     def zmp(self, omega: float) -> Vector:
         """ZMP that moves the reference (2,) [m]."""
         zmp: Vector = self.dcm - self.rate / omega

@@ -12,7 +12,7 @@ import numpy as np
 from models.constants import GRAVITY
 from models.errors import CommandError
 from models.robot_model import RobotModel
-from models.types import Reference, RobotState
+from models.types import Reference, RobotState, Vector
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.dcm_reference import DcmReference
 from planners.gait.footstep_plan import Footstep
@@ -24,7 +24,7 @@ from planners.gait.plan import StepPlan
 from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Route
-from planners.gait.soles import Soles
+from planners.gait.soles import Soles, moved
 from planners.gait.swing import SwingFoot
 from planners.gait.velocity import VelocityLimiter
 from planners.gait.view import GaitView
@@ -209,6 +209,7 @@ class GaitPlanner:
         self._elapsed += dt
         swinging = 1 - self.stance if self.phase is GaitPhase.SINGLE else None
         landed = self.stance if self.phase is GaitPhase.DOUBLE else None
+        self._carry(self._soles.drift(self._measured, swinging))
         self._soles.follow(self._measured, swinging, landed, dt)
         self._heed_command(dt)
         getattr(self, f"_in_{self.phase.value}")(dt)
@@ -408,6 +409,13 @@ class GaitPlanner:
         moved = clamped(self.footholds[self.stance], foot, target.x + run[0], target.y + run[1], target.yaw, reach)
         self._target = self._target + np.array([moved.x - target.x, moved.y - target.y])
         self.footholds[foot] = replace(moved, z=target.z)
+
+    def _carry(self, way: Vector) -> None:
+        """All that is planned goes with the soles that bear: where they are in W is not known, only estimated."""
+        self._soles.carry(way)
+        self._dcm.carry(way)
+        self._lifted, self._target = moved(self._lifted, way), self._target + way
+        self._swing.position[:2] += way
 
     # Small things -----------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,11 @@ from models.types import Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold, wrap
 from planners.gait.measurement import GaitMeasurement
+
+
+def moved(hold: Foothold, way: Vector) -> Foothold:
+    """The foothold moved in W by (2,) [m]."""
+    return replace(hold, x=hold.x + float(way[0]), y=hold.y + float(way[1]))
 
 
 class Soles:
@@ -34,11 +40,13 @@ class Soles:
         self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self._rise = [0.0, 0.0]
         self.tilts, self.slope = np.zeros((2, 2)), np.zeros(2)
+        self._seen = self.holds
         self._felt: list[Vector] = []
 
     def reset(self, measured: GaitMeasurement) -> None:
         """Both feet planted where and as they are measured."""
         self.holds = list(measured.soles)
+        self._seen = list(measured.soles)
         self._rise = [0.0, 0.0]
         self.tilts[:] = measured.tilts
         self._felt = [measured.tilts.mean(axis=0)] * self._config.ground.slope_steps
@@ -132,6 +140,28 @@ class Soles:
         way = right - left
         share = float(np.clip((zmp - left) @ way / (way @ way), 0.0, 1.0))
         return 1.0 - share, share
+
+    def drift(self, measured: GaitMeasurement, swinging: int | None) -> Vector:
+        """How far the soles that bear have moved since the last tick, by their loads (2,) [m].
+
+        A planted sole stays where it is: what moves is the estimate, and everything measured with it.
+
+        Args:
+            measured: Soles and loads.
+            swinging: The foot in the air; None for none.
+        """
+        before, self._seen = self._seen, list(measured.soles)
+        way, total = np.zeros(2), 0.0
+        for foot, (old, new) in enumerate(zip(before, self._seen, strict=True)):
+            load = measured.loads[foot]
+            if foot != swinging and load >= self._config.anchor_load:
+                way += load * np.array([new.x - old.x, new.y - old.y])
+                total += load
+        return way / total if total > 0.0 else way
+
+    def carry(self, way: Vector) -> None:
+        """Move both footholds (2,) [m]."""
+        self.holds = [moved(hold, way) for hold in self.holds]
 
     def follow(self, measured: GaitMeasurement, swinging: int | None, landed: int | None, dt: float) -> None:
         """Planted footholds creep after the soles that bear: what the estimator cannot observe moves both alike.

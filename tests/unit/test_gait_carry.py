@@ -1,0 +1,47 @@
+"""The estimate of where the robot is may jump: all that is planned jumps with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from models.robot_model import RobotModel
+from models.types import ContactState, Reference, RobotState
+from planners.gait.gait import GaitPhase, GaitPlanner
+
+DT = 0.002
+JUMP = np.array([0.02, -0.03])
+
+
+def references(model: RobotModel, jump_at: int) -> list[Reference]:
+    """Start, swing and touchdown of a robot whose estimated place jumps at a tick."""
+    planner = GaitPlanner(model)
+    weight = model.mass * 9.81
+
+    def state(tick: int) -> RobotState:
+        q, v = model.standing_configuration(), np.zeros(model.nv)
+        if tick >= jump_at:
+            q[:2] += JUMP
+        forces, swinging = [0.5 * weight, 0.5 * weight], planner.phase is GaitPhase.SINGLE and tick < 500
+        if swinging:
+            forces[1 - planner.stance], forces[planner.stance] = 0.0, weight
+        contacts = [ContactState(force > 0.0, np.array([0.0, 0.0, force, 0.0, 0.0, 0.0])) for force in forces]
+        return RobotState(tick * DT, q, v, np.zeros(model.nj), (contacts[0], contacts[1]))
+
+    planner.reset(state(0))
+    planner.set_velocity(0.3, 0.0, 0.0)
+    out = [planner.step(state(tick), DT) for tick in range(560)]
+    assert planner.steps == 1
+    return out
+
+
+@pytest.mark.parametrize("jump_at", [100, 400, 520])
+def test_a_jump_of_the_estimate_moves_every_reference_alike(jump_at: int) -> None:
+    """In the start, in single support and in double support."""
+    model = RobotModel.load("g1")
+    for tick, (still, jumped) in enumerate(zip(references(model, 10**6), references(model, jump_at), strict=True)):
+        moved = JUMP if tick >= jump_at else np.zeros(2)
+        assert still.dcm is not None and jumped.dcm is not None
+        assert still.contacts == jumped.contacts
+        np.testing.assert_allclose(jumped.dcm, still.dcm + moved, atol=1e-6)
+        np.testing.assert_allclose(jumped.sole_positions[:, :2], still.sole_positions[:, :2] + moved, atol=1e-6)
