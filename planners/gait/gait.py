@@ -303,7 +303,8 @@ class GaitPlanner:
             self._leave_route("the robot was lifted")
             self._enter(GaitPhase.LIFTED)
             self._muted = True
-        return lifted.active
+        # Quick, wide steps leave the floor for some ticks: holding the robot then would be its fall.
+        return lifted.active and (lifted.confirmed or not self._plan.urgent)
 
     # Events -----------------------------------------------------------------------------------------------------------
 

@@ -53,6 +53,24 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     assert timing.single_urgent - 1e-9 <= planner.step_time < timing.single_min
 
 
+@pytest.mark.parametrize("urgent", [True, False])
+def test_an_urgent_step_goes_on_through_a_moment_in_the_air(g1: RobotModel, urgent: bool) -> None:
+    config = load_gait_config(g1)
+    threshold = config.adjustment.urgent if urgent else 1.0
+    planner = GaitPlanner(g1, replace(config, adjustment=replace(config.adjustment, urgent=threshold)))
+    planner.reset(state(g1))
+    planner.set_velocity(0.2, 0.0, 0.0)
+    while planner.phase is not GaitPhase.SINGLE:
+        planner.step(state(g1), DT)
+    pushed = state(g1, 1.0 if planner.stance == 1 else -1.0)
+    air = replace(pushed, contacts=(ContactState(False, np.zeros(6)), ContactState(False, np.zeros(6))))
+    for _ in range(20):
+        planner.step(pushed, DT)
+    for _ in range(round(1.5 * planner.config.lift.float_time / DT)):
+        reference = planner.step(air, DT)
+    assert any(reference.contacts) == urgent
+
+
 def test_limits_of_an_urgent_step_are_no_narrower(g1: RobotModel) -> None:
     config = default_config(GaitConfig, "planners", "gait")
     with pytest.raises(ValueError, match="urgent"):
