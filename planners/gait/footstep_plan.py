@@ -31,7 +31,10 @@ class Footstep:
 def middle(soles: Sequence[Foothold]) -> Foothold:
     """Pose half-way between both soles, which is where a robot on both feet is."""
     left, right = soles
-    yaw = wrap(left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+    yaw = 0.5 * (left.yaw + right.yaw)
+    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
+        yaw -= math.copysign(math.pi, yaw)
+    yaw = wrap(yaw)
     return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))
 
 
@@ -89,13 +92,14 @@ def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: 
 
 def _arrived(soles: Sequence[Foothold], goal: Foothold, config: GaitConfig) -> bool:
     """Whether the robot stands at the goal, soles side by side."""
-    route, here, (left, right) = config.route, middle(soles), soles
-    ahead, out = right.relative(left.x, left.y)
+    route, here = config.route, middle(soles)
+    (x, left), (other_x, right) = (here.relative(sole.x, sole.y) for sole in soles)  # mirrored like the soles
+    ahead, out = x - other_x, left - right
     return (
         math.hypot(here.x - goal.x, here.y - goal.y) <= route.position_tolerance
         and abs(wrap(here.yaw - goal.yaw)) <= route.turn_tolerance
         and abs(ahead) <= route.position_tolerance
-        and abs(wrap(left.yaw - right.yaw)) <= route.turn_tolerance
+        and abs(wrap(soles[LEFT].yaw - soles[RIGHT].yaw)) <= route.turn_tolerance
         and config.reach.width_min <= out <= config.reach.width_max
     )
 

@@ -41,8 +41,8 @@ class Foothold:
 
 
 def wrap(angle: float) -> float:
-    """The angle in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+    """The angle in [-pi, pi]: that of the mirrored angle is exactly the opposite, so mirrored steps stay mirrored."""
+    return math.remainder(angle, 2.0 * math.pi)
 
 
 def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float, reach: ReachConfig) -> Foothold:
