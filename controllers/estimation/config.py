@@ -128,6 +128,7 @@ class FootNoise:
 
     slip: Annotated[float, Field(gt=0.0, description="horizontal position, foot bearing [m/sqrt(s)]")]
     sink: Annotated[float, Field(gt=0.0, description="height, foot bearing for long [m/sqrt(s)]")]
+    creep: Annotated[float, Field(gt=0.0, description="horizontal, foot just landed or tipped [m/sqrt(s)]")]
     settling: Annotated[float, Field(gt=0.0, description="height, foot just landed or tipped [m/sqrt(s)]")]
     settle_time: Annotated[float, Field(ge=0.0, description="how long a foot settles after that [s]")]
     swing: Annotated[float, Field(gt=0.0, description="position, foot in the air [m/sqrt(s)]")]

@@ -91,6 +91,7 @@ class InvariantFilter:
         # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
         span = math.log(foot.swing / foot.slip)
         self._exponents = (math.log(foot.swing / foot.settling) / span, math.log(foot.swing / foot.sink) / span)
+        self._creep = math.log(foot.swing / foot.creep) / span
         self._middle = math.sqrt(foot.swing * foot.slip)
         self._middle_rotation = math.sqrt(foot.tipping * foot.flat)
         self._standing = [math.inf, math.inf]
@@ -189,8 +190,10 @@ class InvariantFilter:
                 self._standing[foot] += dt
             elif self._bore[foot]:
                 self._standing[foot] = 0.0
-            exponent = self._exponents[int(self._standing[foot] > config.settle_time)]
-            height = config.swing * (position / config.swing) ** exponent
+            settled, share = self._standing[foot] > config.settle_time, position / config.swing
+            height = config.swing * share ** self._exponents[int(settled)]
+            if not settled:
+                position = config.swing * share**self._creep
             lift = config.pivot * orientation  # of a sole that turns about a point this far from where it is thought
             variances[foot] = position * position, height * height + lift * lift, orientation * orientation
         variances *= dt
