@@ -300,19 +300,19 @@ BRIEFLY, LONG = round(0.5 * FOOT_NOISE.settle_time / DT), round(FOOT_NOISE.settl
 
 
 @pytest.mark.parametrize(
-    ("past", "now", "height"),
+    ("past", "now", "level", "height"),
     [
-        ([], BEARS, FOOT_NOISE.sink),  # the give under the first load is in the initial height
-        ([SWINGS] * 10, BEARS, FOOT_NOISE.sink),
-        ([BEARS], SWINGS, FOOT_NOISE.swing),
-        ([BEARS, SWINGS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.settling),
-        ([BEARS, SWINGS] + [BEARS] * LONG, BEARS, FOOT_NOISE.sink),
-        ([BEARS, TIPS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.settling),
-        ([BEARS, TIPS] + [BEARS] * LONG, BEARS, FOOT_NOISE.sink),
+        ([], BEARS, FOOT_NOISE.slip, FOOT_NOISE.sink),  # the give under the first load is in the initial height
+        ([SWINGS] * 10, BEARS, FOOT_NOISE.slip, FOOT_NOISE.sink),
+        ([BEARS], SWINGS, FOOT_NOISE.swing, FOOT_NOISE.swing),
+        ([BEARS, SWINGS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.creep, FOOT_NOISE.settling),
+        ([BEARS, SWINGS] + [BEARS] * LONG, BEARS, FOOT_NOISE.slip, FOOT_NOISE.sink),
+        ([BEARS, TIPS] + [BEARS] * BRIEFLY, BEARS, FOOT_NOISE.creep, FOOT_NOISE.settling),
+        ([BEARS, TIPS] + [BEARS] * LONG, BEARS, FOOT_NOISE.slip, FOOT_NOISE.sink),
     ],
 )
-def test_height_of_a_foot_wanders_less_the_longer_it_lies(
-    past: list[tuple[float, float]], now: tuple[float, float], height: float
+def test_a_foot_wanders_less_the_longer_it_lies(
+    past: list[tuple[float, float]], now: tuple[float, float], level: float, height: float
 ) -> None:
     filter_ = InvariantFilter(CONFIG)
     for densities in past:
@@ -320,7 +320,7 @@ def test_height_of_a_foot_wanders_less_the_longer_it_lies(
     filter_.vectors[2:] = 0.0  # no lever for the noise of the gyro
     filter_.covariance[:] = 0.0
     advance(filter_, now)
-    expected = np.array([now[0], now[0], np.hypot(height, FOOT_NOISE.pivot * now[1])])
+    expected = np.array([level, level, np.hypot(height, FOOT_NOISE.pivot * now[1])])
     np.testing.assert_allclose(np.diag(filter_.covariance)[FOOT : FOOT + 6], np.tile(expected**2 * DT, 2), rtol=1e-9)
 
 
