@@ -17,7 +17,8 @@ from bridge.closed_loop import ClosedLoop
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode
-from planners.gait.config import VelocityConfig, load_gait_config
+from planners.gait.config import VelocityConfig
+from planners.gait.scaling import load_gait_config
 
 
 @cache

@@ -4,45 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from enum import Enum
 
 import numpy as np
 
 from models.constants import GRAVITY
 from models.errors import CommandError
 from models.robot_model import RobotModel
-from models.types import Reference, RobotState, Vector
-from planners.gait.config import GaitConfig, load_gait_config
+from models.types import Reference, RobotState
+from planners.gait.config import GaitConfig
+from planners.gait.current_step import CurrentStep
 from planners.gait.dcm_reference import DcmReference
 from planners.gait.footstep_plan import Footstep
-from planners.gait.footsteps import Foothold, clamped, wrap
+from planners.gait.footsteps import Foothold
 from planners.gait.leg_lever import leg_lever
 from planners.gait.lifted import Lifted
 from planners.gait.measurement import GaitMeasurement
-from planners.gait.plan import StepPlan
+from planners.gait.orders import Orders
+from planners.gait.phase import GaitPhase
 from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Route
-from planners.gait.soles import Soles, moved
-from planners.gait.swing import SwingFoot
-from planners.gait.velocity import VelocityLimiter
+from planners.gait.scaling import load_gait_config
+from planners.gait.soles import Soles
 from planners.gait.view import GaitView
-
-
-class GaitPhase(Enum):
-    """Phase of the gait."""
-
-    STAND = "stand"
-    START = "start"
-    """Both feet; the weight moves to the first stance foot."""
-    SINGLE = "single"
-    DOUBLE = "double"
-    """Both feet; the weight moves to the foot that has just landed."""
-    FINISH = "finish"
-    """Both feet; the weight returns to the middle."""
-    LIFTED = "lifted"
-    """In the air: nothing moves."""
+from planners.gait.weight_shift import WeightShift
 
 
 class GaitPlanner:
@@ -50,9 +35,9 @@ class GaitPlanner:
 
         stand -> start -> single <-> double -> finish -> stand
 
-    Single supports end with the measured contact, or later with it: time alone never puts a foot down. Their touchdown
-    time and foothold are adjusted every few ticks (``step_adjustment.py``) from the measured DCM. In every phase the
-    DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
+    Single supports (``current_step.py``) end with the measured contact, or later with it: time alone never puts a foot
+    down. In every phase the DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
+    What the walk is for, and how many steps of it are left, is in ``orders.py``.
 
     Args:
         model: The robot.
@@ -60,37 +45,27 @@ class GaitPlanner:
 
     Attributes:
         phase: Phase now.
-        footholds: Planted pose of each sole, or the target of the one that swings.
         stance: The foot that bears in single support, or that will.
         steps: Touchdowns so far.
-        step_time: Planned single support of the step under way [s].
-        route: Footsteps that are being taken instead of a velocity's.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
         self.model = model
         self.config = config = config or load_gait_config(model)
         self._measured = GaitMeasurement(model)
-        self._limiter = VelocityLimiter(config.velocity)
-        self._reaction = reaction = SwingReaction(leg_lever(model))
-        self._swing = SwingFoot(config.swing)
+        self._orders = Orders(config)
         self._soles = Soles(model, config)
-        self.route = Route(config)
-        self._plan = StepPlan(self._soles, config, reaction, self._swing, self.route)
+        self._reaction = reaction = SwingReaction(leg_lever(model))
         self._dcm = DcmReference(reaction)
+        self._step = CurrentStep(config, self._measured, self._soles, self._orders, self._dcm, reaction)
+        self._weight = WeightShift(config, self._soles, self._dcm, self._step)
         self._builder = ReferenceBuilder(model, config, reaction)
         self._lifted_off = Lifted(model, config.lift)
-        self._muted = False
         self.phase = GaitPhase.STAND
         self.stance = 1
         self.steps = 0
-        self.step_time = config.timing.single
         self._elapsed = 0.0
         self._settled = 0.0
-        self._steps_left: int | None = None
-        self._lifted = Foothold(0.0, 0.0, 0.0)
-        self._target = np.zeros(2)
-        self._next_adjustment = 0.0
         self._early = 0.0
         self._caught = False
 
@@ -100,9 +75,19 @@ class GaitPlanner:
         return self._soles.holds
 
     @property
+    def step_time(self) -> float:
+        """Planned single support of the step under way [s]."""
+        return self._step.time
+
+    @property
+    def route(self) -> Route:
+        """Footsteps that are being taken instead of a velocity's."""
+        return self._orders.route
+
+    @property
     def trips(self) -> int:
         """How often a swing foot was caught by something so far."""
-        return self._swing.trips
+        return self._step.swing.trips
 
     @property
     def walking(self) -> bool:
@@ -124,28 +109,18 @@ class GaitPlanner:
             steps=self.steps,
             elapsed=self._elapsed,
             step_time=self.step_time,
-            steps_left=self._steps_left,
-            velocity=self._limiter.velocity,
+            steps_left=self._orders.steps_left,
+            velocity=self._orders.velocity,
             dcm=self._measured.dcm(self._omega()),
             omega=self._omega(),
             soles=self._soles,
-            unsolved=self._plan.unsolved,
+            unsolved=self._step.plan.unsolved,
             route=self.route,
         )
 
     def reset(self, state: RobotState) -> None:
         """Start over from a robot that stands on both feet."""
-        measured = self._measured
-        measured.update(state)
-        self._soles.reset(measured)
-        self._limiter.reset()
-        self.route.end("the walk began anew")
-        self._builder.reset(measured.com[2] - self._soles.ground())
-        self._dcm.reset(measured.com[:2])
-        self._steps_left = None
-        self._lifted_off.reset()
-        self._muted = False
-        self._enter(GaitPhase.STAND)
+        self._stand(state)
         self.steps = 0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
@@ -157,29 +132,20 @@ class GaitPlanner:
         Raises:
             CommandError: A value is not finite.
         """
-        if not all(math.isfinite(value) for value in (forward, left, turn)):
-            raise CommandError(f"velocity ({forward}, {left}, {turn}) refused: not finite")
-        self._muted = self._muted and any((forward, left, turn))
-        if self._muted:
-            return
-        self._limiter.set(forward, left, turn)
-        if self._limiter.moving:
-            self._leave_route("a velocity was commanded")
+        self._orders.set_velocity(forward, left, turn)
 
     def stop(self) -> None:
         """Come to a standstill within two steps."""
-        self._limiter.set(0.0, 0.0, 0.0)
-        self._leave_route("stopped")
+        self._orders.stop()
 
     def walk_to(self, goal: Foothold) -> None:
         """Walk to a pose of the middle between the soles, in W, and stand there; see ``plan_to_pose`` for refusals."""
         foot, under_way = None, None
         if self.phase is GaitPhase.SINGLE:
             foot, under_way = self.stance, Footstep(1 - self.stance, self.footholds[1 - self.stance])
-        elif self.phase in (GaitPhase.START, GaitPhase.DOUBLE):
+        elif self.phase.stepping:
             foot = 1 - self.stance
-        self.route.towards(goal, self.footholds, foot, under_way)
-        self._limiter.reset()
+        self._orders.walk_to(goal, self.footholds, foot, under_way)
 
     def take_steps(self, steps: Sequence[Footstep]) -> None:
         """Take footsteps, from standing, and stand there; see ``check_footsteps`` for further refusals.
@@ -189,8 +155,7 @@ class GaitPlanner:
         """
         if self.walking:
             raise CommandError("footsteps refused: they start from where the robot stands, and it is walking; stop it")
-        self.route.take(steps, self.footholds)
-        self._limiter.reset()
+        self._orders.take_steps(steps, self.footholds)
 
     def step(self, state: RobotState, dt: float) -> Reference:
         """One tick.
@@ -209,151 +174,113 @@ class GaitPlanner:
         self._elapsed += dt
         swinging = 1 - self.stance if self.phase is GaitPhase.SINGLE else None
         landed = self.stance if self.phase is GaitPhase.DOUBLE else None
-        self._carry(self._soles.drift(self._measured, swinging))
+        # All that is planned goes with the soles that bear: where they are in W is not known, only estimated.
+        way = self._soles.drift(self._measured, swinging)
+        for part in (self._soles, self._dcm, self._step):
+            part.carry(way)
         self._soles.follow(self._measured, swinging, landed, dt)
-        self._heed_command(dt)
+        self._orders.heed(self.phase.stepping, dt)
         getattr(self, f"_in_{self.phase.value}")(dt)
         return self._builder.build(
             self.footholds,
             self._soles.tilts,
-            self._swing if self.phase is GaitPhase.SINGLE else None,
+            self._step.swing if self.phase is GaitPhase.SINGLE else None,
             1 - self.stance,
-            self._loads(),
+            self._weight.loads(self.phase, self.stance, self._omega()),
             self._measured.com,
-            self.config.lean_urgent if self._plan.urgent else 0.5,
+            self.config.lean_urgent if self._step.plan.urgent else 0.5,
             self._dcm.dcm,
             self._dcm.rate,
-            upright=self.phase in (GaitPhase.STAND, GaitPhase.FINISH),
+            upright=self.phase.resting,
             dt=dt,
         )
 
     # Phases -----------------------------------------------------------------------------------------------------------
 
     def _in_stand(self, dt: float) -> None:
-        middle = self._soles.middle()
-        self._dcm.blend(middle, np.zeros(2), self._elapsed, self.config.timing.finish)
-        near = float(np.linalg.norm(self._measured.dcm(self._omega()) - middle)) < self.config.settle_dcm
-        self._settled = self._settled + dt if near else 0.0
+        self._weight.to_middle(self._elapsed)
+        off = self._measured.dcm(self._omega()) - self._soles.middle()
+        self._settled = self._settled + dt if float(np.linalg.norm(off)) < self.config.settle_dcm else 0.0
         if self._must_step():
             self._recover()
-        elif self._limiter.moving or self.route.left:
+        elif self._orders.moving:
             self._begin()
 
     def _in_start(self, dt: float) -> None:
-        duration = self.config.timing.start
-        end = self._sync().start_of_single()
-        rate = self._omega() * (end - self._soles.point(self.stance))
-        self._dcm.blend(end, rate, self._elapsed, duration)
-        if self._elapsed >= duration:
+        if self._weight.to_first(self.stance, self._elapsed, self._omega()):
             self._lift()
 
     def _in_double(self, dt: float) -> None:
-        duration, omega = self.config.timing.double, self._omega()
-        new, end = self._soles.point(self.stance), self._sync().start_of_single()
-        elapsed = self._elapsed - self._early
-        self._dcm.double(new, end, omega, elapsed, duration)
-        if elapsed >= duration or self._urgent():
+        if self._weight.to_next(self.stance, self._elapsed - self._early, self._omega()):
             self._lift()
 
     def _in_finish(self, dt: float) -> None:
-        duration = self.config.timing.finish
-        self._dcm.blend(self._soles.middle(), np.zeros(2), self._elapsed, duration)
+        there = self._weight.to_middle(self._elapsed)
         if self._must_step():
             self._recover()
-        elif self._elapsed >= duration:
+        elif there:
             self._enter(GaitPhase.STAND)
 
     def _in_single(self, dt: float) -> None:
-        config, foot = self.config, 1 - self.stance
-        left = self.step_time - self._elapsed
-        if self._elapsed >= self._next_adjustment and left > config.swing.freeze:
-            self._adjust()
-            self._next_adjustment = self._elapsed + config.timing.adjust_period
-        elif left < 0.0:
-            self._shift(foot)
-        target, sole = self.footholds[foot], self._measured.soles[foot]
-        yaw = float(self._swing.position[3])
-        height = self._soles.landing_height(foot, self._measured)
-        pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
-        if not self._plan.urgent:  # a foot in a hurry lags as if it were caught
-            self._swing.heed(sole.x, sole.y, self._elapsed, self.step_time, dt)
-        # A foot in a hurry lags behind its reference, and one that lands late is worse than one that lands early.
-        lead = config.swing.urgent_lead if self._plan.urgent else 0.0
-        self._swing.step(pose, self._soles.slope, self._elapsed, self.step_time - lead, dt)
-        self._dcm.single(
-            self._soles.point(self.stance),
-            self._target,
-            self._swing,
-            target,
-            self._omega(),
-            self.step_time - self._elapsed,
-        )
-        if self._measured.active[foot] and self._elapsed > config.timing.landing_from * self.step_time:
-            self._land(foot)
+        self._step.step(self.stance, self._elapsed, self._omega(), dt)
+        if self._step.landed(self.stance, self._elapsed):
+            self._land(1 - self.stance)
 
     def _hangs(self, state: RobotState, dt: float) -> bool:
         """Whether the robot is in the air; put down, it stands where it is and waits for a new command."""
         lifted, (left, right) = self._lifted_off, self._measured.active
         if lifted.update((left, right), state, dt):
-            steps = self.steps
-            self.reset(state)
-            self.steps, self._muted = steps, True
+            self._stand(state)
+            self._orders.cancel("the robot was put down")
         elif lifted.confirmed and self.phase is not GaitPhase.LIFTED:
-            self._limiter.reset()
-            self._leave_route("the robot was lifted")
+            self._orders.cancel("the robot was lifted")
             self._enter(GaitPhase.LIFTED)
-            self._muted = True
         # Quick, wide steps leave the floor for some ticks: holding the robot then would be its fall.
-        return lifted.active and (lifted.confirmed or not self._plan.urgent)
+        return lifted.active and (lifted.confirmed or not self._step.plan.urgent)
 
     # Events -----------------------------------------------------------------------------------------------------------
 
+    def _stand(self, state: RobotState) -> None:
+        """Forget the walk: the robot stands where it is."""
+        measured = self._measured
+        measured.update(state)
+        self._soles.reset(measured)
+        self._orders.reset()
+        self._builder.reset(measured.com[2] - self._soles.ground())
+        self._dcm.reset(measured.com[:2])
+        self._lifted_off.reset()
+        self._enter(GaitPhase.STAND)
+
     def _begin(self) -> None:
-        """From standing: choose the first swing foot, the one on the side of the command."""
-        _, left, turn = self._limiter.wanted
-        lean = left if abs(left) > 1e-6 else turn
-        self.stance = 1 if lean >= 0.0 else 0
-        if self.route.left:
-            self.stance = 1 - self.route.foot
+        """From standing: shift the weight to the foot that does not swing first."""
+        self.stance = 1 - self._orders.first_foot
         self._dcm.begin_blend()
-        self._steps_left = None
+        self._orders.steps_left = None
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:
         """A step at once, without a shift of the weight: the foot away from the DCM swings."""
-        near = [float(np.linalg.norm(self._measured.dcm(self._omega()) - self._soles.point(foot))) for foot in range(2)]
-        self.stance = 0 if near[0] < near[1] else 1
-        self._steps_left = 2
+        self.stance = self._soles.nearest(self._measured.dcm(self._omega()))
+        self._orders.steps_left = 2
         self._caught = True
         self._lift()
 
     def _lift(self) -> None:
-        foot = 1 - self.stance
-        self._lifted = sole = self._measured.soles[foot]
-        self.step_time = self.config.timing.single
-        self._swing.lift(np.array([sole.x, sole.y, sole.z, sole.yaw]), self.step_time, self._soles.tilts[foot])
-        self._next_adjustment = 0.0
-        self._plan.urgent = self._urgent()
         self._enter(GaitPhase.SINGLE)
-        self.footholds[foot] = self._sync().nominal()[0]
-        self._adjust()
+        self._step.lift(self.stance, self._omega())
 
     def _land(self, foot: int) -> None:
         self.steps += 1
         self._early = max(self.step_time - self._elapsed, 0.0)
         self._soles.land(foot, self._measured)
         self.stance = foot
-        if self.route.left:
-            self.route.landed(self.footholds)
-            self._steps_left = self.route.left + 1
-        if self._steps_left is not None:
-            self._steps_left -= 1
-        astride = self._caught and self._soles.astride()
-        if self._steps_left is not None and self._steps_left <= 0 and (self._must_step() or astride):
-            self._steps_left = 1  # not caught yet, or in no stance to stay in
-        if self._steps_left is not None and self._steps_left <= 0:
+        orders = self._orders
+        orders.landed(self.footholds)
+        if orders.over and (self._must_step() or (self._caught and self._soles.astride())):
+            orders.steps_left = 1  # not caught yet, or in no stance to stay in
+        if orders.over:
             self._dcm.begin_blend()
-            self._steps_left = None
+            orders.steps_left = None
             self._enter(GaitPhase.FINISH)
         else:
             self._enter(GaitPhase.DOUBLE)
@@ -363,80 +290,13 @@ class GaitPlanner:
         self._elapsed = 0.0
         self._settled = 0.0
         if phase is GaitPhase.STAND:
-            self._plan.urgent = self._caught = False
+            self._step.plan.urgent = self._caught = False
             self._dcm.begin_blend()
-
-    def _heed_command(self, dt: float) -> None:
-        """Advance the velocity; count down the last two steps once none is wanted."""
-        walking = self.phase in (GaitPhase.START, GaitPhase.SINGLE, GaitPhase.DOUBLE)
-        if self.route.left:
-            self._steps_left = self.route.left if self.route.left <= self.config.preview else None
-        elif self._limiter.moving:
-            self._limiter.step(dt)
-            self._steps_left = None
-        elif walking and self._steps_left is None:
-            self._steps_left = 2
-        elif not walking:
-            self._limiter.reset()
-
-    def _sync(self) -> StepPlan:
-        """The step plan, told where the gait is."""
-        plan = self._plan
-        plan.stance, plan.foot = self.footholds[self.stance], 1 - self.stance
-        plan.lifted = self._lifted if self.phase is GaitPhase.SINGLE else self.footholds[plan.foot]
-        plan.velocity, plan.steps_left = self._limiter.velocity, self._steps_left
-        plan.omega = self._omega()
-        return plan
-
-    def _adjust(self) -> None:
-        """Foothold and time of the step under way, from the measured DCM."""
-        plan = self._sync()
-        plan.urgent = plan.urgent or self._urgent()
-        self.footholds[plan.foot], self.step_time, self._target = plan.adjust(
-            self._measured.dcm(plan.omega), self._elapsed, self.step_time, self.footholds[plan.foot]
-        )
-
-    def _leave_route(self, reason: str) -> None:
-        if self.route.left:
-            self.route.end(reason)
-            self._steps_left = None
-
-    def _shift(self, foot: int) -> None:
-        """A late foot goes on with the DCM, so that it lands where it was to be under it."""
-        target, run = self.footholds[foot], self._measured.dcm(self._omega()) - self._target
-        reach = self.config.reach
-        if self._plan.urgent:
-            reach = replace(reach, width_max=reach.width_urgent)
-        moved = clamped(self.footholds[self.stance], foot, target.x + run[0], target.y + run[1], target.yaw, reach)
-        self._target = self._target + np.array([moved.x - target.x, moved.y - target.y])
-        self.footholds[foot] = replace(moved, z=target.z)
-
-    def _carry(self, way: Vector) -> None:
-        """All that is planned goes with the soles that bear: where they are in W is not known, only estimated."""
-        self._soles.carry(way)
-        self._dcm.carry(way)
-        self._lifted, self._target = moved(self._lifted, way), self._target + way
-        self._swing.position[:2] += way
 
     # Small things -----------------------------------------------------------------------------------------------------
 
     def _omega(self) -> float:
         return math.sqrt(GRAVITY / max(self._builder.height, 0.1))
 
-    def _urgent(self) -> bool:
-        """Whether the DCM is so far from its reference that every moment counts."""
-        error = self._measured.dcm(self._omega()) - self._dcm.dcm
-        return float(np.linalg.norm(error)) > self.config.adjustment.urgent
-
     def _must_step(self) -> bool:
         return self._soles.beyond_standing(self._measured.dcm(self._omega()))
-
-    def _loads(self) -> tuple[float, float]:
-        """Share of the weight that each foot is to bear, from where the reference's ZMP lies between them."""
-        if self.phase is GaitPhase.STAND:
-            return 1.0, 1.0
-        if self.phase is GaitPhase.SINGLE:
-            return (1.0, 0.0) if self.stance == 0 else (0.0, 1.0)
-        if self._plan.urgent:
-            return 1.0, 1.0  # whatever catches it
-        return self._soles.shares(self._dcm.zmp(self._omega()))

@@ -98,6 +98,11 @@ class Soles:
         """ZMP point of a foot where it is planned (2,) [m]."""
         return self.point_of(foot, self.holds[foot])
 
+    def nearest(self, dcm: Vector) -> int:
+        """The foot whose point is nearer to a DCM (2,) [m]."""
+        left, right = (float(np.linalg.norm(dcm - self.point(foot))) for foot in range(2))
+        return 0 if left < right else 1
+
     def middle(self) -> Vector:
         """Half-way between both points (2,) [m]."""
         middle: Vector = 0.5 * (self.point(0) + self.point(1))

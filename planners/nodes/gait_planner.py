@@ -14,8 +14,9 @@ from models.nodes.parameters import declare_config, describe
 from models.nodes.tick_timer import TickTimer
 from models.types import Reference, RobotState
 from planners.gait.command import VelocityCommand
-from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
+from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_topics import GaitTopics, declare_rates
 from planners.nodes.route_topics import RouteTopics
 from planners.nodes.velocity_topics import VelocityTopics

@@ -8,7 +8,7 @@ import pytest
 from bridge.closed_loop import ClosedLoop
 from models.constants import GRAVITY
 from models.types import Mode
-from planners.gait.gait import GaitPhase
+from planners.gait.phase import GaitPhase
 
 
 def hoist(loop: ClosedLoop, speed: float, duration: float) -> float:

@@ -72,7 +72,7 @@ class Commanded:
     @property
     def wanted(self) -> tuple[float, float, float]:
         """What the law has been told."""
-        wanted: tuple[float, float, float] = self.node._law._limiter.wanted
+        wanted: tuple[float, float, float] = self.node._law._orders.wanted
         return wanted
 
     def ask(self, publisher: Any, message: Any) -> str:

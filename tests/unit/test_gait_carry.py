@@ -7,7 +7,8 @@ import pytest
 
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState
-from planners.gait.gait import GaitPhase, GaitPlanner
+from planners.gait.gait import GaitPlanner
+from planners.gait.phase import GaitPhase
 
 DT = 0.002
 JUMP = np.array([0.02, -0.03])

@@ -9,8 +9,9 @@ import pytest
 
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState
-from planners.gait.config import load_gait_config
-from planners.gait.gait import GaitPhase, GaitPlanner
+from planners.gait.gait import GaitPlanner
+from planners.gait.phase import GaitPhase
+from planners.gait.scaling import load_gait_config
 
 DT = 0.002
 FLIP = np.array([1.0, -1.0, 1.0])

@@ -11,13 +11,15 @@ from controllers.qp.kernels_feedback import foothold_feedback
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
-from planners.gait.config import GaitConfig, foot_speed, load_gait_config
+from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold
-from planners.gait.gait import GaitPhase, GaitPlanner
+from planners.gait.gait import GaitPlanner
 from planners.gait.leg_lever import leg_lever
 from planners.gait.measurement import GaitMeasurement
+from planners.gait.phase import GaitPhase
 from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
+from planners.gait.scaling import foot_speed, load_gait_config
 from planners.gait.soles import Soles
 
 DT = 0.002

@@ -15,7 +15,7 @@ from benchmarks.leg_clearance import LegClearance
 from benchmarks.push_bounds import step_distance, step_length
 from benchmarks.push_trial import Trial, map_config
 from models.robot_model import RobotModel
-from planners.gait.config import load_gait_config
+from planners.gait.scaling import load_gait_config
 
 OMEGA = 3.9
 
