@@ -13,6 +13,7 @@ from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
 from bridge.sensor_errors import SensorErrors
+from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
 from controllers.estimation.estimator import StateEstimator
 from models.calibration import Calibration
@@ -23,7 +24,6 @@ from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
-from planners.motion import MotionPlanner
 
 
 class ClosedLoop:
@@ -134,10 +134,10 @@ class ClosedLoop:
             calibration=calibration,
             gait=gait,
         )
-        self._planner: MotionPlanner | None = None
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
         self._calibrator = Calibrator(self.robot, self._lockstep)
+        self._text = TextCommands(self.robot, self._lockstep)
         (self.hang if start == "hang" else self.reset)()
 
     def _ticks(self, name: str, time: float) -> int:
@@ -253,29 +253,8 @@ class ClosedLoop:
 
     def command(self, text: str) -> CommandReply:
         """Carry out a text command (wave, squat, walk, forward, stop, ...), or say why not."""
-        before = self.mode
-        reply = self._lockstep.supervisor.text(text)
-        if self.mode is not before:
-            self._lockstep.enter_mode()
-        velocity = self._lockstep.supervisor.take_velocity()
-        if velocity is not None:
-            self.gait.set_velocity(*velocity) if any(velocity) else self.gait.stop()
-        motion = self._lockstep.supervisor.take_motion()
-        if motion == "stop":
-            self._lockstep.laws.stop_motion()
-        elif motion is not None:
-            reply = self._begin(motion, reply)
+        reply = self._text.run(text)
         self._note(f"{text[:32]}: {reply.reason}")
-        return reply
-
-    def _begin(self, motion: str, reply: CommandReply) -> CommandReply:
-        """Plan a motion from the posture that the law in charge tracks, and have it follow."""
-        self._planner = self._planner or MotionPlanner(self.robot)
-        laws = self._lockstep.laws
-        try:
-            laws.follow(self._planner.plan(motion, start_q=laws.reference.posture))
-        except PoiseError as error:
-            return self._lockstep.supervisor.motion_refused(str(error))
         return reply
 
     def wait_motion(self) -> bool:
