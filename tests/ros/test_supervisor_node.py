@@ -112,11 +112,13 @@ def test_a_robot_that_has_fallen_is_not_armed(bench: Any, world: World, g1: Robo
     bench.wait(lambda: world.modes[-1] == "damp")
     world.drivers(topics.DAMPED)
     assert world.call("reset_faults")[0]
-    end = world.tick + 120
-    while world.tick < end:
+
+    def refused() -> bool:
         accepted, reason = world.call("mode/stand")
         assert not accepted
-    assert "base tilted by 1.50 rad" in reason
+        return "base tilted by 1.50 rad" in reason
+
+    bench.wait(refused)
 
 
 def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: World, g1: RobotModel) -> None:

@@ -157,14 +157,22 @@ def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.Monke
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in graph_environment(network=True)
 
 
-def test_a_domain_with_a_participant_is_not_free(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``bench`` is in a domain on loopback, where nobody listens at the multicast port."""
-    taken = int(os.environ["ROS_DOMAIN_ID"])
-    monkeypatch.setattr(environment, "_domains", itertools.count(taken - 1))
-    assert free_domain() != taken
-    monkeypatch.setattr(environment, "_domains", itertools.repeat(taken - 1))
-    with pytest.raises(PoiseError, match="every ROS domain is in use"):
-        free_domain()
+def test_a_domain_with_a_participant_is_not_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A participant of a graph on loopback, where nobody listens at the multicast port."""
+    taken = free_domain()
+    code = "import rclpy; from rclpy.node import Node; rclpy.init(); Node('here'); print('here', flush=True); input()"
+    variables = {**os.environ, **graph_environment(domain_id=taken)}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env=variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"here\n"
+        monkeypatch.setattr(environment, "_domains", itertools.count(taken - 1))
+        assert free_domain() != taken
+        monkeypatch.setattr(environment, "_domains", itertools.repeat(taken - 1))
+        with pytest.raises(PoiseError, match="every ROS domain is in use"):
+            free_domain()
+        process.communicate(b"\n", timeout=30.0)
 
 
 def _lockstep_run(log: Path, until: float) -> dict[int, np.ndarray]:
