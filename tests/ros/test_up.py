@@ -160,7 +160,10 @@ def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.Monke
 def test_a_domain_with_a_participant_is_not_free(monkeypatch: pytest.MonkeyPatch) -> None:
     """A participant of a graph on loopback, where nobody listens at the multicast port."""
     taken = free_domain()
-    code = "import rclpy; from rclpy.node import Node; rclpy.init(); kept = Node('here'); print('here', flush=1); input()"
+    code = (
+        "import rclpy; from rclpy.node import Node; rclpy.init(); kept = Node('here');"
+        "print('here', flush=True); input()"
+    )
     variables = {**os.environ, **graph_environment(domain_id=taken)}
     with subprocess.Popen(
         [sys.executable, "-c", code], env=variables, stdin=subprocess.PIPE, stdout=subprocess.PIPE
