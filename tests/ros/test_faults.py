@@ -48,7 +48,7 @@ def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) ->
     assert "the drivers were damped when the supervisor started" in reason
     assert eyes.graph.call("reset_faults")[0]
     assert eyes.graph.call("reset")[0]
-    eyes.graph.wait_standing(20.0)
+    eyes.graph.wait_standing(90.0)
 
 
 def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
@@ -69,7 +69,7 @@ def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
     assert "base tilted by" in reason
     assert eyes.graph.driver_state == "damped"
     assert eyes.graph.call("reset")[0]
-    eyes.graph.wait_standing(20.0)
+    eyes.graph.wait_standing(90.0)
 
 
 def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes) -> None:
@@ -83,7 +83,7 @@ def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes)
     assert "latched faults" in reason
     assert graph.call("reset_faults")[0]
     assert graph.call("reset")[0]
-    graph.wait_standing(20.0)
+    graph.wait_standing(90.0)
 
 
 def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
@@ -95,4 +95,4 @@ def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
     assert "emergency stop" in reason
     assert eyes.graph.call("reset_faults")[0]
     assert eyes.graph.call("reset")[0]  # back to the start: held, checked, and standing again
-    eyes.graph.wait_standing(20.0)
+    eyes.graph.wait_standing(90.0)
