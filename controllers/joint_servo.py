@@ -189,6 +189,10 @@ class JointServo:
         self._accept(t, t + self._sampler.duration)
         return True
 
+    def overdue(self, t: float) -> bool:
+        """Whether ``step`` at this time [s] would damp because no set-point came."""
+        return self.state is ServoState.ACTIVE and t > self._deadline
+
     def _accept(self, t: float, valid_until: float) -> None:
         """Note the arrival of a set-point that is good until a time [s]."""
         if self._first_command is None:
@@ -208,7 +212,7 @@ class JointServo:
         Returns:
             Torques (nj,) [N.m]; the array is overwritten by the next call.
         """
-        if self.state is ServoState.ACTIVE and t > self._deadline:
+        if self.overdue(t):
             self.timeouts += 1
             self.damp()
         target = self._target

@@ -147,6 +147,7 @@ class MujocoBridge(PoiseNode):
             self.message = "paused" if self._paused else self._driven.state
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+            self.values["starts interrupted"] = str(self._driven.interruptions)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -20,7 +20,8 @@ class DrivenRobot:
     """Plant and joint servo in step, with the hold at the start.
 
     Held, the drivers carry the joints against gravity. When the mode lets the robot move and commands arrive, they
-    execute those; when both feet carry the weight, the weld lets go. Hanging, nothing moves it until it is let down.
+    execute those; when both feet carry the weight, the weld lets go. Should the commands cease before that, the drivers
+    carry the joints again and the next command begins anew. Hanging, nothing moves it until it is let down.
 
     Args:
         plant: Simulated robot.
@@ -30,6 +31,7 @@ class DrivenRobot:
     Attributes:
         encoder_offsets: What the drivers subtract from their encoders (nj,) [rad]; None for nothing. To be changed
             just before ``reset`` only: joints that are suddenly read otherwise are pulled there.
+        interruptions: Times that the commands ceased while the robot was held.
     """
 
     def __init__(self, plant: MujocoPlant, config: LoopConfig, servo: JointServo | None = None) -> None:
@@ -39,6 +41,7 @@ class DrivenRobot:
         self._at_rest = hanging_command(plant.robot)
         self._mode = Mode.OFF
         self.encoder_offsets: Vector | None = None
+        self.interruptions = 0
         self.reset()
 
     def reset(self, *, hanging: bool = False) -> None:
@@ -139,6 +142,8 @@ class DrivenRobot:
         """One period: drivers, physics, and the hold."""
         plant, servo = self.plant, self.servo
         sensors, dt = self.read(), plant.period
+        if plant.held and self._commanded and servo.overdue(plant.t):
+            self._begin_anew()
         if plant.held and not self._commanded:
             servo.command(self._at_rest, plant.t)
         plant.write(servo.step(plant.t, sensors.q, sensors.v, dt))
@@ -146,3 +151,9 @@ class DrivenRobot:
         if self._gate is not None and self._gate.update(plant.load, dt):
             plant.hold(False)
             self._gate = None
+
+    def _begin_anew(self) -> None:
+        """Carry the held joints again: nothing has happened to the robot, and nobody would arm damped drivers."""
+        self.interruptions += 1
+        self._commanded, self._gate = False, None
+        self.servo.blend()

@@ -9,6 +9,7 @@ from bridge.loop_config import LoopConfig
 from bridge.mujoco_plant import MujocoPlant
 from bridge.ros.driven_robot import DrivenRobot
 from bridge.sensor_errors import SensorErrors
+from bridge.start_up import hanging_command
 from controllers.joint_servo import ServoState
 from models.config import default_config
 from models.errors import CommandError
@@ -69,3 +70,19 @@ def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: D
     assert not driven.movable
     driven.set_mode(Mode.OFF)
     assert driven.movable
+
+
+def test_commands_that_cease_while_the_robot_is_held_leave_its_drivers_ready(driven: DrivenRobot) -> None:
+    """Nobody would arm them again: to the supervisor a held robot is as well as it was."""
+    driven.settle()
+    driven.set_mode(Mode.STAND)
+    carrying = hanging_command(driven.plant.robot)
+    assert driven.command(carrying)
+    before = driven.plant.truth.q.copy()
+    silence = 3.0 * driven.servo.config.command_timeout
+    for _ in range(round(silence / driven.plant.period)):
+        driven.step()
+    assert (driven.interruptions, driven.servo.timeouts) == (1, 0)
+    assert driven.state == "held" and driven.awaits_command
+    assert driven.command(carrying)
+    np.testing.assert_allclose(driven.plant.truth.q, before, atol=5e-3)  # drivers that damp sag by 0.02 rad
