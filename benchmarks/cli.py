@@ -80,6 +80,21 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
         _bench(name, robot, seeds, workers, json, plot)
 
 
+def _add_scenarios(name: str, help_text: str) -> None:
+    """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are."""
+
+    @app.command(name, help=help_text)
+    def run(
+        robot: Robot = "g1",
+        seeds: Seeds = 20,
+        workers: Workers = 1,
+        json: JsonFile = None,
+        plot: PlotFolder = None,
+        scenario: Annotated[list[str] | None, typer.Option(help="Measure only this one; repeatable.")] = None,
+    ) -> None:
+        _bench(name, robot, seeds, workers, json, plot, tuple(scenario or ()))
+
+
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 
 
@@ -101,36 +116,8 @@ def push(
 _add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
 
 
-@app.command("walk")
-def walk(
-    robot: Robot = "g1",
-    seeds: Seeds = 20,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-    scenario: Annotated[
-        list[str] | None, typer.Option(help="Measure only this one, such as forward, random, stop, top; repeatable.")
-    ] = None,
-) -> None:
-    """Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping."""
-    _bench("walk", robot, seeds, workers, json, plot, tuple(scenario or ()))
-
-
-@app.command("terrain")
-def terrain(
-    robot: Robot = "g1",
-    seeds: Seeds = 20,
-    workers: Workers = 1,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-    scenario: Annotated[
-        list[str] | None, typer.Option(help="Measure only this one, such as tiles, slope_up, friction; repeatable.")
-    ] = None,
-) -> None:
-    """Blind walking on tiles, slopes and slippery ground, with a payload and with late commands."""
-    _bench("terrain", robot, seeds, workers, json, plot, tuple(scenario or ()))
-
-
+_add_scenarios("walk", "Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping.")
+_add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
 _add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)

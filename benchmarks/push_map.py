@@ -19,8 +19,9 @@ from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound, step_distance
 from benchmarks.push_search import Search, largest
-from benchmarks.push_trial import Trial, heading, map_config, prepare, survives
+from benchmarks.push_trial import Trial, map_config, prepare, survives
 from models.constants import GRAVITY
+from models.heading import heading
 
 
 def bounds(trial: Trial) -> dict[str, float]:
@@ -29,7 +30,7 @@ def bounds(trial: Trial) -> dict[str, float]:
     The edge is that of the soles that bear, in the direction of the push; 0 where the DCM is beyond it already.
     """
     config, loop = map_config(), prepare(trial)
-    angle = heading(loop) + trial.angle
+    angle = heading(*loop.truth.q[3:7]) + trial.angle
     direction = np.array([math.cos(angle), math.sin(angle)])
     now = stance(loop.robot, loop.truth)
     loaded = [foot for foot in range(2) if loop.truth.contacts[foot].active] or [0, 1]

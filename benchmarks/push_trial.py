@@ -18,6 +18,7 @@ from benchmarks.push import stance
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, default_config
 from models.errors import PoiseError
+from models.heading import heading
 from models.types import Vector
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -94,12 +95,6 @@ def legs_of(robot: str) -> LegClearance:
     return LegClearance(loop_of(robot).robot, map_config().sole_thickness)
 
 
-def heading(loop: ClosedLoop) -> float:
-    """Of the true base [rad]."""
-    x, y, z, w = (float(value) for value in loop.truth.q[3:7])
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
 def prepare(trial: Trial) -> ClosedLoop:
     """A robot at the moment of its push.
 
@@ -143,7 +138,7 @@ def survives(trial: Trial, dv: float, watch: Callable[[ClosedLoop], None] | None
     """
     config, loop = map_config(), prepare(trial)
     legs = legs_of(trial.robot)
-    angle = heading(loop) + trial.angle
+    angle = heading(*loop.truth.q[3:7]) + trial.angle
     force = loop.robot.mass * dv / config.duration
     loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), config.duration, config.body)
     end, places = loop.t + config.duration + config.recover_time, [loop.truth.q[:2].copy()]

@@ -17,6 +17,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
 from models.errors import ConfigError
+from models.heading import heading
 from models.robot_model import RobotModel
 from models.terrain import FLAT, terrain_named
 
@@ -94,13 +95,12 @@ def walk(robot: str, seed: int, scenario: str) -> Case:
     )
     loop.command("walk")
     loop.set_velocity(config.speed, 0.0, 0.0)
-    x, y, _, qx, qy, qz, qw = loop.truth.q[:7]
-    heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+    (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
     start = loop.t
     while loop.t - start < config.duration and not loop.fallen:
         loop.run(0.1)
     moved = loop.truth.q[:2] - (x, y)
-    distance = float(moved @ (math.cos(heading), math.sin(heading)))
+    distance = float(moved @ (math.cos(yaw), math.sin(yaw)))
     survived = not loop.fallen and distance >= config.distance_share * config.speed * config.duration
     outcome: Case = {
         "fell": loop.fallen,

@@ -10,6 +10,7 @@ import numpy as np
 
 from bridge.closed_loop import ClosedLoop
 from models.constants import GRAVITY
+from models.heading import heading
 from models.types import Matrix, Vector
 
 Velocity = tuple[float, float, float]
@@ -41,11 +42,6 @@ class Walked:
         return mean
 
 
-def _heading(quaternion: Vector) -> float:
-    x, y, z, w = (float(value) for value in quaternion)
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
 TRACED = ("t", "dcm_ahead", "dcm_left", "cmp_ahead", "cmp_left", "yaw", "load_left", "load_right", "torque_share")
 """Columns of a trace; see ``_signals``."""
 
@@ -57,8 +53,8 @@ def _signals(loop: ClosedLoop) -> Matrix:
     vertical force on each foot over the weight [-]; torque over its limit of the joint that is nearest to it [-].
     """
     log, weight = loop.log, loop.robot.mass * GRAVITY
-    yaw = np.array([_heading(q[3:7]) for q in log.true_q])
-    seen = np.array([_heading(q[3:7]) for q in log.estimate_q])  # the controller's points are in its own frame
+    yaw = np.array([heading(*q[3:7]) for q in log.true_q])
+    seen = np.array([heading(*q[3:7]) for q in log.estimate_q])  # the controller's points are in its own frame
     c, s = np.cos(seen), np.sin(seen)
     points = []
     for point in (log.dcm, log.zmp):
@@ -85,7 +81,7 @@ def watch(loop: ClosedLoop, duration: float, chunk: float, trace_time: float = 0
     while loop.t < end - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
         loop.run(chunk)
         now = loop.truth.q[:7].copy()
-        first, last = _heading(before[3:]), _heading(now[3:])
+        first, last = heading(*before[3:]), heading(*now[3:])
         turned = (last - first + math.pi) % (2.0 * math.pi) - math.pi
         c, s = math.cos(first + 0.5 * turned), math.sin(first + 0.5 * turned)
         x, y = now[:2] - before[:2]

@@ -11,6 +11,7 @@ from bridge.render import DONE
 from bridge.report import Check, fell, hand_travel
 from bridge.stability import analyse
 from models.constants import GRAVITY
+from models.heading import heading
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -56,7 +57,7 @@ def _distances(recording: Recording, places: Matrix) -> dict[str, float]:
     drift = np.nan
     if recording.estimate is not None:
         true, told = recording.q[:, :7], recording.estimate
-        ways = [_seen_from(np.array([*rows[0, :2], _yaw(rows[0])]), rows[-1:, :2])[0] for rows in (true, told)]
+        ways = [_seen_from(np.array([*rows[0, :2], heading(*rows[0, 3:7])]), rows[-1:, :2])[0] for rows in (true, told)]
         drift = float(np.linalg.norm(ways[0] - ways[1]))
     return {
         "walked_m": walked,
@@ -71,11 +72,6 @@ def _seen_from(place: Vector, points: Matrix) -> Matrix:
     c, s = np.cos(place[2]), np.sin(place[2])
     seen: Matrix = (points[:, :2] - place[:2]) @ np.array([[c, -s], [s, c]])
     return seen
-
-
-def _yaw(pose: Vector) -> float:
-    x, y, z, w = pose[3:7]
-    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def _part(recording: Recording, name: str) -> Recording | None:

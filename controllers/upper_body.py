@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.robot_model import RobotModel
+from models.spline import min_jerk
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Reference, Vector
 
@@ -77,9 +78,9 @@ class UpperBodyMotion:
         left = self._end - self._t
         u, sign = (left / self._fade, -1.0) if left < self._t else (self._t / self._fade, 1.0)
         u = min(u, 1.0)
-        weight = u**3 * (6.0 * u**2 - 15.0 * u + 10.0)
-        rate = sign * 30.0 * u**2 * (1.0 - u) ** 2 / self._fade
-        bend = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / self._fade**2
+        weight, rate, bend = min_jerk(u)
+        rate *= sign / self._fade
+        bend /= self._fade**2
         q, v, a = self._motion.sample(self._t)
         dq = np.where(self._free, q - reference.posture, 0.0)
         dv = np.where(self._free, v - reference.posture_velocity, 0.0)

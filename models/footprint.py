@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from models.compiled import njit
+from models.heading import heading
 from models.types import Matrix, Vector
 
 
@@ -25,7 +26,7 @@ def base_footprint(base: Vector, soles: Matrix) -> Vector:
     px = 0.5 * (soles[0, 0] + soles[1, 0]) - base[0]
     py = 0.5 * (soles[0, 1] + soles[1, 1]) - base[1]
     pz = min(soles[0, 2], soles[1, 2]) - base[2]
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    yaw = heading(x, y, z, w)
     s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     pose = np.empty(7)
     # R' p = p + w t + t x n with t = 2 p x n, n = (x, y, z)

@@ -9,6 +9,52 @@ from models.compiled import njit
 from models.types import Matrix, Vector
 
 
+def min_jerk(u: float) -> tuple[float, float, float]:
+    """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 of u in [0, 1], ds/du and d2s/du2; both vanish at both ends.
+
+    References:
+        T. Flash, N. Hogan, "The coordination of arm movements", J. Neuroscience 1985, eq. (7).
+    """
+    left = 1.0 - u
+    return (
+        u * u * u * (10.0 + u * (6.0 * u - 15.0)),
+        30.0 * u * u * left * left,
+        60.0 * u * left * (left - u),
+    )
+
+
+@njit("UniTuple(float64, 3)(float64, float64, float64, UniTuple(float64, 3), float64, float64)", cache=True)
+def quintic_step(
+    position: float, velocity: float, acceleration: float, end: tuple[float, float, float], left: float, dt: float
+) -> tuple[float, float, float]:
+    """State after ``dt`` on the quintic from a present state to an end state ``left`` seconds ahead.
+
+    Args:
+        position: Present position.
+        velocity: Present velocity.
+        acceleration: Present acceleration.
+        end: Position, velocity and acceleration at the end.
+        left: Time to the end [s]; at least ``dt``.
+        dt: Step [s].
+
+    Returns:
+        Position, velocity, acceleration.
+    """
+    h = left
+    dp = end[0] - position - velocity * h - 0.5 * acceleration * h * h
+    dv = end[1] - velocity - acceleration * h
+    da = end[2] - acceleration
+    c3 = (10.0 * dp - 4.0 * dv * h + 0.5 * da * h * h) / h**3
+    c4 = (-15.0 * dp + 7.0 * dv * h - da * h * h) / h**4
+    c5 = (6.0 * dp - 3.0 * dv * h + 0.5 * da * h * h) / h**5
+    t = dt
+    return (
+        position + t * (velocity + t * (0.5 * acceleration + t * (c3 + t * (c4 + t * c5)))),
+        velocity + t * (acceleration + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
+        acceleration + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+    )
+
+
 def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
     """Velocities at the points such that the cubic through them overshoots none of them.
 

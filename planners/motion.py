@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
+from models.spline import min_jerk
 from models.types import JointTrajectory, Matrix, Vector
 from planners.collision import SelfCollision
 from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal
@@ -21,7 +22,7 @@ from planners.library import START, FrameTarget, KeyPose, Motion, load_library
 from planners.motion_config import MotionConfig
 from planners.path_check import check_path
 from planners.stance import Stance, stand_on
-from planners.timing import blend_time, min_jerk, smooth_curve
+from planners.timing import blend_time, smooth_curve
 from planners.whole_body_ik import Bounds, WholeBodyIk
 
 _DECIMALS = 9
@@ -227,7 +228,7 @@ class MotionPlanner:
         rows: list[Vector] = []
         seed = start
         for k in range(1, steps + 1):
-            s = min_jerk(k / steps)
+            s = min_jerk(k / steps)[0]
             joints = (1.0 - s) * start[7:] + s * end[7:]
             place = pin.SE3(base[0].rotation @ pin.exp3(s * turn), (1.0 - s) * start[:3] + s * end[:3])
             q = self._ik.follow(joints, place, (1.0 - s) * com[0] + s * com[1], seed)

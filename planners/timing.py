@@ -31,15 +31,6 @@ class JointCurve:
     a: Matrix
 
 
-def min_jerk(u: float) -> float:
-    """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 of u in [0, 1]: velocity and acceleration vanish at both ends.
-
-    References:
-        T. Flash, N. Hogan, "The coordination of arm movements", J. Neuroscience 1985, eq. (7).
-    """
-    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
-
-
 def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
     """Shortest minimum-jerk blend that respects velocity and acceleration limits.
 

@@ -7,10 +7,11 @@ decided by the latency benchmark; see ``docs/graph.md``.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from typing import Any
 
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
-from models.nodes import realtime
 from models.nodes.spin import run
 from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
@@ -18,12 +19,11 @@ from planners.nodes.gait_planner import GaitPlannerNode
 
 def main(args: list[str] | None = None) -> None:
     """Run the three nodes until a signal."""
-    code = _run(args)
-    realtime.release()  # again: the nodes are referred to in there
-    sys.exit(code)
+    sys.exit(run(_factories(), args))
 
 
-def _run(args: list[str] | None) -> int:
+def _factories() -> list[Callable[[], Any]]:
+    """What makes gait planner, controller and estimator, in this order."""
     gaits: list[GaitPlannerNode] = []
     controllers: list[BalanceControllerNode] = []
 
@@ -40,7 +40,7 @@ def _run(args: list[str] | None) -> int:
         gaits[0].tell(stamp)
         return controllers[0].scheduled
 
-    return run([gait, controller, lambda: StateEstimatorNode(hand_over)], args)
+    return [gait, controller, lambda: StateEstimatorNode(hand_over)]
 
 
 if __name__ == "__main__":

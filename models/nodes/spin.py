@@ -61,14 +61,14 @@ def spin(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
 
 
 def run(
-    factories: Sequence[Callable[[], Any]],
+    factories: list[Callable[[], Any]],
     args: Sequence[str] | None = None,
     loop: Callable[[Any, Sequence[Any], Stop], None] = spin,
 ) -> int:
     """Create nodes and run them until SIGINT or SIGTERM.
 
     Args:
-        factories: Each makes one node.
+        factories: Each makes one node; they are taken out of the list, as they may refer to each other's.
         args: Command line, ROS arguments included; that of the process when None.
         loop: Serves the executor until the flag is set.
 
@@ -84,8 +84,8 @@ def run(
     executor = make_executor()
     code = 0
     try:
-        for factory in factories:
-            nodes.append(factory())
+        while factories:
+            nodes.append(factories.pop(0)())
             executor.add_node(nodes[-1])
         loop(executor, nodes, stop)
     except Exception:  # no half-alive node: say it and end the process

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from models.errors import CommandError, UnreachableError
 from models.types import FOOT_NAMES
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity, next_foothold, wrap
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity, middle, next_foothold, wrap
 
 SLACK = 1e-6
 """Rounding that a limit forgives [m, rad]."""
@@ -26,16 +26,6 @@ class Footstep:
 
     foot: int
     hold: Foothold
-
-
-def middle(soles: Sequence[Foothold]) -> Foothold:
-    """Pose half-way between both soles, which is where a robot on both feet is."""
-    left, right = soles
-    yaw = 0.5 * (left.yaw + right.yaw)
-    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
-        yaw -= math.copysign(math.pi, yaw)
-    yaw = wrap(yaw)
-    return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))
 
 
 def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:

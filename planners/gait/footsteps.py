@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planners.gait.config import ReachConfig
@@ -84,6 +85,16 @@ def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float
     along, across = forward, side * width
     dx, dy = c * along - s * across, s * along + c * across
     return clamped(stance, foot, *stance.moved(dx, dy), heading + half_turn, reach)
+
+
+def middle(soles: Sequence[Foothold]) -> Foothold:
+    """Pose half-way between both soles, which is where a robot on both feet is."""
+    left, right = soles
+    yaw = 0.5 * (left.yaw + right.yaw)
+    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
+        yaw -= math.copysign(math.pi, yaw)
+    yaw = wrap(yaw)
+    return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))
 
 
 def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, reach: ReachConfig) -> Foothold:

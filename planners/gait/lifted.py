@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from models.robot_model import RobotModel
+from models.spline import min_jerk
 from models.types import Reference, RobotState, Vector
 from planners.gait.config import LiftConfig
 from planners.gait.footsteps import Foothold
@@ -81,8 +82,9 @@ class Lifted:
         if self.confirmed:
             u = min(self._since / self._config.level_time, 1.0)
             way = self._stand - posture
-            posture = posture + u**3 * (6.0 * u**2 - 15.0 * u + 10.0) * way
-            rate = 30.0 * u**2 * (1.0 - u) ** 2 / self._config.level_time * way
+            share, growth, _ = min_jerk(u)
+            posture = posture + share * way
+            rate = growth / self._config.level_time * way
         upright = pin.Quaternion(state.q[3:7]).toRotationMatrix()
         return Reference(
             com=com.copy(),

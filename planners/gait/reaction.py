@@ -27,6 +27,7 @@ import math
 import numpy as np
 
 from models.compiled import njit
+from models.spline import quintic_step
 from models.types import Vector
 from planners.gait.leg_lever import LegLever
 from planners.gait.swing import YAW, SwingFoot, Z
@@ -34,18 +35,6 @@ from planners.gait.swing import YAW, SwingFoot, Z
 # Gauss-Legendre on [0, 1]
 _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
 _WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
-
-
-@njit(cache=True)
-def _quintic(p: float, v: float, a: float, end: float, end_v: float, h: float, t: float) -> float:
-    """Position at ``t`` on the quintic that ends at ``end`` after ``h`` with the velocity ``end_v``, unaccelerated."""
-    dp = end - p - v * h - 0.5 * a * h * h
-    dv = end_v - v - a * h
-    s = t / h
-    cubic = 10.0 * dp - 4.0 * dv * h - 0.5 * a * h * h
-    quartic = -15.0 * dp + 7.0 * dv * h + a * h * h
-    fifth = 6.0 * dp - 3.0 * dv * h - 0.5 * a * h * h
-    return p + t * (v + 0.5 * a * t) + s**3 * (cubic + s * (quartic + s * fifth))
 
 
 @njit(cache=True)
@@ -76,16 +65,16 @@ def _allowance(
         for i in range(4):
             t = begin + _NODES[i] * span
             weight = _WEIGHTS[i] * span * math.exp(-omega * t)
-            px = _quintic(0.0, x[1], x[2], x_end, 0.0, left, t)
+            px = quintic_step(0.0, x[1], x[2], (x_end, 0.0, 0.0), left, t)[0]
             if part == 0:
-                pz = _quintic(z[0], z[1], z[2], top, 0.0, middle, t)
+                pz = quintic_step(z[0], z[1], z[2], (top, 0.0, 0.0), middle, t)[0]
             elif rising:
-                pz = _quintic(top, 0.0, 0.0, floor, v_end, left - middle, t - middle)
+                pz = quintic_step(top, 0.0, 0.0, (floor, v_end, 0.0), left - middle, t - middle)[0]
             else:
-                pz = _quintic(z[0], z[1], z[2], floor, v_end, left, t)
+                pz = quintic_step(z[0], z[1], z[2], (floor, v_end, 0.0), left, t)[0]
             before = ahead + px - drift * t
             integral += weight * (lever[0] * px + 0.5 * lever[1] * before * before + lever[2] * pz)
-            side += weight * lever[3] * _quintic(0.0, y[1], y[2], y_end, 0.0, left, t)
+            side += weight * lever[3] * quintic_step(0.0, y[1], y[2], (y_end, 0.0, 0.0), left, t)[0]
     decay = math.exp(-omega * left)
     last = ahead + x_end - drift * left
     first = 0.5 * lever[1] * ahead * ahead + lever[2] * z[0]

@@ -10,7 +10,7 @@ import numpy as np
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold, wrap
+from planners.gait.footsteps import Foothold, middle, wrap
 from planners.gait.measurement import GaitMeasurement
 
 
@@ -120,8 +120,7 @@ class Soles:
     def astride(self) -> bool:
         """Whether the soles are farther from the nominal stance than standing is to be."""
         left, right = self.holds
-        yaw = left.yaw + 0.5 * wrap(right.yaw - left.yaw)
-        forward, side = Foothold(right.x, right.y, yaw).relative(left.x, left.y)
+        forward, side = Foothold(right.x, right.y, middle(self.holds).yaw).relative(left.x, left.y)
         return math.hypot(forward, side - self._config.reach.width) > self._config.astride
 
     def standing_box(self, dcm: Vector) -> tuple[Vector, Vector]:
@@ -133,9 +132,8 @@ class Soles:
         Returns:
             The DCM seen from the middle of the box (2,) [m], and half the box's size (2,) [m].
         """
-        left, right = self.holds
         x, y = (float(value) for value in self.middle())
-        frame = Foothold(x, y, left.yaw + 0.5 * wrap(right.yaw - left.yaw))
+        frame = Foothold(x, y, middle(self.holds).yaw)
         apart = np.abs(frame.relative(*self.point(0)))
         return np.array(frame.relative(*dcm)), self._half[0] + apart
 

@@ -4,41 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.spline import quintic_step
 from models.types import Vector
 from planners.gait.config import SwingConfig
 
 X, Y, Z, YAW = range(4)
-
-
-def quintic_step(
-    position: float, velocity: float, acceleration: float, end: tuple[float, float, float], left: float, dt: float
-) -> tuple[float, float, float]:
-    """State after ``dt`` on the quintic from a present state to an end state ``left`` seconds ahead.
-
-    Args:
-        position: Present position.
-        velocity: Present velocity.
-        acceleration: Present acceleration.
-        end: Position, velocity and acceleration at the end.
-        left: Time to the end [s]; at least ``dt``.
-        dt: Step [s].
-
-    Returns:
-        Position, velocity, acceleration.
-    """
-    h = left
-    dp = end[0] - position - velocity * h - 0.5 * acceleration * h * h
-    dv = end[1] - velocity - acceleration * h
-    da = end[2] - acceleration
-    c3 = (10.0 * dp - 4.0 * dv * h + 0.5 * da * h * h) / h**3
-    c4 = (-15.0 * dp + 7.0 * dv * h - da * h * h) / h**4
-    c5 = (6.0 * dp - 3.0 * dv * h + 0.5 * da * h * h) / h**5
-    t = dt
-    return (
-        position + t * (velocity + t * (0.5 * acceleration + t * (c3 + t * (c4 + t * c5)))),
-        velocity + t * (acceleration + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
-        acceleration + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
-    )
 
 
 class SwingFoot:

@@ -10,12 +10,13 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from models.errors import MessageError
+from models.heading import heading
 from models.nodes import topics
 from models.nodes.messages import set_stamp
 from models.nodes.odometry import QUATERNION_TOLERANCE
 from models.robot_model import SOLE_FRAMES
-from planners.gait.footstep_plan import Footstep, middle
-from planners.gait.footsteps import LEFT, RIGHT, Foothold
+from planners.gait.footstep_plan import Footstep
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
 
 
 def foothold_from_pose(name: str, pose: Any) -> Foothold:
@@ -32,8 +33,7 @@ def foothold_from_pose(name: str, pose: Any) -> Foothold:
     norm = math.sqrt(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2)
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise MessageError(f"{name}: orientation: quaternion of norm {norm:.4f}")
-    yaw = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
-    return Foothold(position.x, position.y, yaw)
+    return Foothold(position.x, position.y, heading(turn.x, turn.y, turn.z, turn.w))
 
 
 def goal_from_message(name: str, message: Any) -> Foothold:

@@ -7,12 +7,8 @@ import pytest
 
 from bridge.closed_loop import ClosedLoop
 from models.errors import CommandError
+from models.heading import heading
 from models.types import Mode, SolveStatus
-
-
-def yaw(quaternion: np.ndarray) -> float:
-    x, y, z, w = quaternion
-    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def test_walks_forward_turns_and_stops() -> None:
@@ -32,10 +28,10 @@ def test_walks_forward_turns_and_stops() -> None:
     assert abs(loop.truth.q[1] - start[1]) < 0.15
 
     loop.set_velocity(0.0, 0.0, 0.5)
-    before, turned = yaw(loop.truth.q[3:7]), 0.0
+    before, turned = heading(*loop.truth.q[3:7]), 0.0
     for _ in range(30):
         loop.run(0.1)
-        now = yaw(loop.truth.q[3:7])
+        now = heading(*loop.truth.q[3:7])
         turned += (now - before + np.pi) % (2.0 * np.pi) - np.pi
         before = now
     assert not loop.fallen

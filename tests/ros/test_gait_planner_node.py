@@ -18,8 +18,7 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
-from planners.gait.footstep_plan import middle
-from planners.gait.footsteps import Foothold
+from planners.gait.footsteps import Foothold, middle
 from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_planner import GaitPlannerNode
 

@@ -18,18 +18,13 @@ from std_msgs.msg import Float64, String
 
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain
+from models.heading import heading
 from models.nodes import topics
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.velocity import velocity_to_twist
 from tests.ros.conftest import Eyes
 
 pytestmark = pytest.mark.ros
-
-
-def yaw(pose: np.ndarray) -> float:
-    """Heading of a pose with quaternion xyzw (7,) [rad]."""
-    x, y, z, w = pose[3:]
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 class WalkingGraph(Eyes):
@@ -192,8 +187,8 @@ def test_words_set_the_velocity_a_wave_goes_with_it_and_stop_ends_in_stand(walki
         report = walking.reports["/gait_planner"]
         walking.until(lambda velocity=velocity: walking.reports["/gait_planner"]["velocity"] == velocity, word)
         assert report["message"] != topics.GAIT_SETTLED
-    heading = yaw(walking.truth[-1])
-    walking.until(lambda: yaw(walking.truth[-1]) - heading > 0.15, "turning to the left")
+    before = heading(*walking.truth[-1][3:])
+    walking.until(lambda: heading(*walking.truth[-1][3:]) - before > 0.15, "turning to the left")
     assert walking.motion[0] == topics.MOTION_RUNNING  # it waves meanwhile
     walking.refusal("supervisor", topics.HUMANOID_COMMANDS, lambda: walking.graph.send("squat"), "only: wave")
     assert walking.graph.mode == "walk"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
 from planners.gait.config import GaitConfig
-from planners.gait.footstep_plan import Footstep, check_footsteps, middle, plan_to_pose, soles_at
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, wrap
+from planners.gait.footstep_plan import Footstep, check_footsteps, plan_to_pose, soles_at
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle, wrap
 from planners.gait.route import Route
 
 GAIT = default_config(GaitConfig, "planners", "gait")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from models.config import default_config
+from models.spline import quintic_step
 from planners.gait.config import GaitConfig
-from planners.gait.swing import SwingFoot, quintic_step
+from planners.gait.swing import SwingFoot
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 DT, DURATION = 0.001, 0.34
