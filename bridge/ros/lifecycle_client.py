@@ -25,6 +25,7 @@ class _Change:
 
     A reply is lost when the node has not yet discovered the reader for it, and DDS tells nobody. So a node that does
     not answer is asked for its state: the goal means that only the reply was lost, the start that the request was.
+    One that refuses is asked too: it may be at the goal by an earlier request.
     """
 
     def __init__(self, node: Any, name: str, transition: int) -> None:
@@ -43,16 +44,16 @@ class _Change:
         if self._reply is None:
             if self._change.service_is_ready() and self._get.service_is_ready():
                 self._send(now)
-        elif self._reply.done():
-            self.done, self.refused = True, not self._reply.result().success
+        elif self._reply.done() and self._reply.result().success:
+            self.done = True
         elif self._state is not None and self._state.done():
             state = self._state.result().current_state.id
             self._state = None
-            if state == _GOALS[self._transition]:
-                self.done = True
+            if state == _GOALS[self._transition] or self._reply.done():
+                self.done, self.refused = True, state != _GOALS[self._transition]
             elif state == _STARTS[self._transition]:
                 self._send(now)
-        elif now - self._asked > ASK_AGAIN:
+        elif now - self._asked > ASK_AGAIN or (self._reply.done() and self._state is None):
             self._asked = now
             self._state = self._get.call_async(GetState.Request())
 

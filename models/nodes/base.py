@@ -197,6 +197,19 @@ class PoiseNode(LifecycleNode):
         self.cleanup()
         return TransitionCallbackReturn.SUCCESS
 
+    def _LifecycleNodeMixin__change_state(self, transition_id: int) -> TransitionCallbackReturn:
+        """Refuse a transition that does not start from the present state.
+
+        rclpy lets the error escape from its service, which would end the process: a request that was sent twice,
+        because its reply was late, must not stop a robot.
+        """
+        possible = {transition[0]: transition[1] for transition in self._state_machine.available_transitions}
+        if transition_id not in possible:
+            here = self._state_machine.current_state[1]
+            self.refuse("change_state", f"transition {transition_id} from state '{here}'; possible: {possible}")
+            return TransitionCallbackReturn.FAILURE
+        return super()._LifecycleNodeMixin__change_state(transition_id)  # type: ignore[misc]  # rclpy has no hook
+
     def _transition(
         self,
         label: str,

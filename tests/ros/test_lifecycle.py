@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import IntegerRange
 from std_msgs.msg import String
 
 from bridge.nodes.mujoco_bridge import MujocoBridge
+from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
-from models.errors import ConfigError
+from models.errors import ConfigError, PoiseError
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT
@@ -92,6 +95,27 @@ def test_a_bug_while_activating_leaves_nothing(bench: Any, monkeypatch: pytest.M
     node.trigger_activate()
     assert not node.active
     assert _entities(node) == bare
+
+
+def test_a_transition_requested_twice_is_refused_and_the_node_lives(bench: Any) -> None:
+    node = bench.add(MotionPlannerNode, active=False)
+    client = bench.world.create_client(ChangeState, "motion_planner/change_state")
+    bench.wait(client.service_is_ready)
+    answers = []
+    for transition in (ACTIVATE, ACTIVATE, CONFIGURE):
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        bench.wait(future.done)
+        answers.append(future.result().success)
+    assert answers == [True, False, False]
+    assert node.active
+    assert "from state 'active'" in node.values["last refusal"]
+
+
+def test_a_node_that_is_at_the_goal_already_has_been_brought_there(bench: Any) -> None:
+    bench.add(MotionPlannerNode)
+    change_state(bench.world, lambda: bench.spin(0.01), ["motion_planner"], ACTIVATE, 30.0)
+    with pytest.raises(PoiseError, match="motion_planner: refused to configure"):
+        change_state(bench.world, lambda: bench.spin(0.01), ["motion_planner"], CONFIGURE, 30.0)
 
 
 def test_ranges_of_parameters() -> None:
