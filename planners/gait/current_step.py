@@ -9,7 +9,8 @@ import numpy as np
 from models.types import Vector
 from planners.gait.config import GaitConfig
 from planners.gait.dcm_reference import DcmReference
-from planners.gait.footsteps import Foothold, clamped, wrap
+from planners.gait.footsteps import Foothold, clamped
+from planners.gait.kernels_steps import wrap
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.orders import Orders
 from planners.gait.plan import StepPlan
@@ -47,6 +48,7 @@ class CurrentStep:
         reaction: SwingReaction,
     ) -> None:
         self._config, self._measured, self._soles, self._orders, self._dcm = config, measured, soles, orders, dcm
+        self._reach_urgent = replace(config.reach, width_max=config.reach.width_urgent)
         self.swing = SwingFoot(config.swing)
         self.plan = StepPlan(soles, config, reaction, self.swing, orders.route)
         self.time = config.timing.single
@@ -134,9 +136,7 @@ class CurrentStep:
         """A late foot goes on with the DCM, so that it lands where it was to be under it."""
         foot, holds = 1 - stance, self._soles.holds
         target, run = holds[foot], self._measured.dcm(omega) - self._target
-        reach = self._config.reach
-        if self.plan.urgent:
-            reach = replace(reach, width_max=reach.width_urgent)
+        reach = self._reach_urgent if self.plan.urgent else self._config.reach
         shifted = clamped(holds[stance], foot, target.x + run[0], target.y + run[1], target.yaw, reach)
         self._target = self._target + np.array([shifted.x - target.x, shifted.y - target.y])
-        holds[foot] = replace(shifted, z=target.z)
+        holds[foot] = Foothold(shifted.x, shifted.y, shifted.yaw, target.z)

@@ -13,13 +13,12 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-import numpy as np
-
-from models.types import Vector
+from models.compiled import njit
+from models.types import Matrix, Vector
 
 
+@njit("float64(float64, float64)", cache=True)
 def transfer_share(omega: float, double: float) -> float:
     r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: how much of a ramp of the ZMP counts like a jump at its start.
 
@@ -29,14 +28,10 @@ def transfer_share(omega: float, double: float) -> float:
     return (1.0 - math.exp(-x)) / x if x > 1e-9 else 1.0
 
 
+@njit("UniTuple(float64, 2)(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64[::1])", cache=True)
 def touchdown_offset(
-    points: Sequence[Vector],
-    omega: float,
-    single: float,
-    double: float,
-    final: Vector | None = None,
-    swings: Sequence[Vector] | None = None,
-) -> Vector:
+    points: Matrix, swings: Matrix, omega: float, single: float, double: float, final: Vector
+) -> tuple[float, float]:
     r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds.
 
     .. math::
@@ -45,30 +40,30 @@ def touchdown_offset(
 
     with ``d_i`` what the DCM must allow for the reaction of the leg that swings from p_{i-1} to p_{i+1}
     (``reaction.py``). The recursion contracts by ``exp(omega T)`` a step, so what stands at the end of a preview of
-    three or four steps hardly matters; it is the DCM over the last foothold (capturable), or ``final`` where the walk
-    ends.
+    three or four steps hardly matters; it is the DCM over the last foothold (capturable), or over the middle of the
+    stance where the walk ends.
 
     Args:
-        points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... each (2,) [m].
+        points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... (1 + steps, 2) [m].
+        swings: d_1, d_2, ..., one less than the coming touchdowns (steps - 1, 2) [m].
         omega: [1/s].
         single: Single support T_s [s].
         double: Double support T_d [s].
-        final: DCM at the last touchdown (2,) [m]; None to walk on.
-        swings: d_1, d_2, ..., one less than the coming touchdowns, each (2,) [m]; none when None.
+        final: DCM at the last touchdown (2,) [m].
 
     Returns:
-        b at the touchdown on p_1 (2,) [m].
+        b at the touchdown on p_1 [m].
     """
     share = 1.0 - transfer_share(omega, double)
     decay = math.exp(-omega * (single + double))
     fade = math.exp(-omega * double)
-    offset: Vector = np.zeros(2) if final is None else final - points[-1]
-    for i in range(len(points) - 2, 0, -1):
-        before, here, after = points[i - 1 : i + 2]
-        offset = decay * (offset + after - here) - share * (here - before)
-        if swings is not None:
-            offset = offset + fade * swings[i - 1]
-    return offset
+    last = points.shape[0] - 1
+    x, y = final[0] - points[last, 0], final[1] - points[last, 1]
+    for i in range(last - 1, 0, -1):
+        before, here, after, swing = points[i - 1], points[i], points[i + 1], swings[i - 1]
+        x = decay * (x + after[0] - here[0]) - share * (here[0] - before[0]) + fade * swing[0]
+        y = decay * (y + after[1] - here[1]) - share * (here[1] - before[1]) + fade * swing[1]
+    return x, y
 
 
 def single_support(point: Vector, end: Vector, omega: float, left: float) -> tuple[Vector, Vector]:

@@ -64,7 +64,7 @@ class DcmReference:
         """
         self._old = point
         still, _ = dcm.single_support(point, end, omega, max(left, 0.0))
-        self.dcm = still + self._reaction.rest(omega, left, swing, np.array([target.x, target.y]))
+        self.dcm = still + self._reaction.rest(omega, left, swing, (target.x, target.y))
         self.rate = omega * (self.dcm - point - self._reaction.cmp_offset(swing))
 
     def double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> None:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from models.errors import CommandError, UnreachableError
 from models.types import FOOT_NAMES
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity, middle, next_foothold, wrap
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity, middle, next_foothold
+from planners.gait.kernels_steps import wrap
 
 SLACK = 1e-6
 """Rounding that a limit forgives [m, rad]."""

@@ -6,7 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from models.types import Matrix
+from planners.gait import kernels_steps
 from planners.gait.config import ReachConfig
+from planners.gait.kernels_steps import Limits, Pose, next_pose, preview, wrap
 
 LEFT, RIGHT = 0, 1
 
@@ -32,31 +37,40 @@ class Foothold:
 
     def moved(self, forward: float, left: float) -> tuple[float, float]:
         """A point given in this foothold's frame, in W."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return self.x + c * forward - s * left, self.y + s * forward + c * left
+        point: tuple[float, float] = kernels_steps.moved(self.x, self.y, self.yaw, forward, left)
+        return point
+
+    @property
+    def pose(self) -> Pose:
+        """x, y in W [m] and heading [rad]."""
+        return self.x, self.y, self.yaw
 
     def relative(self, x: float, y: float) -> tuple[float, float]:
         """A point of W in this foothold's frame."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return c * (x - self.x) + s * (y - self.y), -s * (x - self.x) + c * (y - self.y)
+        point: tuple[float, float] = kernels_steps.relative(self.x, self.y, self.yaw, x, y)
+        return point
 
 
-def wrap(angle: float) -> float:
-    """The angle in [-pi, pi]: that of the mirrored angle is exactly the opposite, so mirrored steps stay mirrored."""
-    return math.remainder(angle, 2.0 * math.pi)
+def limits_of(reach: ReachConfig) -> Limits:
+    """The limits as the compiled functions take them."""
+    return (
+        reach.width,
+        reach.width_min,
+        reach.width_max,
+        reach.forward,
+        reach.backward,
+        reach.turn_in,
+        reach.turn_out,
+    )
+
+
+def side_of(foot: int) -> float:
+    """+1 for the left foot, -1 for the right one."""
+    return 1.0 if foot == LEFT else -1.0
 
 
 def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float, reach: ReachConfig) -> Foothold:
-    r"""Where the other foot is to be put after one step.
-
-    The body's centre is half a step width inwards of the stance sole, moves on by ``v T`` and turns by ``w T``; the
-    swing sole stands half a width outwards of it. Sideways and turning, the leading foot opens and the trailing foot
-    closes: what the trailing foot must not do (cross, or turn in too far) the leading foot does in its stead, so the
-    mean velocity stays the commanded one:
-
-    .. math:: d_{trail} = \max(w - |v_y| T, w_{min}), \quad d_{lead} = d_{trail} + 2 |v_y| T
-
-    and likewise for the turn of the soles.
+    """Where the other foot is to be put after one step; see ``kernels_steps.next_pose`` for the law.
 
     Args:
         stance: The sole that stays.
@@ -68,23 +82,13 @@ def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float
     Returns:
         The foothold of the swing foot, inside the limits.
     """
-    side = 1.0 if foot == LEFT else -1.0
-    forward, left, turn = (component * period for component in velocity)
-    out = side * left  # towards the swing foot's side
-    # Turn of the swing sole from the stance sole, outwards positive.
-    turn_out = side * turn
-    trailing = max(-abs(turn), -reach.turn_in)
-    opening = trailing + 2.0 * abs(turn) if turn_out >= 0.0 else trailing
-    opening = min(max(opening, -reach.turn_in), reach.turn_out)
-    closing = max(reach.width - abs(left), reach.width_min)
-    width = closing + 2.0 * abs(left) if out >= 0.0 else closing
-    half_turn = 0.5 * side * opening
-    heading = stance.yaw + half_turn
-    # Displacement in the frame half-way between the two headings: mirrored steps make mirrored, closed paths.
-    c, s = math.cos(half_turn), math.sin(half_turn)
-    along, across = forward, side * width
-    dx, dy = c * along - s * across, s * along + c * across
-    return clamped(stance, foot, *stance.moved(dx, dy), heading + half_turn, reach)
+    pose = next_pose(stance.pose, side_of(foot), advance_of(velocity, period), limits_of(reach))
+    return Foothold(*pose, stance.z)
+
+
+def advance_of(velocity: Velocity, period: float) -> Pose:
+    """How far a velocity moves the body in a time [s]: forward, left [m], turn [rad]."""
+    return velocity[0] * period, velocity[1] * period, velocity[2] * period
 
 
 def middle(soles: Sequence[Foothold]) -> Foothold:
@@ -99,13 +103,8 @@ def middle(soles: Sequence[Foothold]) -> Foothold:
 
 def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, reach: ReachConfig) -> Foothold:
     """The foothold nearest to a wanted pose of the swing foot that the limits allow."""
-    side = 1.0 if foot == LEFT else -1.0
-    forward, left = stance.relative(x, y)
-    forward = min(max(forward, -reach.backward), reach.forward)
-    width = min(max(side * left, reach.width_min), reach.width_max)
-    opening = min(max(side * wrap(yaw - stance.yaw), -reach.turn_in), reach.turn_out)
-    px, py = stance.moved(forward, side * width)
-    return Foothold(px, py, stance.yaw + side * opening, stance.z)
+    pose = kernels_steps.clamped(stance.pose, side_of(foot), (x, y, yaw), limits_of(reach))
+    return Foothold(*pose, stance.z)
 
 
 def preview_footholds(
@@ -131,12 +130,24 @@ def preview_footholds(
     Returns:
         At least one foothold.
     """
-    steps: list[Foothold] = []
+    poses = preview_poses(stance, foot, velocity, period, limits_of(reach), count, stop_after)
+    return [Foothold(x, y, yaw, stance.z) for x, y, yaw in poses[1:].tolist()]
+
+
+def preview_poses(
+    stance: Foothold,
+    foot: int,
+    velocity: Velocity,
+    period: float,
+    limits: Limits,
+    count: int,
+    stop_after: int | None = None,
+) -> Matrix:
+    """``preview_footholds`` below the stance, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
     if stop_after is not None:
         count = max(min(count, stop_after), 1)
         velocity = (0.0, 0.0, 0.0)
-    for _ in range(count):
-        stance = next_foothold(stance, foot, velocity, period, reach)
-        steps.append(stance)
-        foot = 1 - foot
-    return steps
+    poses = np.empty((1 + count, 3))
+    poses[0] = stance.pose
+    preview(poses, foot, advance_of(velocity, period), limits)
+    return poses

@@ -6,15 +6,20 @@ import math
 
 import numpy as np
 
-from models.types import Vector
+from models.types import Matrix, Vector
 from planners.gait import dcm
-from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold, Velocity, preview_footholds
-from planners.gait.reaction import SwingReaction
+from planners.gait.config import GaitConfig, ReachConfig
+from planners.gait.footsteps import Foothold, Velocity, limits_of, preview_poses
+from planners.gait.kernels_steps import rotated
+from planners.gait.preview import previewed_offset
+from planners.gait.reaction import SwingReaction, whole_swing
 from planners.gait.route import Route
 from planners.gait.soles import Soles
 from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
 from planners.gait.swing import SwingFoot
+
+Box = tuple[tuple[float, float], tuple[float, float]]
+"""Least and largest of two coordinates [m]."""
 
 
 class StepPlan:
@@ -42,6 +47,11 @@ class StepPlan:
     ) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
+        self._limits = limits_of(config.reach)
+        self._reach = _reach(config.reach, config.reach.width_max)
+        self._reach_urgent = _reach(config.reach, config.reach.width_urgent)
+        self._cop = [config.adjustment.cop_share * soles.half_sole(foot) for foot in range(2)]
+        self._no_cop = np.zeros(2)
         self._soles = soles
         self._reaction, self._swing, self._route = reaction, swing, route
         self.stance = Foothold(0.0, 0.0, 0.0)
@@ -53,43 +63,53 @@ class StepPlan:
         self.unsolved = 0
         self.urgent = False
 
-    def nominal(self) -> tuple[Foothold, Vector]:
-        """Next foothold and the DCM offset wanted at its touchdown (2,) [m]."""
-        timing, foot = self._config.timing, self.foot
-        steps = (
-            self._route.ahead(self.stance, self._config.preview)
-            if self._route.left
-            else preview_footholds(
-                self.stance,
-                foot,
-                self.velocity,
-                timing.single + timing.double,
-                self._config.reach,
-                self._config.preview,
-                self.steps_left,
-            )
+    def nominal(self) -> tuple[Foothold, tuple[float, float]]:
+        """Next foothold and the DCM offset wanted at its touchdown, in W [m]."""
+        timing = self._config.timing
+        poses = self._coming()
+        offset = previewed_offset(
+            poses,
+            self.foot,
+            self.steps_left is not None,
+            self._soles.centres,
+            self.omega,
+            timing.single,
+            timing.double,
+            self._swing.shape,
+            self._reaction.lever,
         )
-        points = [self._soles.point_of(1 - foot, self.stance)]
-        points += [self._soles.point_of(foot if i % 2 == 0 else 1 - foot, hold) for i, hold in enumerate(steps)]
-        final = None if self.steps_left is None else 0.5 * (points[-1] + points[-2])
-        swings = [self._whole_swing(after - before) for before, after in zip(points[:-2], points[2:], strict=True)]
-        return steps[0], dcm.touchdown_offset(points, self.omega, timing.single, timing.double, final, swings)
+        x, y, yaw = poses[1].tolist()
+        return Foothold(x, y, yaw, self.stance.z), offset
+
+    def _coming(self) -> Matrix:
+        """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
+        config = self._config
+        if self._route.left:
+            steps = self._route.ahead(self.stance, config.preview)
+            return np.array([self.stance.pose, *(step.pose for step in steps)])
+        return preview_poses(
+            self.stance, self.foot, self.velocity, config.period, self._limits, config.preview, self.steps_left
+        )
 
     def start_of_single(self) -> Vector:
         """DCM at which the coming single support is to begin (2,) [m]."""
         step, offset = self.nominal()
-        single, landing = self._config.timing.single, self._soles.point_of(self.foot, step)
-        way = landing - self._soles.point_of(self.foot, self.lifted)
-        point = self._soles.point_of(1 - self.foot, self.stance)
-        start = dcm.single_support(point, landing + offset, self.omega, single)[0]
-        begun: Vector = start + self._whole_swing(way)
+        timing, soles = self._config.timing, self._soles
+        landing, lifted = soles.point_of(self.foot, step), soles.point_of(self.foot, self.lifted)
+        way = landing - lifted
+        point = soles.point_of(1 - self.foot, self.stance)
+        start = dcm.single_support(point, landing + offset, self.omega, timing.single)[0]
+        swing = whole_swing(
+            self.omega,
+            timing.single,
+            self._config.period,
+            (way[0], way[1]),
+            self.stance.yaw,
+            self._swing.shape,
+            self._reaction.lever,
+        )
+        begun: Vector = start + swing
         return begun
-
-    def _whole_swing(self, way: Vector) -> Vector:
-        """DCM that a swing of a nominal step will use up (2,) [m], by the way of its foot (2,) [m]."""
-        timing = self._config.timing
-        period = timing.single + timing.double
-        return self._reaction.whole_swing(self.omega, timing.single, period, way, self.stance.yaw, self._swing)
 
     def adjust(
         self, measured: Vector, elapsed: float, planned: float, target: Foothold
@@ -105,25 +125,28 @@ class StepPlan:
         Returns:
             Foothold, touchdown time since lift-off [s], and the DCM that the reference is to have there (2,) [m].
         """
-        stance, foot = self.stance, self.foot
+        stance, foot, timing = self.stance, self.foot, self._config.timing
         step, offset = self.nominal()
-        c, s = math.cos(stance.yaw), math.sin(stance.yaw)
-        turn = np.array([[c, s], [-s, c]])  # W into the stance frame
-        point = self._soles.point_of(1 - foot, stance)
-        place = np.array(stance.relative(step.x, step.y))
+        centre = self._soles.centre(1 - foot)
+        point = stance.moved(*centre)
+        place, landing = stance.relative(step.x, step.y), stance.relative(*step.moved(*self._soles.centre(foot)))
         # From a foothold to the ZMP point in it, both in the stance frame and from the stance's own ZMP point.
-        shift = np.array(stance.relative(*self._soles.point_of(foot, step))) - place - self._soles.centre(1 - foot)
-        used = self._reaction.rest(self.omega, planned - elapsed, self._swing, np.array([target.x, target.y]))
-        wanted = Step(place + shift, self._config.timing.single, turn @ offset, np.zeros(2), True)
-        bounds = self._bounds(shift, elapsed, self._swing.position)
-        free = turn @ (measured - point - used)
+        shift = landing[0] - place[0] - centre[0], landing[1] - place[1] - centre[1]
+        wanted_x, wanted_y = place[0] + shift[0], place[1] + shift[1]
+        wanted_offset = np.array(rotated(-stance.yaw, *offset))
+        wanted = Step(np.array([wanted_x, wanted_y]), timing.single, wanted_offset, self._no_cop, True)
+        used_x, used_y = self._reaction.rest(self.omega, planned - elapsed, self._swing, (target.x, target.y))
+        free = rotated(-stance.yaw, measured[0] - point[0] - used_x, measured[1] - point[1] - used_y)
+        bounds = self._bounds(shift, elapsed)
         coupling = self._coupling()
-        adjusted = self._adjustment.solve(free, elapsed, self.omega, wanted, planned, bounds, coupling)
+        adjusted = self._adjustment.solve(np.array(free), elapsed, self.omega, wanted, planned, bounds, coupling)
         self.unsolved += not adjusted.solved
-        x, y = stance.moved(*(adjusted.step - shift))
-        landing = point + turn.T @ adjusted.step
-        offset = offset + coupling * (turn.T @ (adjusted.step - wanted.step))
-        return Foothold(x, y, step.yaw, stance.z), adjusted.time, landing + offset
+        step_x, step_y = adjusted.step.tolist()
+        x, y = stance.moved(step_x - shift[0], step_y - shift[1])
+        way = rotated(stance.yaw, step_x, step_y)
+        more = rotated(stance.yaw, coupling * (step_x - wanted_x), coupling * (step_y - wanted_y))
+        end = np.array([point[0] + way[0] + offset[0] + more[0], point[1] + way[1] + offset[1] + more[1]])
+        return Foothold(x, y, step.yaw, stance.z), adjusted.time, end
 
     def _coupling(self) -> float:
         """Change of the DCM offset wanted at touchdown per change of the foothold [-]; see ``dcm.touchdown_offset``.
@@ -134,20 +157,31 @@ class StepPlan:
         transfer = dcm.transfer_share(omega, timing.double) - 1.0
         return transfer + math.exp(-omega * timing.double) * self._reaction.slope(omega, timing.single)
 
-    def _bounds(self, shift: Vector, elapsed: float, swing: Vector) -> StepBounds:
-        config, reach, timing = self._config, self._config.reach, self._config.timing
-        widest = reach.width_urgent if self.urgent else reach.width_max
-        lower = np.array([-reach.backward, reach.width_min if self.foot == 0 else -widest])
-        upper = np.array([reach.forward, widest if self.foot == 0 else -reach.width_min])
+    def _bounds(self, shift: tuple[float, float], elapsed: float) -> StepBounds:
+        """What the step may be.
+
+        Args:
+            shift: From a foothold to the ZMP point in it, in the stance frame [m].
+            elapsed: Time since lift-off [s].
+        """
+        config, timing = self._config, self._config.timing
+        lower, upper = (self._reach_urgent if self.urgent else self._reach)[self.foot]
         # A foot that is out of reach yet may stay in line with where it is, as far as its speed is concerned.
-        near = np.clip(np.array(self.stance.relative(float(swing[0]), float(swing[1]))), lower, upper)
+        forward, left = self.stance.relative(self._swing.position[0], self._swing.position[1])
+        near_x, near_y = min(max(forward, lower[0]), upper[0]), min(max(left, lower[1]), upper[1])
         soonest = max(timing.single_urgent if self.urgent else timing.single_min, elapsed + config.swing.freeze)
         return StepBounds(
-            lower + shift,
-            upper + shift,
+            np.array([lower[0] + shift[0], lower[1] + shift[1]]),
+            np.array([upper[0] + shift[0], upper[1] + shift[1]]),
             soonest,
             max(timing.single_max, soonest),
-            config.adjustment.cop_share * self._soles.half_sole(1 - self.foot),
-            near + shift,
+            self._cop[1 - self.foot],
+            np.array([near_x + shift[0], near_y + shift[1]]),
             config.swing.speed_max,
         )
+
+
+def _reach(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
+    """Where the left and where the right foot may be put, in the frame of the other one [m]: corners of a box."""
+    ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
+    return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))

@@ -28,7 +28,7 @@ import numpy as np
 
 from models.compiled import njit
 from models.spline import quintic_step
-from models.types import Vector
+from models.types import Matrix, Vector
 from planners.gait.leg_lever import LegLever
 from planners.gait.swing import YAW, SwingFoot, Z
 
@@ -37,7 +37,10 @@ _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0
 _WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
 
 
-@njit(cache=True)
+@njit(
+    "UniTuple(float64, 2)(float64, float64, float64, float64[::1], float64, float64, float64[::1])",
+    cache=True,
+)
 def _allowance(
     omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: Vector
 ) -> tuple[float, float]:
@@ -85,6 +88,79 @@ def _allowance(
     return along, omega * lever[3] * y[1] - omega * omega * (decay * lever[3] * y_end + omega * side)
 
 
+@njit(
+    "UniTuple(float64, 2)(float64, float64, float64, UniTuple(float64, 2), float64, float64[::1], float64[::1])",
+    cache=True,
+)
+def whole_swing(
+    omega: float, duration: float, period: float, way: tuple[float, float], yaw: float, shape: Vector, lever: Vector
+) -> tuple[float, float]:
+    """``d`` at the lift-off of a step of a walk that goes on like this; in W [m].
+
+    Args:
+        omega: [1/s].
+        duration: Of the swing [s].
+        period: Of a step [s].
+        way: Of the swing foot in W [m].
+        yaw: Heading [rad].
+        shape: Apex, clearance and landing velocity of the swing (3,).
+        lever: lambda, kappa, zeta, sigma (4,).
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    foot = np.zeros(14)
+    foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+    foot[11], foot[12], foot[13] = shape[1], 0.0, -shape[2]
+    drift = 0.5 * foot[9] / period
+    ahead = 0.5 * (drift * duration - foot[9])  # as far behind at lift-off as ahead at touchdown
+    x, y = _allowance(omega, duration, shape[0] * duration, foot, ahead, drift, lever)
+    return c * x - s * y, s * x + c * y
+
+
+@njit(
+    "UniTuple(float64, 2)(float64, float64, float64, float64[:, ::1], float64, float64[::1],"
+    " UniTuple(float64, 2), float64[::1], float64[::1], float64[::1])",
+    cache=True,
+)
+def _rest(
+    omega: float,
+    left: float,
+    rise: float,
+    motion: Matrix,
+    floor: float,
+    shape: Vector,
+    target: tuple[float, float],
+    com: Vector,
+    com_velocity: Vector,
+    lever: Vector,
+) -> tuple[float, float]:
+    """``d`` of the rest of a swing; in W [m].
+
+    Args:
+        omega: [1/s].
+        left: Time to touchdown [s].
+        rise: Time to the apex of the swing; not positive after it [s].
+        motion: Position, velocity and acceleration of the foot: x, y, z, yaw in W (3, 4).
+        floor: Height that it lifted from [m].
+        shape: Apex, clearance and landing velocity of the swing (3,).
+        target: Where it is to land, in W [m].
+        com: In W (2,) [m].
+        com_velocity: In W (2,) [m/s].
+        lever: lambda, kappa, zeta, sigma (4,).
+    """
+    foot, place = np.zeros(14), motion[0]
+    c, s = math.cos(place[YAW]), math.sin(place[YAW])
+    for k in range(3):
+        x, y = motion[k, 0], motion[k, 1]
+        foot[k], foot[3 + k], foot[6 + k] = c * x + s * y, c * y - s * x, motion[k, Z]
+    way_x, way_y = target[0] - place[0], target[1] - place[1]
+    foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
+    foot[11], foot[12], foot[13] = floor + shape[1], floor, -shape[2]
+    ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
+    drift = c * com_velocity[0] + s * com_velocity[1]
+    x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)
+    return c * x - s * y, s * x + c * y
+
+
 class SwingReaction:
     """What the DCM must allow for of the swing leg.
 
@@ -92,19 +168,18 @@ class SwingReaction:
         lever: Of the legs.
 
     Attributes:
+        lever: lambda, kappa, zeta, sigma (4,).
         com: Of the robot now, in W (2,) [m]; its owner keeps it up to date.
         com_velocity: In W (2,) [m/s].
     """
 
     def __init__(self, lever: LegLever) -> None:
-        self._lever = np.array([lever.lever, lever.slope, lever.lift, lever.side])
-        self._foot = np.zeros(14)
+        self.lever = np.array([lever.lever, lever.slope, lever.lift, lever.side])
         self.com, self.com_velocity = np.zeros(2), np.zeros(2)
-        _allowance(3.0, 0.3, 0.1, self._foot, 0.0, 0.0, self._lever)  # compiled before the loop needs it
 
     def cmp_offset(self, swing: SwingFoot) -> Vector:
         """CMP minus CoP at this moment of a swing; in W (2,) [m]."""
-        lever, slope, lift, side = self._lever
+        lever, slope, lift, side = self.lever
         c, s = math.cos(swing.position[YAW]), math.sin(swing.position[YAW])
         ahead, moving = swing.position[:2] - self.com, swing.velocity[:2] - self.com_velocity
         ax, ay = swing.acceleration[:2]
@@ -113,53 +188,32 @@ class SwingReaction:
         across = side * (c * ay - s * ax)
         return np.array([s * across - c * along, -s * along - c * across])
 
-    def whole_swing(
-        self, omega: float, duration: float, period: float, way: Vector, yaw: float, swing: SwingFoot
-    ) -> Vector:
-        """``d`` at the lift-off of a step of a walk that goes on like this; in W (2,) [m].
-
-        Args:
-            omega: [1/s].
-            duration: Of the swing [s].
-            period: Of a step [s].
-            way: Of the swing foot (2,) [m].
-            yaw: Heading [rad].
-            swing: The swing foot, for its clearance.
-        """
-        c, s = math.cos(yaw), math.sin(yaw)
-        foot = self._foot
-        foot[:9] = 0.0
-        foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-        foot[11], foot[12], foot[13] = swing.clearance, 0.0, -swing.landing_velocity
-        drift = 0.5 * float(foot[9]) / period
-        ahead = 0.5 * (drift * duration - float(foot[9]))  # as far behind at lift-off as ahead at touchdown
-        x, y = _allowance(omega, duration, swing.apex * duration, foot, ahead, drift, self._lever)
-        return np.array([c * x - s * y, s * x + c * y])
-
     def slope(self, omega: float, duration: float) -> float:
         """Change of ``d`` at lift-off per change of the swing's way [-], about."""
-        return -float(self._lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
+        return -float(self.lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
 
-    def rest(self, omega: float, left: float, swing: SwingFoot, target: Vector) -> Vector:
+    def rest(self, omega: float, left: float, swing: SwingFoot, target: tuple[float, float]) -> Vector:
         """``d``: DCM that the rest of the swing will use up; in W (2,) [m].
 
         Args:
             omega: [1/s].
             left: Time to touchdown [s].
             swing: The swing foot now.
-            target: Where it is to land, in W (2,) [m].
+            target: Where it is to land, in W [m].
         """
         left = max(left, swing.freeze)  # the last moments are stretched, see swing.py
-        c, s = math.cos(swing.position[YAW]), math.sin(swing.position[YAW])
-        foot, way = self._foot, target - swing.position[:2]
-        for k, (x, y) in enumerate((swing.position[:2], swing.velocity[:2], swing.acceleration[:2])):
-            foot[k], foot[3 + k] = c * x + s * y, c * y - s * x
-        foot[6], foot[7], foot[8] = swing.position[Z], swing.velocity[Z], swing.acceleration[Z]
-        foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-        foot[11], foot[12], foot[13] = swing.floor + swing.clearance, swing.floor, -swing.landing_velocity
-        behind = swing.position[:2] - self.com
-        ahead = float(c * behind[0] + s * behind[1])
-        drift = float(c * self.com_velocity[0] + s * self.com_velocity[1])
         rise = left - (1.0 - swing.apex) * swing.duration
-        x, y = _allowance(omega, left, rise if rise > swing.freeze else 0.0, foot, ahead, drift, self._lever)
-        return np.array([c * x - s * y, s * x + c * y])
+        return np.array(
+            _rest(
+                omega,
+                left,
+                rise if rise > swing.freeze else 0.0,
+                swing.motion,
+                swing.floor,
+                swing.shape,
+                target,
+                self.com,
+                self.com_velocity,
+                self.lever,
+            )
+        )

@@ -10,7 +10,8 @@ import pinocchio as pin
 from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold, wrap
+from planners.gait.footsteps import Foothold
+from planners.gait.kernels_steps import wrap
 from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold, middle, wrap
+from planners.gait.footsteps import Foothold, middle
+from planners.gait.kernels_steps import wrap
 from planners.gait.measurement import GaitMeasurement
 
 
 def moved(hold: Foothold, way: Vector) -> Foothold:
     """The foothold moved in W by (2,) [m]."""
-    return replace(hold, x=hold.x + float(way[0]), y=hold.y + float(way[1]))
+    return Foothold(hold.x + float(way[0]), hold.y + float(way[1]), hold.yaw, hold.z)
 
 
 class Soles:
@@ -30,12 +30,14 @@ class Soles:
         holds: Planned pose of each sole, or the target of the one that swings.
         tilts: Slope of the ground under each planted sole: its rise along x and along y of W (2, 2) [-].
         slope: Slope expected at the next landing (2,) [-].
+        centres: Middle of each sole in its own frame (2, 2) [m].
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
         rectangles = [foot.rectangle for foot in model.feet]
         self._centres = [(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles]
+        self.centres = np.array(self._centres)
         self._half = [np.array([0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])]) for r in rectangles]
         self.holds = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self._rise = [0.0, 0.0]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from models.types import Vector
+from models.compiled import njit
+from models.types import Matrix, Vector
 from planners.gait.config import AdjustmentConfig
 
 
@@ -81,7 +82,9 @@ class StepAdjustment:
     """
 
     def __init__(self, config: AdjustmentConfig) -> None:
-        self._config = config
+        self._weights = np.array([config.position, config.time, config.offset, config.cop])
+        self._nowhere = np.zeros(2)
+        self._lower, self._upper = np.zeros(9), np.zeros(9)
         self._hessian = np.zeros((5, 5))
         self._gradient = np.zeros(5)
         self._rows = np.zeros((4, 5))
@@ -110,47 +113,125 @@ class StepAdjustment:
             bounds: Limits.
             coupling: Change of the wanted offset per change of the foothold [-].
         """
-        config = self._config
-        lower, upper = self._bounds(omega, bounds, elapsed, planned_time)
-        ahead = math.exp(omega * max(planned_time - elapsed, 0.0)) - 1.0
-        decay = math.exp(-omega * elapsed)
-        wanted = math.exp(omega * nominal.time)
-        hessian, gradient = self._hessian, self._gradient
-        hessian[:] = 0.0
-        gradient[:] = 0.0
-        for i in range(2):
-            # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
-            index = (i, 2, 3 + i)
-            row = (-1.0 - coupling, decay * dcm[i], -ahead)
-            goal = nominal.offset[i] - coupling * nominal.step[i]
-            for a in range(3):
-                gradient[index[a]] -= config.offset * row[a] * goal
-                for b in range(3):
-                    hessian[index[a], index[b]] += config.offset * row[a] * row[b]
-            hessian[i, i] += config.position
-            gradient[i] -= config.position * nominal.step[i]
-            hessian[3 + i, 3 + i] += config.cop
-        hessian[2, 2] += config.time
-        gradient[2] -= config.time * wanted
-        z, _, flag, _ = daqp.solve(hessian, gradient, self._rows, upper, lower, self._sense)
+        hessian, gradient, rows = self._hessian, self._gradient, self._rows
+        lower, upper = self._lower, self._upper
+        decay, ahead, wanted = _objective(
+            dcm,
+            elapsed,
+            omega,
+            nominal.step,
+            nominal.time,
+            nominal.offset,
+            planned_time,
+            coupling,
+            self._weights,
+            hessian,
+            gradient,
+        )
+        _constraints(
+            omega,
+            elapsed,
+            planned_time,
+            bounds.step_lower,
+            bounds.step_upper,
+            bounds.time_lower,
+            bounds.time_upper,
+            bounds.cop,
+            self._nowhere if bounds.place is None else bounds.place,
+            math.inf if bounds.place is None else bounds.speed,
+            rows,
+            lower,
+            upper,
+        )
+        z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
         solved = flag == 1 and bool(np.isfinite(z).all())
         if not solved:
             z = np.clip(np.array([*nominal.step, wanted, 0.0, 0.0]), lower[:5], upper[:5])
         offset = decay * z[2] * dcm - ahead * z[3:] - z[:2]
         return Step(z[:2].copy(), math.log(z[2]) / omega, offset, z[3:].copy(), solved)
 
-    def _bounds(self, omega: float, bounds: StepBounds, elapsed: float, planned: float) -> tuple[Vector, Vector]:
-        """Bounds of the unknowns (5,) and of the rows for the swing foot's speed (4,), which are set here too."""
-        lower, upper = np.empty(9), np.full(9, np.inf)
-        lower[:2], lower[2], lower[3:5] = bounds.step_lower, math.exp(omega * bounds.time_lower), -bounds.cop
-        upper[:2], upper[2], upper[3:5] = bounds.step_upper, math.exp(omega * bounds.time_upper), bounds.cop
-        lower[5:] = -np.inf
-        self._rows[:, 2] = 0.0
-        if bounds.place is not None:
-            # T = planned + (tau - tau_0) / (omega tau_0)
-            at = min(max(planned, bounds.time_lower), bounds.time_upper)
-            self._rows[:, 2] = -bounds.speed / (omega * math.exp(omega * at))
-            way = bounds.speed * (at - elapsed - 1.0 / omega)
-            for i in range(2):
-                upper[5 + 2 * i], upper[6 + 2 * i] = way + bounds.place[i], way - bounds.place[i]
-        return lower, upper
+
+@njit(
+    "UniTuple(float64, 3)(float64[::1], float64, float64, float64[::1], float64, float64[::1], float64, float64,"
+    " float64[::1], float64[:, ::1], float64[::1])",
+    cache=True,
+)
+def _objective(
+    dcm: Vector,
+    elapsed: float,
+    omega: float,
+    step: Vector,
+    time: float,
+    offset: Vector,
+    planned: float,
+    coupling: float,
+    weights: Vector,
+    hessian: Matrix,
+    gradient: Vector,
+) -> tuple[float, float, float]:
+    r"""Hessian (5, 5) and gradient (5,) of the objective in :math:`(u, \tau, \delta)`.
+
+    ``step``, ``time`` and ``offset`` are the nominal ones, ``weights`` those of foothold, time, offset and CoP (4,).
+
+    Returns:
+        :math:`e^{-\omega t}`, :math:`e^{\omega (\bar T - t)} - 1` and :math:`\bar \tau`.
+    """
+    ahead = math.exp(omega * max(planned - elapsed, 0.0)) - 1.0
+    decay = math.exp(-omega * elapsed)
+    wanted = math.exp(omega * time)
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    for i in range(2):
+        # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
+        index = (i, 2, 3 + i)
+        row = (-1.0 - coupling, decay * dcm[i], -ahead)
+        goal = offset[i] - coupling * step[i]
+        for a in range(3):
+            gradient[index[a]] -= weights[2] * row[a] * goal
+            for b in range(3):
+                hessian[index[a], index[b]] += weights[2] * row[a] * row[b]
+        hessian[i, i] += weights[0]
+        gradient[i] -= weights[0] * step[i]
+        hessian[3 + i, 3 + i] += weights[3]
+    hessian[2, 2] += weights[1]
+    gradient[2] -= weights[1] * wanted
+    return decay, ahead, wanted
+
+
+@njit(
+    "void(float64, float64, float64, float64[::1], float64[::1], float64, float64, float64[::1], float64[::1],"
+    " float64, float64[:, ::1], float64[::1], float64[::1])",
+    cache=True,
+)
+def _constraints(
+    omega: float,
+    elapsed: float,
+    planned: float,
+    step_lower: Vector,
+    step_upper: Vector,
+    time_lower: float,
+    time_upper: float,
+    cop: Vector,
+    place: Vector,
+    speed: float,
+    rows: Matrix,
+    lower: Vector,
+    upper: Vector,
+) -> None:
+    """Bounds of the unknowns (5,), below them those of the rows for the swing foot's speed (4,), and these rows (4, 5).
+
+    The other arguments are those of ``StepBounds``; an infinite speed leaves the rows without bounds.
+    """
+    lower[2], upper[2] = math.exp(omega * time_lower), math.exp(omega * time_upper)
+    for i in range(2):
+        lower[i], upper[i] = step_lower[i], step_upper[i]
+        lower[3 + i], upper[3 + i] = -cop[i], cop[i]
+    lower[5:], upper[5:] = -np.inf, np.inf
+    rows[:, 2] = 0.0
+    if speed < np.inf:
+        # T = planned + (tau - tau_0) / (omega tau_0)
+        at = min(max(planned, time_lower), time_upper)
+        rows[:, 2] = -speed / (omega * math.exp(omega * at))
+        way = speed * (at - elapsed - 1.0 / omega)
+        for i in range(2):
+            upper[5 + 2 * i], upper[6 + 2 * i] = way + place[i], way - place[i]

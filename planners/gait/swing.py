@@ -30,20 +30,21 @@ class SwingFoot:
         position: x, y, z [m] and yaw [rad] (4,).
         velocity: (4,).
         acceleration: (4,).
+        motion: These three, of which they are the rows (3, 4).
         floor: Height that it lifted from [m].
         duration: Of the swing, from lift-off to the planned touchdown [s].
-        clearance, apex, landing_velocity, freeze: As configured.
+        apex, freeze: As configured.
+        shape: Apex, clearance and landing velocity, as configured (3,).
         tilt: Slope of the sole: its rise along x and along y of W (2,) [-].
         trips: How often a foot was caught so far.
     """
 
     def __init__(self, config: SwingConfig) -> None:
         self._config = config
-        self.clearance, self.apex = config.clearance, config.apex
-        self.landing_velocity, self.freeze = config.landing_velocity, config.freeze
-        self.position = np.zeros(4)
-        self.velocity = np.zeros(4)
-        self.acceleration = np.zeros(4)
+        self.apex, self.freeze = config.apex, config.freeze
+        self.shape = np.array([config.apex, config.clearance, config.landing_velocity])
+        self.motion = np.zeros((3, 4))
+        self.position, self.velocity, self.acceleration = self.motion
         self.floor, self.duration = 0.0, 0.0
         self.tilt = np.zeros(2)
         self.trips = 0

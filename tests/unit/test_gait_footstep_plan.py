@@ -13,7 +13,8 @@ from models.config import default_config
 from models.errors import CommandError, UnreachableError
 from planners.gait.config import GaitConfig
 from planners.gait.footstep_plan import Footstep, check_footsteps, plan_to_pose, soles_at
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle, wrap
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
+from planners.gait.kernels_steps import wrap
 from planners.gait.route import Route
 
 GAIT = default_config(GaitConfig, "planners", "gait")

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from models.config import default_config
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, clamped, next_foothold, preview_footholds, wrap
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, clamped, next_foothold, preview_footholds
+from planners.gait.kernels_steps import wrap
 from planners.gait.velocity import VelocityLimiter
 
 GAIT = default_config(GaitConfig, "planners", "gait")

@@ -15,7 +15,7 @@ from models.robot_model import RobotModel
 from planners.gait import dcm
 from planners.gait.config import GaitConfig
 from planners.gait.leg_lever import LegLever, leg_lever
-from planners.gait.reaction import SwingReaction
+from planners.gait.reaction import SwingReaction, whole_swing
 from planners.gait.swing import SwingFoot
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
@@ -71,7 +71,7 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     cmps, rests = [], []
     for i in range(round(SINGLE / DT)):
         reaction.com = com + reaction.com_velocity * i * DT
-        rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot, way))
+        rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot, (way[0], way[1])))
         foot.step(target, np.zeros(2), (i + 1) * DT, SINGLE, DT)
         cmps.append(reaction.cmp_offset(foot))
     turn = np.array([[c, s], [-s, c]])  # into the heading
@@ -106,12 +106,18 @@ def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]]) @ vector
 
 
+def touchdown_offset(points: list[np.ndarray], swing: tuple[float, float]) -> np.ndarray:
+    """With the same reaction of every swing, over the last foothold in the end."""
+    swings = np.tile(swing, (len(points) - 2, 1))
+    return np.array(dcm.touchdown_offset(np.array(points), swings, OMEGA, SINGLE, DOUBLE, points[-1]))
+
+
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
     way = points[2] - points[0]
-    swings = [reaction.whole_swing(OMEGA, SINGLE, PERIOD, way, 0.0, foot)] * 2
-    offset = dcm.touchdown_offset(points, OMEGA, SINGLE, DOUBLE, None, swings)
+    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, foot.shape, reaction.lever)
+    offset = touchdown_offset(points, swing)
     xi = points[1] + offset
     ticks = round(DOUBLE / DT)
     for i in range(ticks):
@@ -120,14 +126,14 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     cmps, _ = swing_cmps(way)
     for cmp in cmps:
         xi = xi + math.expm1(OMEGA * DT) * (xi - points[1] - cmp)
-    wanted = points[2] + dcm.touchdown_offset(points[1:], OMEGA, SINGLE, DOUBLE, None, swings[1:])
+    wanted = points[2] + touchdown_offset(points[1:], swing)
     assert xi == pytest.approx(wanted, abs=0.003)
-    unaware = points[1] + dcm.touchdown_offset(points, OMEGA, SINGLE, DOUBLE)
+    unaware = points[1] + touchdown_offset(points, (0.0, 0.0))
     assert np.linalg.norm(unaware - points[1] - offset) > 0.01
 
 
 def test_a_longer_way_uses_up_more() -> None:
     reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
-    short, long = (reaction.whole_swing(OMEGA, SINGLE, PERIOD, np.array([x, 0.0]), 0.0, foot)[0] for x in (0.3, 0.5))
+    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, foot.shape, reaction.lever)[0] for x in (0.3, 0.5))
     assert (long - short) / 0.2 == pytest.approx(reaction.slope(OMEGA, SINGLE), rel=0.5)
     assert long < short < 0.0
