@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
@@ -19,6 +19,10 @@ Seeds = Annotated[int, typer.Option(min=1, help="How many seeds.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report here.")]
 PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
+
+
+_DRAWN = ("tick", "push", "push_map", "stand", "walk", "terrain", "latency", "calibrate", "estimate")
+"""Modules that draw a report of their own."""
 
 
 class PushMode(StrEnum):
@@ -111,6 +115,28 @@ def push(
 ) -> None:
     """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
     _bench("push" if mode is PushMode.STAND else "push_map", robot, seeds, workers, json, plot, mode=mode.value)
+
+
+@app.command("draw")
+def draw(
+    report: Annotated[Path, typer.Argument(help="What --json of a benchmark wrote.")],
+    folder: Annotated[Path, typer.Argument(help="Where the plots go.")],
+) -> None:
+    """Draw the plots of a report again, without measuring anything."""
+    from benchmarks.harness import read_json
+
+    console = Console()
+    try:
+        found = read_json(report)
+        module = "push_map" if found.bench in ("push_step", "push_walk") else found.bench
+        if module not in _DRAWN:
+            raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(_DRAWN)}")
+    except PoiseError as error:
+        console.print(f"[red]{error}[/red]")
+        raise typer.Exit(2) from error
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in import_module(f"benchmarks.{module}").plot(found, folder):
+        console.print(f"plot: {file}", soft_wrap=True)
 
 
 _add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)

@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from models.errors import ConfigError
 from models.threads import use_one_thread
 
 Case = dict[str, Any]
@@ -213,6 +214,29 @@ def write_json(report: Report, path: Path) -> None:
     path.write_text(json.dumps(_plain(report.to_dict()), indent=1) + "\n", encoding="utf-8")
 
 
+def read_json(path: Path) -> Report:
+    """Read what ``write_json`` wrote; null becomes NaN, notes are not kept.
+
+    Raises:
+        ConfigError: The file is not a report.
+    """
+    try:
+        found = _numbers(json.loads(path.read_text(encoding="utf-8")))
+        kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
+        return Report(**{name: found[name] for name in kept})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: not a report of a benchmark: {error!r}") from error
+
+
+def _numbers(value: Any) -> Any:
+    """The value with NaN where JSON had no word for it."""
+    if isinstance(value, dict):
+        return {key: _numbers(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_numbers(entry) for entry in value]
+    return math.nan if value is None else value
+
+
 def _plain(value: Any) -> Any:
     """The value as JSON knows it."""
     if isinstance(value, dict):
@@ -241,5 +265,5 @@ def print_report(report: Report, console: Console) -> None:
     load = report.load
     console.print(f"load average {load['before'][0]} before, {load['after'][0]} after, {load['cores']} cores")
     for note in report.notes:
-        console.print(note, markup=False)
+        console.print(note, markup=False, soft_wrap=True)
     console.print("[green]passed[/green]" if report.passed else "[red]not passed[/red]")

@@ -12,8 +12,7 @@ the support polygon in the direction of the push. What exceeds it comes from mov
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,11 +22,12 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.fall_plot import FAILED, PASSED
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push_bounds import ankle_bound
+from benchmarks.push_plot import direction_name, draw_map
 from benchmarks.push_search import Search, largest
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from bridge.support_polygon import distance_along, support_polygon
 from models.config import STRICT, default_config
 from models.robot_model import RobotModel
@@ -166,7 +166,8 @@ def measure(robot: str, seed: int, angle: float) -> Case:
         angle: Heading of the force in W [rad].
 
     Returns:
-        ``force`` and ``bound`` [N], ``ratio`` [-], ``dv`` and ``bound_dv`` [m/s], ``distance`` [m], ``pushes`` [-].
+        ``force`` and ``bound`` [N], ``ratio`` [-], ``dv`` and ``bound_dv`` [m/s], ``mass`` [kg],
+        ``distance`` [m], ``pushes`` [-].
     """
     config, loop = _config(), _loop(robot)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
@@ -182,6 +183,7 @@ def measure(robot: str, seed: int, angle: float) -> Case:
         "ratio": ratio,
         "dv": ratio * bound * to_dv,
         "bound_dv": bound * to_dv,
+        "mass": loop.robot.mass,
         "distance": distance,
         "pushes": pushes,
     }
@@ -230,7 +232,7 @@ def run(options: Options) -> Report:
 
 
 def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the push map: impulse over mass against heading, with the ankle bound.
+    """Draw the push map: impulse over mass against the direction of the push, with the ankle bound.
 
     Args:
         report: What ``run`` found.
@@ -239,21 +241,16 @@ def plot(report: Report, folder: Path) -> list[Path]:
     Returns:
         The file written.
     """
-    figure = new_figure(6.0, 6.0)
-    axes = figure.add_subplot(projection="polar")
-    angles = sorted({case["angle"] for case in report.cases})
-    closed = [*angles, angles[0]]
-
-    def ring(key: str, reduce: Callable[[list[float]], float]) -> list[float]:
-        values = [reduce([case[key] for case in report.cases if case["angle"] == angle]) for angle in angles]
-        return [*values, values[0]]
-
-    axes.plot(closed, ring("bound_dv", min), color="0.4", linestyle="--", label="ankle bound")
-    axes.plot(closed, ring("dv", min), color="#1b6ca8", marker="o", label="taken without a step")
-    axes.fill(closed, ring("dv", min), color="#1b6ca8", alpha=0.15)
-    axes.set_ylim(bottom=0.0)
-    axes.set_title(f"{report.robot}: push at the pelvis, impulse / mass [m/s]", fontsize=10)
-    axes.legend(loc="lower right", fontsize=8)
-    file = folder / f"push-{report.robot}.png"
-    figure.savefig(file, dpi=110)
-    return [file]
+    required = _config().required_ratio
+    lines = (
+        ("bound_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
+        ("required_dv", f"required: {required:g} of it", {"color": FAILED, "linewidth": 1.0}),
+        ("dv", "taken without a step", {"color": PASSED, "marker": "o"}),
+    )
+    cases = [{**case, "required_dv": required * case["bound_dv"]} for case in report.cases]
+    remarks = [f"{'pushed':<14}{'seed':>5}{'m/s':>7}{'N.s':>6}{'of the ankle bound':>20}"] + [
+        f"{direction_name(case['angle']):<14}{case['seed']:>5}{case['dv']:7.2f}{case['dv'] * case['mass']:6.1f}"
+        f"{case['ratio']:20.2f}"
+        for case in cases
+    ]
+    return [draw_map(replace(report, cases=cases), lines, (), remarks, folder / f"push-{report.robot}.png")]

@@ -15,13 +15,21 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cli import PushMode
+from benchmarks.fall_plot import FAILED, GOAL, PASSED, draw_fall
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound, step_distance
+from benchmarks.push_plot import direction_name, draw_map
 from benchmarks.push_search import Search, largest
-from benchmarks.push_trial import Trial, map_config, prepare, survives
+from benchmarks.push_trial import Trial, map_config, moments, prepare, survives
 from models.constants import GRAVITY
 from models.heading import heading
+
+MEANING = (
+    "dv: impulse over mass [m/s] that is taken in every phase, impulse in [N.s]; ankle and steps: what a linear "
+    "pendulum takes without and with steps"
+)
+"""What the figures are, for the reader of the table."""
 
 
 def bounds(trial: Trial) -> dict[str, float]:
@@ -57,19 +65,19 @@ def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
         angle: Heading of the push relative to that of the robot [rad].
 
     Returns:
-        ``dv`` [m/s], ``impulse`` [N.s], ``ankle_dv`` and ``steps_dv`` [m/s], ``pushes`` [-]; of the smallest push that
-        was not taken, ``failed_dv`` [m/s], ``failed_phase`` and ``reason``.
+        ``dv`` [m/s], ``impulse`` [N.s], ``mass`` [kg], ``ankle_dv`` and ``steps_dv`` [m/s], ``pushes`` [-]; of the
+        smallest push that was not taken, ``failed_dv`` [m/s], ``failed_phase``, ``reason`` and ``moments``, its last.
     """
     config = map_config()
     trials = [Trial(robot, PushMode(mode), seed, phase, angle) for phase in range(config.phases)]
-    failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": ""}
+    failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": "", "moments": {}}
 
     def holds(dv: float) -> bool:
         # The moment that failed last is the likeliest to fail again.
         for trial in sorted(trials, key=lambda trial: trial.phase != failed["failed_phase"]):
             reason = survives(trial, dv)
             if reason:
-                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=reason)
+                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=reason, moments=moments(robot))
                 return False
         return True
 
@@ -105,6 +113,16 @@ def judge(mode: PushMode, results: list[Case]) -> tuple[dict[str, float], list[s
     return figures, broken
 
 
+def case_lines(results: list[Case]) -> list[str]:
+    """One line a direction and seed: what it takes, and how the next larger push that was tried failed."""
+    head = f"{'pushed':<14}{'seed':>5}{'m/s':>7}{'N.s':>6}   not taken"
+    return [head] + [
+        f"{direction_name(case['angle']):<14}{case['seed']:>5}{case['dv']:7.2f}{case['impulse']:6.1f}   "
+        + (f"{case['failed_dv']:.2f} m/s, phase {case['failed_phase']}: {case['reason']}" if case["reason"] else "-")
+        for case in results
+    ]
+
+
 def weakest(report: Report) -> Case:
     """The case of the smallest push that was not taken."""
     return min(report.cases, key=lambda case: (case["dv"], case["angle"]))
@@ -130,11 +148,6 @@ def run(options: Options) -> Report:
     title = f"push, {mode.value}, {options.robot}"
     results = run_cases(measure, cases, title=title, workers=options.workers)
     figures, broken = judge(mode, results)
-    rows = [
-        f"{math.degrees(case['angle']):4.0f} deg: {case['dv']:.2f} m/s, {case['impulse']:.1f} N.s; at "
-        f"{case['failed_dv']:.2f} m/s, phase {case['failed_phase']}: {case['reason'] or 'taken'}"
-        for case in results
-    ]
     return Report(
         bench=f"push_{mode.value}",
         robot=options.robot,
@@ -143,17 +156,29 @@ def run(options: Options) -> Report:
         cases=results,
         passed=not broken,
         load=load.read(),
-        notes=rows + broken,
+        notes=[MEANING, *case_lines(results), *broken],
     )
 
 
 def plot(report: Report, folder: Path) -> list[Path]:
     """Draw the push map, and the smallest push that was not taken; returns the files written."""
-    from benchmarks.push_plot import draw_failure, draw_map
-
-    files = [draw_map(report, folder)]
-    case = weakest(report)
-    if case["reason"]:
-        trial = Trial(case["robot"], PushMode(case["mode"]), case["seed"], case["failed_phase"], case["angle"])
-        files.append(draw_failure(trial, case["failed_dv"], folder))
+    mode, case = PushMode(report.bench.removeprefix("push_")), weakest(report)
+    config = map_config()
+    lines = (
+        ("steps_dv", f"{config.bound_steps}-step capturability bound", {"color": "0.35", "linestyle": ":"}),
+        ("ankle_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
+        ("dv", "taken in every phase", {"color": PASSED, "marker": "o"}),
+    )
+    circles = (
+        ("required of the weakest", config.required[mode.value].smallest, FAILED),
+        ("goal for the weakest", config.goals[mode.value].smallest, GOAL),
+    )
+    name = f"{mode.value}-{report.robot}"
+    files = [draw_map(report, lines, circles, case_lines(report.cases), folder / f"push-map-{name}.png")]
+    if case["moments"]:
+        title = (
+            f"push, {mode.value}, {report.robot}, seed {case['seed']}, phase {case['failed_phase']}: "
+            f"{case['failed_dv']:.2f} m/s {direction_name(case['angle'])}: {case['reason']}"
+        )
+        files.append(draw_fall(case["moments"], title, folder / f"push-failure-{name}.png"))
     return files

@@ -1,110 +1,81 @@
-"""Pictures of the push test with steps: the map of all directions, and the fall that limits it."""
+"""The map of a push test: impulse against the direction of the push, beside its bounds."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, cast
 
-import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.projections.polar import PolarAxes
 
 from benchmarks.harness import Report
-from benchmarks.push import Stance, stance
-from benchmarks.push_trial import Trial, survives
-from bridge.closed_loop import ClosedLoop
-from bridge.plots import COLOURS, new_figure
-from models.constants import GRAVITY
-from models.types import Matrix
+from bridge.plots import new_figure
+
+_NAMES = ("forward", "forward-left", "left", "back-left", "backward", "back-right", "right", "forward-right")
+
+RING = 0.5
+"""Between two rings of the map [m/s]."""
+
+Line = tuple[str, str, dict[str, Any]]
+"""Key of a case [m/s], label, and style of a closed line of the map."""
 
 
-def draw_map(report: Report, folder: Path) -> Path:
-    """Polar map of impulse over mass [m/s], labelled in N.s too, with the bounds of ankles and steps."""
-    figure = new_figure(7.0, 6.5)
-    axes = figure.add_subplot(projection="polar", theta_offset=0.5 * math.pi)  # forward is up
-    angles = sorted({case["angle"] for case in report.cases})
-    lines = (
-        ("steps_dv", {"color": "0.6", "linestyle": ":", "label": "N-step capturability bound"}),
-        ("ankle_dv", {"color": "0.4", "linestyle": "--", "label": "ankle bound"}),
-        ("dv", {"color": "#1b6ca8", "marker": "o", "label": "taken in every phase"}),
-    )
-    for key, style in lines:
-        values = [min(case[key] for case in report.cases if case["angle"] == angle) for angle in angles]
-        axes.plot([*angles, angles[0]], [*values, values[0]], **style)  # type: ignore[arg-type]
-    axes.set_ylim(0.0, 1.3 * max(0.6, *(case["dv"] for case in report.cases)))
-    mass = report.cases[0]["mass"]
-    ticks = [tick for tick in axes.get_yticks() if tick > 0.0]
-    axes.set_yticks(ticks, [f"{tick:.1f} m/s\n{tick * mass:.0f} N.s" for tick in ticks], fontsize=7)
-    axes.set_title(f"{report.robot}, {report.bench.removeprefix('push_')}: push at the pelvis, forward up", fontsize=10)
-    axes.legend(loc="lower right", fontsize=8, bbox_to_anchor=(1.1, -0.08))
-    file = folder / f"push-map-{report.bench.removeprefix('push_')}-{report.robot}.png"
-    figure.savefig(file, dpi=110)
-    return file
+def direction_name(angle: float) -> str:
+    """What a heading relative to the robot's [rad] is called: a word where there is one, degrees otherwise."""
+    eighth = angle / (0.25 * math.pi)
+    if abs(eighth - round(eighth)) < 1e-6:  # 1e-6: rounding
+        return _NAMES[round(eighth) % len(_NAMES)]
+    return f"{math.degrees(angle):.0f} deg"
 
 
-class _Watch:
-    """Keeps what a picture of a trial needs."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.stances: list[Stance] = []
-        self.targets: list[Matrix] = []
-        self.commands: list[Matrix] = []
-        self.swinging: list[int | None] = []
-
-    def __call__(self, loop: ClosedLoop) -> None:
-        view = loop.gait.view
-        self.times.append(loop.t)
-        self.stances.append(stance(loop.robot, loop.truth))
-        self.targets.append(np.array([[hold.x, hold.y] for hold in loop.gait.footholds]))
-        self.commands.append(loop.result.zmp.copy())
-        self.swinging.append(1 - view.stance if view.swinging else None)
-
-
-def draw_failure(trial: Trial, dv: float, folder: Path) -> Path:
-    """DCM, ZMP and soles of one push against time, along and across the robot.
+def draw_map(
+    report: Report, lines: Sequence[Line], circles: Sequence[tuple[str, float, str]], remarks: Sequence[str], file: Path
+) -> Path:
+    """Draw impulse over mass [m/s] in a polar plot, forward up; the rings say the impulse [N.s] too.
 
     Args:
-        trial: The push but for its size.
-        dv: Impulse over mass [m/s].
-        folder: Where the picture goes.
+        report: Of cases with ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest of each angle
+            counts.
+        lines: What is drawn; the last of them is what was taken, and is filled.
+        circles: Label, value [m/s] and colour of what holds for all directions.
+        remarks: Lines below the map, in columns.
+        file: Where it goes.
+
+    Returns:
+        The file.
     """
-    watch = _Watch()
-    reason = survives(trial, dv, watch)
-    omega = math.sqrt(GRAVITY / float(watch.stances[0].com[2] - watch.stances[0].soles[:, 2].mean()))
-    time = np.array(watch.times) - watch.times[0]
-    figure = new_figure(9.0, 6.5)
-    for i, name in enumerate(("forward", "left")):
-        axes = figure.add_subplot(2, 1, i + 1)
-        _draw_axis(axes, watch, time, omega, i)
-        axes.set_ylabel(f"{name} [m]")
-    axes.set_xlabel("time from the push [s]")
-    figure.axes[0].legend(fontsize=7, ncols=4)
-    figure.axes[0].set_title(
-        f"{trial.robot}, {trial.mode.value}: {dv:.2f} m/s at {math.degrees(trial.angle):.0f} deg, phase {trial.phase}: "
-        f"{reason or 'taken'}",
+    angles = sorted({case["angle"] for case in report.cases})
+    figure = new_figure(9.5, 7.0 + 0.14 * len(remarks))
+    grid = figure.add_gridspec(2, 2, height_ratios=[7.0, 0.14 * len(remarks)], width_ratios=[7.0, 2.5])
+    polar = figure.add_subplot(grid[0, 0], projection="polar", theta_offset=0.5 * math.pi)  # forward is up
+    axes = cast(PolarAxes, polar)
+    for key, label, style in lines:
+        values = [min(case[key] for case in report.cases if case["angle"] == angle) for angle in angles]
+        ring = [*angles, angles[0]], [*values, values[0]]
+        axes.plot(*ring, label=label, **style)
+    axes.fill(*ring, color=style["color"], alpha=0.15)
+    around = [2.0 * math.pi * k / 180 for k in range(181)]
+    for label, value, colour in circles:
+        axes.plot(around, [value] * len(around), color=colour, linewidth=1.2, label=f"{label}: {value:g} m/s")
+    reach = 1.05 * max(axes.dataLim.y1, *(value for _, value, _ in circles), RING)
+    mass = report.cases[0]["mass"]
+    ticks = [RING * (k + 1) for k in range(int(reach / RING))]
+    axes.set_ylim(0.0, reach)
+    axes.set_yticks(ticks, [f"{tick:.1f} m/s\n{tick * mass:.0f} N.s" for tick in ticks], fontsize=7)
+    for text in axes.get_yticklabels():
+        text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5})
+    axes.set_rlabel_position(22.5)  # between two directions
+    axes.set_xticks(angles, [direction_name(angle) for angle in angles], fontsize=9)
+    axes.tick_params(axis="x", pad=12)
+    figure.suptitle(
+        f"{report.robot}, {report.bench.replace('_', ', ')}, seeds: {report.seeds}. "
+        f"Impulse of a push at the pelvis over mass ({mass:.1f} kg), by direction",
         fontsize=10,
     )
-    file = folder / f"push-failure-{trial.mode.value}-{trial.robot}.png"
+    figure.legend(*axes.get_legend_handles_labels(), loc="upper right", bbox_to_anchor=(0.995, 0.94), fontsize=8)
+    below = figure.add_subplot(grid[1, :])
+    below.axis("off")
+    below.text(0.0, 1.0, "\n".join(remarks), family="monospace", fontsize=7, va="top", transform=below.transAxes)
     figure.savefig(file, dpi=110)
     return file
-
-
-def _draw_axis(axes: Axes, watch: _Watch, time: Matrix, omega: float, i: int) -> None:
-    """One horizontal axis of W against time; true DCM, CoP and soles, commanded CMP and footholds."""
-    dcm = [now.com[i] + now.com_velocity[i] / omega for now in watch.stances]
-    axes.plot(time, dcm, color=COLOURS["DCM"], label="DCM")
-    axes.plot(time, [now.com[i] for now in watch.stances], color=COLOURS["CoM"], label="CoM")
-    axes.plot(time, [now.cop[i] for now in watch.stances], color=COLOURS["ZMP"], label="CoP")
-    axes.plot(time, [zmp[i] for zmp in watch.commands], color=COLOURS["ZMP"], linestyle=":", label="commanded CMP")
-    for foot, colour in ((0, "0.2"), (1, "0.6")):
-        side = "left" if foot == 0 else "right"
-        axes.plot(time, [now.soles[foot, i] for now in watch.stances], color=colour, label=f"{side} sole")
-        aims = [
-            target[foot, i] if swinging == foot else math.nan
-            for target, swinging in zip(watch.targets, watch.swinging, strict=True)
-        ]
-        axes.plot(time, aims, color=colour, linestyle="--", label="its foothold")
-    # The range is that of the feet, wherever the robot falls to.
-    places = np.array([now.soles[:, i] for now in watch.stances])
-    axes.set_ylim(float(places.min()) - 0.4, float(places.max()) + 0.4)
-    axes.grid(alpha=0.3)

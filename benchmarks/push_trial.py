@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated
@@ -13,6 +12,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.cli import PushMode
+from benchmarks.fall_signals import last_moments
+from benchmarks.harness import Case
 from benchmarks.leg_clearance import LegClearance
 from benchmarks.push import stance
 from bridge.closed_loop import ClosedLoop
@@ -26,7 +27,7 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Required:
-    """Impulse over mass that passes, of all directions [m/s]."""
+    """Impulse over mass that passes, or is the goal, of all directions [m/s]."""
 
     smallest: Positive
     median: Positive
@@ -55,7 +56,10 @@ class PushMapConfig:
     walk_window: Positive
     walk_share: Annotated[float, Field(gt=0.0, lt=1.0)]
     bound_steps: Annotated[int, Field(ge=1)]
+    record_period: Positive
+    lead: Positive
     required: dict[str, Required]
+    goals: dict[str, Required]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,7 @@ def map_config() -> PushMapConfig:
 @cache
 def loop_of(robot: str) -> ClosedLoop:
     """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
-    return ClosedLoop(robot=robot, record=False)
+    return ClosedLoop(robot=robot, record_period_s=map_config().record_period)
 
 
 @cache
@@ -125,16 +129,15 @@ def prepare(trial: Trial) -> ClosedLoop:
     return loop
 
 
-def survives(trial: Trial, dv: float, watch: Callable[[ClosedLoop], None] | None = None) -> str:
+def survives(trial: Trial, dv: float) -> str:
     """Push once.
 
     Args:
         trial: Everything but the size of the push.
         dv: Impulse over mass [m/s].
-        watch: Called every ``check_period`` from the push on.
 
     Returns:
-        Why it did not take the push; empty when it did.
+        Why it did not take the push; empty when it did. ``moments`` then explains it.
     """
     config, loop = map_config(), prepare(trial)
     legs = legs_of(trial.robot)
@@ -144,14 +147,19 @@ def survives(trial: Trial, dv: float, watch: Callable[[ClosedLoop], None] | None
     end, places = loop.t + config.duration + config.recover_time, [loop.truth.q[:2].copy()]
     while loop.t < end - 1e-9:  # 1e-9: rounding of the simulated time
         loop.run(config.check_period)
-        if watch is not None:
-            watch(loop)
         if loop.fallen:
             return loop.fall_reason
         if legs.distance(loop.truth.q) < -config.overlap_tolerance:
             return "the legs run through each other"
         places.append(loop.truth.q[:2].copy())
     return _ending(trial, loop, places)
+
+
+def moments(robot: str) -> Case:
+    """What explains the last trial of a robot, from shortly before its push on."""
+    loop = loop_of(robot)
+    pushed = max(t for t, text in loop.events if text.startswith("push"))
+    return last_moments(loop, loop.t - pushed + map_config().lead)
 
 
 def _ending(trial: Trial, loop: ClosedLoop, places: list[Vector]) -> str:

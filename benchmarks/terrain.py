@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.fall_plot import FAILED, PASSED, draw_failures
+from benchmarks.fall_signals import last_moments
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
-from benchmarks.terrain_fall import draw_fall, last_moments
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
@@ -197,26 +198,22 @@ def plot(report: Report, folder: Path) -> list[Path]:
         The files written.
     """
     config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
-    figure = new_figure(1.0 + 0.9 * len(names), 3.6)
+    figure = new_figure(3.5 + 0.9 * len(names), 3.6)
     axes = figure.add_subplot(1, 1, 1)
-    for survived, colour in ((True, "#1b6ca8"), (False, "#c0392b")):
+    for survived, colour in ((True, PASSED), (False, FAILED)):
         chosen = [case for case in report.cases if case["survived"] == survived]
-        places = [names.index(case["scenario"]) + 0.3 * (case["seed"] / max(report.seeds, 1) - 0.5) for case in chosen]
-        label = "survived" if survived else "did not"
+        places = [names.index(case["scenario"]) + 0.3 * ((case["seed"] + 0.5) / report.seeds - 0.5) for case in chosen]
+        label = "survived" if survived else "did not survive"
         axes.plot(places, [case["distance"] for case in chosen], "o", markersize=4, color=colour, label=label)
     commanded = config.speed * config.duration
-    axes.axhline(commanded, color="k", linewidth=0.8)
-    axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--")
+    axes.axhline(commanded, color="k", linewidth=0.8, label="commanded")
+    axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--", label="required")
     axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
     axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
+    axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize=8)
+    axes.set_title(f"terrain, {report.robot}, seeds: {report.seeds}", fontsize=10)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     files = [folder / f"terrain-{report.robot}.png"]
     figure.savefig(files[0], dpi=110)
-    for name in names:
-        failed = [case for case in report.cases if case["scenario"] == name and not case["survived"]]
-        if failed:
-            files.append(folder / f"terrain-{report.robot}-{name}.png")
-            title = f"{report.robot}, {name}, seed {failed[0]['seed']}: {failed[0]['reason'] or 'too slow'}"
-            draw_fall(failed[0]["moments"], title, files[-1])
-    return files
+    return files + draw_failures(report, folder)

@@ -68,7 +68,12 @@ def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[s
     if "forward" in of:
         figures["cost_of_transport"] = figures["cost_of_transport_forward"]
     if "stop" in of:
-        broken += [f"stop, seed {case['seed']}: {case}" for case in of["stop"] if not case["ok"] and not case["fell"]]
+        broken += [
+            f"stop, seed {case['seed']}: {'stood' if case['stood'] else 'did not stand'} after {case['steps']} steps, "
+            f"then drifted {1e3 * case['drift']:.1f} mm"
+            for case in of["stop"]
+            if not case["ok"] and not case["fell"]
+        ]
         figures["stop_drift_max_m"] = max(case["drift"] for case in of["stop"])
         figures["stop_steps_max"] = float(max(case["steps"] for case in of["stop"]))
     if "top" in of:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fall_signals import last_moments
 from benchmarks.harness import Case
 from benchmarks.walk_config import WalkConfig, robot_walk, walk_config
 from benchmarks.walk_measure import Velocity, Walked, speed_error, tracking_error, watch
@@ -46,7 +47,7 @@ def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConf
         "tracking_error": tracking_error(walked.velocities, commands, window),
         "cost_of_transport": walked.energy / (weight * walked.distance) if walked.distance > 0.1 else math.nan,
         "foot_slip": float(loop.foot_slip.max()),
-        "trace": walked.trace if loop.fallen else {},
+        "moments": _moments(loop, loop.fallen),
     }
 
 
@@ -55,13 +56,26 @@ def _reason(loop: ClosedLoop) -> str:
     return f"{what} at {loop.t:.1f} s" if what else ""
 
 
+def _moments(loop: ClosedLoop, failed: bool) -> Case:
+    """What explains a failed walk; empty for one that did not fail."""
+    return last_moments(loop, walk_config().shown) if failed else {}
+
+
+def _run(loop: ClosedLoop, duration: float) -> None:
+    """Run for a time [s], or until the robot has fallen."""
+    chunk = walk_config().chunk
+    for _ in range(round(duration / chunk)):
+        if not loop.fallen:
+            loop.run(chunk)
+
+
 def _begin(robot: str, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
     """A robot that has walked at a velocity for ``start_time``."""
     loop = _loop(robot)
     loop.reset(seed)
     loop.command("walk")
     loop.set_velocity(*command)
-    loop.run(config.start_time)
+    _run(loop, config.start_time)
     return loop
 
 
@@ -70,11 +84,11 @@ def steady(robot: str, seed: int, command: Velocity, duration: float) -> Case:
 
     Returns:
         ``fell``, ``reason``, ``velocity`` (3,) [m/s, m/s, rad/s], ``speed_error`` [-], ``tracking_error`` [m/s],
-        ``cost_of_transport`` [-], ``foot_slip`` [m], ``trace`` of the last seconds when it fell.
+        ``cost_of_transport`` [-], ``foot_slip`` [m], ``moments``: the last ones when it fell.
     """
     config = walk_config()
     loop = _begin(robot, seed, command, config)
-    walked = watch(loop, duration - config.start_time, config.chunk, config.trace_time)
+    walked = watch(loop, duration - config.start_time, config.chunk)
     commands = np.tile(command, (len(walked.velocities), 1))
     return {**_scores(loop, walked, commands, config), "speed_error": speed_error(walked.mean, command)}
 
@@ -94,13 +108,12 @@ def random_walk(robot: str, seed: int) -> Case:
         if loop.fallen or loop.mode is not Mode.WALK:
             break
         loop.set_velocity(*command)
-        parts.append(watch(loop, config.random_period, config.chunk, config.trace_time))
+        parts.append(watch(loop, config.random_period, config.chunk))
         commands.append(np.tile(command, (len(parts[-1].velocities), 1)))
     walked = Walked(
         np.vstack([part.velocities for part in parts]),
         sum(part.distance for part in parts),
         sum(part.energy for part in parts),
-        parts[-1].trace,
     )
     return _scores(loop, walked, np.vstack(commands), config)
 
@@ -109,28 +122,30 @@ def stop(robot: str, seed: int) -> Case:
     """Stop from a walk, then stand.
 
     Returns:
-        ``fell``, ``reason``, ``steps`` after the command, ``stood`` in time, ``drift`` [m] of the base while standing.
+        ``fell``, ``reason``, ``steps`` after the command, ``stood`` in time, ``drift`` [m] of the base while standing,
+        ``ok``, ``moments``: the last ones when it is not.
     """
     config = walk_config()
     loop = _begin(robot, seed, (config.stop_speed, 0.0, 0.0), config)
-    loop.run(max(config.stop_after - config.start_time, 0.0))
+    _run(loop, max(config.stop_after - config.start_time, 0.0))
     steps = loop.gait.steps
     loop.command("stop")
-    loop.run(config.stop_limit)
+    _run(loop, config.stop_limit)
     steps = loop.gait.steps - steps
     stood = loop.mode is Mode.STAND
     place, drift = loop.truth.q[:2].copy(), 0.0
     for _ in range(round(config.stand_time)):
-        loop.run(1.0)
+        _run(loop, 1.0)
         drift = max(drift, float(np.linalg.norm(loop.truth.q[:2] - place)))
-        loop.log.clear()
+    ok = stood and steps <= config.stop_steps and drift < config.stand_drift_limit and not loop.fallen
     return {
         "fell": loop.fallen,
         "reason": _reason(loop),
         "steps": steps,
         "stood": stood,
         "drift": drift,
-        "ok": stood and steps <= config.stop_steps and drift < config.stand_drift_limit and not loop.fallen,
+        "ok": ok,
+        "moments": _moments(loop, not ok),
     }
 
 
@@ -138,18 +153,19 @@ def top_speed(robot: str, seed: int) -> Case:
     """Try ever lower speeds until one is held: falls end a try early, so the fast ones cost little.
 
     Returns:
-        ``top_speed``: the mean of the highest speed that was held, 0 when none [m/s]; ``reason``, ``trace``: how the
+        ``top_speed``: the mean of the highest speed that was held, 0 when none [m/s]; ``reason``, ``moments``: how the
         one above it failed.
     """
     config, reason = walk_config(), ""
-    trace: dict[str, list[float]] = {}
+    moments: Case = {}
     for speed in sorted(robot_walk(robot).top_speeds, reverse=True):
         case = steady(robot, seed, (speed, 0.0, 0.0), config.top_duration)
         mean = float(case["velocity"][0])
         if not case["fell"] and mean >= (1.0 - config.top_tolerance) * speed:
-            return {"top_speed": mean, "reason": reason, "trace": trace}
-        reason, trace = f"{speed:g} m/s: {case['reason'] or f'mean {mean:.2f} m/s'}", case["trace"]
-    return {"top_speed": 0.0, "reason": reason, "trace": trace}
+            return {"top_speed": mean, "reason": reason, "moments": moments}
+        reason = f"{speed:g} m/s: {case['reason'] or f'mean {mean:.2f} m/s'}"
+        moments = case["moments"] or _moments(_loop(robot), True)
+    return {"top_speed": 0.0, "reason": reason, "moments": moments}
 
 
 MEASURES: dict[str, Callable[..., Case]] = {"steady": steady, "random": random_walk, "stop": stop, "top": top_speed}

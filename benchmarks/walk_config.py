@@ -39,7 +39,7 @@ class WalkConfig:
     window: Positive
     chunk: Positive
     record_period: Positive
-    trace_time: Positive
+    shown: Positive
     random_period: Positive
     random_share: Annotated[float, Field(gt=0.0, le=1.0)]
     speed_error_limit: Positive

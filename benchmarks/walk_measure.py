@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from bridge.closed_loop import ClosedLoop
-from models.constants import GRAVITY
 from models.heading import heading
 from models.types import Matrix, Vector
 
@@ -25,13 +23,11 @@ class Walked:
         velocities: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s].
         distance: Length of the path [m].
         energy: Mechanical work of the joints, braking counted like driving [J].
-        trace: Signals of its last seconds by name; see ``_signals``.
     """
 
     velocities: Matrix
     distance: float
     energy: float
-    trace: dict[str, list[float]] = field(default_factory=dict)
 
     @property
     def mean(self) -> Vector:
@@ -42,43 +38,19 @@ class Walked:
         return mean
 
 
-TRACED = ("t", "dcm_ahead", "dcm_left", "cmp_ahead", "cmp_left", "yaw", "load_left", "load_right", "torque_share")
-"""Columns of a trace; see ``_signals``."""
-
-
-def _signals(loop: ClosedLoop) -> Matrix:
-    """What tells why a robot fell, from the log (n, 9).
-
-    Stamp [s]; DCM and commanded CMP from the middle of the base, along its heading and to its left [m]; yaw [rad];
-    vertical force on each foot over the weight [-]; torque over its limit of the joint that is nearest to it [-].
-    """
-    log, weight = loop.log, loop.robot.mass * GRAVITY
-    yaw = np.array([heading(*q[3:7]) for q in log.true_q])
-    seen = np.array([heading(*q[3:7]) for q in log.estimate_q])  # the controller's points are in its own frame
-    c, s = np.cos(seen), np.sin(seen)
-    points = []
-    for point in (log.dcm, log.zmp):
-        x, y = (point - log.estimate_q[:, :2]).T
-        points += [c * x + s * y, c * y - s * x]
-    loads = [log.wrenches[:, 2] / weight, log.wrenches[:, 8] / weight]
-    return np.column_stack([log.t, *points, yaw, *loads, (np.abs(log.tau) / loop.robot.tau_max).max(axis=1)])
-
-
-def watch(loop: ClosedLoop, duration: float, chunk: float, trace_time: float = 0.0) -> Walked:
+def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
     """Let a robot walk for a time, or until it falls, and measure it.
 
     Args:
-        loop: The robot; its log, which this empties, gives the power.
+        loop: The robot; its log gives the power.
         duration: [s].
         chunk: Between two samples of the robot's place [s].
-        trace_time: How much of the end to keep signals of, should it fall [s].
     """
     velocities, distance, energy = [], 0.0, 0.0
-    signals: deque[Matrix] = deque(maxlen=max(round(trace_time / chunk), 1))
     end = loop.t + duration
-    loop.log.clear()
     before = loop.truth.q[:7].copy()
     while loop.t < end - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
+        rows = len(loop.log)
         loop.run(chunk)
         now = loop.truth.q[:7].copy()
         first, last = heading(*before[3:]), heading(*now[3:])
@@ -87,15 +59,10 @@ def watch(loop: ClosedLoop, duration: float, chunk: float, trace_time: float = 0
         x, y = now[:2] - before[:2]
         velocities.append(np.array([c * x + s * y, c * y - s * x, turned]) / chunk)
         distance += math.hypot(x, y)
-        power = np.abs(loop.log.tau * loop.log.true_v[:, 6:]).sum(axis=1)  # (n,)
+        power = np.abs(loop.log.tau[rows:] * loop.log.true_v[rows:, 6:]).sum(axis=1)  # (n,)
         energy += float(power.mean()) * chunk
-        signals.append(_signals(loop))
-        loop.log.clear()
         before = now
-    trace = {}
-    if loop.fallen and trace_time > 0.0 and signals:
-        trace = {name: column.round(4).tolist() for name, column in zip(TRACED, np.vstack(signals).T, strict=True)}
-    return Walked(np.array(velocities).reshape(-1, 3), distance, energy, trace)
+    return Walked(np.array(velocities).reshape(-1, 3), distance, energy)
 
 
 def speed_error(mean: Vector, command: Velocity) -> float:

@@ -300,7 +300,7 @@ class ClosedLoop:
         """Row of the log after a tick, when one is due."""
         lockstep = self._lockstep
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
-            self.log.add(self.plant.truth, self.plant.com, lockstep.state, lockstep.result, self.mode)
+            self.log.add(self.plant.truth, self.plant.com, lockstep.state, lockstep.result, self.mode, self.gait)
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))

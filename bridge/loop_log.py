@@ -9,6 +9,8 @@ import numpy as np
 from bridge.recording import Recording
 from models.robot_model import RobotModel
 from models.types import ControlResult, Matrix, Mode, RobotState, SolveStatus, Vector
+from planners.gait.gait import GaitPlanner
+from planners.gait.phase import GaitPhase
 
 _FIRST_ROWS = 1024
 _STATUS = tuple(SolveStatus)
@@ -21,8 +23,10 @@ class LoopLog:
     Columns: ``t`` [s]; ``com`` (3), ``dcm`` (2), ``zmp`` (2) [m] as the controller sees and commands them; ``true_com``
     (3) [m], ``true_q`` (nq), ``true_v`` (nv) in Pinocchio's order; ``estimate_q`` (nq), ``estimate_v`` (nv); ``tau``
     (nj) [N.m] as applied; ``wrenches`` (12) true ground reactions, left then right, each in its sole frame [N, N.m];
-    ``planned_wrenches`` (12) those of the QP; ``residual`` [1]; ``solve_time`` [s], the one column that differs between
-    two runs of the same seed; ``status`` and ``mode`` as indices, see ``statuses`` and ``modes``.
+    ``planned_wrenches`` (12) those of the QP; ``footholds`` (4), x and y of both soles as the gait plans them, in the
+    frame of the estimate [m]; ``swing``, the foot that is to be in the air (0 left, 1 right, -1 none);
+    ``residual`` [1]; ``solve_time`` [s], the one column that differs between two runs of the same seed; ``status``
+    and ``mode`` as indices, see ``statuses`` and ``modes``.
 
     Args:
         model: Robot.
@@ -42,6 +46,8 @@ class LoopLog:
             "tau": model.nj,
             "wrenches": 12,
             "planned_wrenches": 12,
+            "footholds": 4,
+            "swing": 1,
             "residual": 1,
             "solve_time": 1,
             "status": 1,
@@ -82,7 +88,15 @@ class LoopLog:
         """Drop all rows."""
         self._count = 0
 
-    def add(self, truth: RobotState, true_com: Vector, estimate: RobotState, result: ControlResult, mode: Mode) -> None:
+    def add(
+        self,
+        truth: RobotState,
+        true_com: Vector,
+        estimate: RobotState,
+        result: ControlResult,
+        mode: Mode,
+        gait: GaitPlanner,
+    ) -> None:
         """Append a row."""
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
@@ -100,6 +114,8 @@ class LoopLog:
         wrenches = row[at["wrenches"]]
         wrenches[:6], wrenches[6:] = truth.contacts[0].wrench, truth.contacts[1].wrench
         row[at["planned_wrenches"]] = result.wrenches.ravel()
+        row[at["footholds"]] = [place for hold in gait.footholds for place in (hold.x, hold.y)]
+        row[at["swing"]] = 1 - gait.stance if gait.phase is GaitPhase.SINGLE else -1
         row[at["residual"]] = result.residual
         row[at["solve_time"]] = result.solve_time
         row[at["status"]] = _STATUS.index(result.status)

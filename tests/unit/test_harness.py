@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.harness import LoadMeter, Report, percentiles, run_cases, write_json
+from benchmarks.harness import LoadMeter, Report, percentiles, read_json, run_cases, write_json
+from models.errors import ConfigError
 
 SCHEMA = {"bench", "robot", "seeds", "figures", "cases", "versions", "revision", "load", "passed"}
 
@@ -35,6 +36,20 @@ def test_json_has_the_schema_and_only_json_values(tmp_path: Path) -> None:
     assert data["figures"] == {"a_us": 1.5, "b": None}
     assert data["cases"] == [{"seed": 3, "ok": True, "xs": [0.0, 0.0]}]
     assert data["versions"]["mujoco"] and len(data["load"]["before"]) == 3
+
+
+def test_a_report_is_read_again_and_nothing_else_is(tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    cases = [{"seed": 3, "places": [1.5, float("nan")], "reason": "fell"}]
+    report = Report("walk", "g1", 1, {"a": 1.5}, cases, passed=False, load=LoadMeter().read())
+    write_json(report, file)
+    again = read_json(file)
+    assert (again.bench, again.robot, again.seeds, again.figures, again.passed) == ("walk", "g1", 1, {"a": 1.5}, False)
+    assert again.cases[0]["reason"] == "fell" and np.isnan(again.cases[0]["places"][1])
+    for text in ("not json", "[1]", '{"bench": "walk"}'):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match="not a report"):
+            read_json(file)
 
 
 def test_cases_come_back_in_order_from_one_process() -> None:

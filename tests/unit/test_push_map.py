@@ -84,12 +84,14 @@ def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(push_map, "survives", survives)
     monkeypatch.setattr(push_map, "prepare", lambda trial: Loop)
+    monkeypatch.setattr(push_map, "moments", lambda robot: {"t": [1.0]})
     monkeypatch.setattr(
         push_map, "bounds", lambda trial: {"ankle_dv": 0.4 + trial.phase, "steps_dv": 2.0 - trial.phase}
     )
     found: dict[str, Any] = push_map.measure("g1", "walk", 0, 0.0)
     assert found["dv"] <= 0.7 < found["dv"] + map_config().resolution
     assert found["failed_phase"] == 1 and found["failed_dv"] > 0.7 and found["reason"] == "fell"
+    assert found["moments"] == {"t": [1.0]}
     assert (found["ankle_dv"], found["steps_dv"]) == (0.4, 0.0)
 
 

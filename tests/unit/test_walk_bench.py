@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import walk, walk_cases, walk_plot
+from benchmarks import walk, walk_cases
+from benchmarks.harness import Report
 from benchmarks.walk_measure import speed_error, tracking_error
 from models.errors import ConfigError
 
@@ -22,12 +24,12 @@ def good() -> list[dict[str, Any]]:
         "tracking_error": 0.01,
         "cost_of_transport": 0.5,
         "foot_slip": 0.001,
-        "trace": {},
+        "moments": {},
     }
     outcome: dict[str, dict[str, Any]] = {
         "steady": {**scores, "speed_error": 0.0},
         "stop": {"fell": False, "reason": "", "steps": 2, "stood": True, "drift": 0.001, "ok": True},
-        "top": {"top_speed": 0.5, "reason": "0.6 m/s: base tilted", "trace": {}},
+        "top": {"top_speed": 0.5, "reason": "0.6 m/s: base tilted", "moments": {}},
     }
     return [{**case, **outcome[case["kind"]], "velocity": list(case.get("command", ()))} for case in results]
 
@@ -72,18 +74,43 @@ def test_an_unknown_scenario_is_refused() -> None:
 def test_the_top_speed_is_the_highest_that_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     def steady(robot: str, seed: int, command: tuple[float, float, float], duration: float) -> dict[str, Any]:
         fell = command[0] > 0.65
-        return {"fell": fell, "reason": "base tilted", "velocity": [command[0]], "trace": {"t": [1.0]} if fell else {}}
+        return {
+            "fell": fell,
+            "reason": "base tilted",
+            "velocity": [command[0]],
+            "moments": {"t": [1.0]} if fell else {},
+        }
 
     monkeypatch.setattr(walk_cases, "steady", steady)
     case = walk_cases.top_speed("g1", 0)
-    assert case == {"top_speed": 0.6, "reason": "0.7 m/s: base tilted", "trace": {"t": [1.0]}}
+    assert case == {"top_speed": 0.6, "reason": "0.7 m/s: base tilted", "moments": {"t": [1.0]}}
 
 
-def test_a_fall_where_none_may_be_is_shown_before_one_at_the_limit() -> None:
-    top, must = {"kind": "top", "trace": {"t": [0.0]}}, {"kind": "steady", "trace": {"t": [0.0]}}
-    assert walk_plot.limiting([{"kind": "steady", "trace": {}}, top, must]) is must
-    assert walk_plot.limiting([top]) is top
-    assert walk_plot.limiting([{"kind": "stop"}]) is None
+def test_a_speed_that_is_not_held_without_a_fall_is_explained_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    def steady(robot: str, seed: int, command: tuple[float, float, float], duration: float) -> dict[str, Any]:
+        return {"fell": False, "reason": "", "velocity": [min(command[0], 0.62)], "moments": {}}
+
+    monkeypatch.setattr(walk_cases, "steady", steady)
+    monkeypatch.setattr(walk_cases, "_loop", lambda robot: robot)
+    monkeypatch.setattr(walk_cases, "last_moments", lambda loop, duration: {"t": [duration]})
+    case = walk_cases.top_speed("g1", 0)
+    assert case == {"top_speed": 0.6, "reason": "0.7 m/s: mean 0.62 m/s", "moments": {"t": [walk.walk_config().shown]}}
+
+
+def test_a_stop_that_fails_is_told_in_words() -> None:
+    results = [
+        {**case, "ok": False, "stood": False, "moments": {"t": [0.0]}} for case in good() if case["kind"] == "stop"
+    ]
+    assert walk.judge("talos", results)[1] == ["stop, seed 0: did not stand after 2 steps, then drifted 1.0 mm"]
+
+
+def test_the_plot_shows_what_was_measured(tmp_path: Path) -> None:
+    def drawn(kinds: tuple[str, ...]) -> list[str]:
+        report = Report("walk", "talos", 1, {}, [case for case in good() if case["kind"] in kinds], True, {})
+        return [file.name for file in walk.plot(report, tmp_path) if file.stat().st_size > 5_000]
+
+    assert drawn(("steady", "top")) == drawn(("top",)) == drawn(("steady",)) == ["walk-talos.png"]
+    assert drawn(("stop",)) == []
 
 
 def test_an_unknown_robot_is_refused() -> None:

@@ -1,0 +1,139 @@
+"""What a robot did in the last moments of a trial: all that is needed to see why it failed, as plain numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.harness import Case
+from bridge.closed_loop import ClosedLoop
+from models.constants import GRAVITY
+from models.heading import heading
+from models.robot_model import RobotModel
+from models.types import Matrix, Mode, Vector
+
+ROWS = 300
+"""Most rows that are kept."""
+
+AFTER = 0.1
+"""How much is kept of the time after the supervisor has given the robot up [s]."""
+
+LEG_JOINTS, OTHER_JOINTS = 3, 2
+"""How many joints are kept of those nearest to the limit of their torque, and of their position."""
+
+SATURATED = 0.95
+"""Share of its limit from which on a torque counts as at it [-]."""
+
+
+def last_moments(loop: ClosedLoop, duration: float) -> Case:
+    """The end of a robot's log, places seen from its CoM and along its heading at each moment.
+
+    What the laws see and command is in their own frame, which drifts: it is seen from the CoM and heading that they
+    see.
+
+    Args:
+        loop: The robot, with a log.
+        duration: How much of it [s]; ends ``AFTER`` the supervisor has given the robot up to damping.
+
+    Returns:
+        Lists of n rows: ``t`` [s]; forward and left of the CoM [m] ``dcm``, ``cop`` (null in flight), ``dcm_seen`` and
+        ``cmp`` (as the law sees and commands them); of both feet ``soles_low`` and ``soles_high``, between which the
+        corners of the sole lie, and ``aims``, the foothold of the foot that swings (null otherwise); ``loads`` and
+        ``planned_loads`` over the weight [-], ``heights`` of the lowest corner in W [m], ``tilts`` of the soles [deg];
+        ``base_tilt`` to the front and to the left [deg], ``base_height`` over the lower sole [m]; ``status`` of the QP,
+        ``mode``. By name of the joints nearest to their limits: ``torques``, shares of the limit [-], and ``margins``
+        [deg]. ``events``: stamp and text.
+    """
+    log, model = loop.log, loop.robot
+    given_up = log.t[[mode is Mode.DAMP for mode in log.modes]]
+    end = given_up[0] + AFTER if len(given_up) else log.t[-1]
+    recent = np.flatnonzero((log.t >= log.t[-1] - duration) & (log.t <= end))
+    rows = recent[:: -max(-(-len(recent) // ROWS), 1)][::-1]
+    true, weight = _true_signals(model, log.true_q[rows], log.true_v[rows], log.wrenches[rows]), model.mass * GRAVITY
+    seen = np.array([_to_heading(q) for q in log.estimate_q[rows]])  # (n, 2, 2)
+    aims = np.full((len(rows), 2, 2), np.nan)
+    for foot in range(2):
+        swings = log.swing[rows] == foot
+        aims[swings, foot] = log.footholds[rows][swings, 2 * foot : 2 * foot + 2]
+    com, statuses, modes = log.com[rows, :2], log.statuses, log.modes
+    acting = np.array([modes[row] is not Mode.DAMP for row in rows])  # what happens later explains nothing
+    names, joints = np.array(model.joint_names), log.true_q[rows, 7:]
+    shares = np.abs(log.tau[rows]) / model.tau_max  # (n, nj)
+    margins = np.degrees(np.minimum(joints - model.q_lower, model.q_upper - joints))  # (n, nj)
+    strained = _first(model, -shares[acting].max(axis=0) - (shares[acting] > SATURATED).mean(axis=0))
+    nearest = _first(model, margins[acting].min(axis=0))
+    numbers = {
+        "t": log.t[rows],
+        **true,
+        "dcm_seen": np.einsum("nij,nj->ni", seen, log.dcm[rows] - com),
+        "cmp": np.einsum("nij,nj->ni", seen, log.zmp[rows] - com),
+        "aims": np.einsum("nij,nfj->nfi", seen, aims - com[:, None]),
+        "loads": log.wrenches[rows][:, [2, 8]] / weight,
+        "planned_loads": log.planned_wrenches[rows][:, [2, 8]] / weight,
+    }
+    return {
+        **{name: _numbers(values) for name, values in numbers.items()},
+        "status": [statuses[row].value for row in rows],
+        "mode": [modes[row].value for row in rows],
+        "torques": {names[i]: _numbers(shares[:, i]) for i in strained},
+        "margins": {names[i]: _numbers(margins[:, i]) for i in nearest},
+        "events": [[t, text] for t, text in loop.events if t >= log.t[rows[0]]],
+    }
+
+
+def _first(model: RobotModel, score: Vector) -> list[int]:
+    """The joints of the smallest scores (nj,): some of the legs, then some of the rest, whose arms swing hardest."""
+    order = np.argsort(score, kind="stable").tolist()
+    legs = {index - 6 for foot in model.feet for index in foot.joint_ids_v}
+    return [i for i in order if i in legs][:LEG_JOINTS] + [i for i in order if i not in legs][:OTHER_JOINTS]
+
+
+def _numbers(values: Matrix) -> Any:
+    return values.round(4).tolist()
+
+
+def _to_heading(q: Vector) -> Matrix:
+    """Rotation that turns a vector of W into the heading of a configuration (2, 2)."""
+    yaw = heading(*q[3:7])
+    return np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+
+
+def _true_signals(model: RobotModel, q: Matrix, v: Matrix, wrenches: Matrix) -> dict[str, Matrix]:
+    """Those of ``last_moments`` that take the true state (n, nq), (n, nv) and wrenches (n, 12)."""
+    data, n = model.data(), len(q)
+    dcm, cop, base_tilt, base_height = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
+    low, high = np.empty((n, 2, 2)), np.empty((n, 2, 2))
+    heights, tilts = np.empty((n, 2)), np.empty((n, 2))
+    for i in range(n):
+        com = pin.centerOfMass(model.pin, data, q[i], v[i])
+        pin.updateFramePlacements(model.pin, data)
+        turn, pressed = _to_heading(q[i]), np.zeros(3)
+        for k, foot in enumerate(model.feet):
+            sole = data.oMf[foot.frame_id]
+            corners = (sole.rotation @ foot.corners.T).T + sole.translation
+            seen = (corners[:, :2] - com[:2]) @ turn.T  # (4, 2)
+            low[i, k], high[i, k] = seen.min(axis=0), seen.max(axis=0)
+            heights[i, k] = corners[:, 2].min()
+            tilts[i, k] = np.degrees(np.arccos(np.clip(sole.rotation[2, 2], -1.0, 1.0)))
+            wrench = wrenches[i, 6 * k : 6 * k + 6]
+            if wrench[2] > 0.0:
+                centre = sole.act(np.array([-wrench[4], wrench[3], 0.0]) / wrench[2])
+                pressed += wrench[2] * np.array([*centre[:2], 1.0])
+        omega = np.sqrt(GRAVITY / max(com[2] - heights[i].min(), 0.1))  # 0.1 m: lies on the floor
+        dcm[i] = turn @ data.vcom[0][:2] / omega
+        cop[i] = turn @ (pressed[:2] / pressed[2] - com[:2]) if pressed[2] > 0.0 else np.nan
+        up = data.oMi[1].rotation[:, 2]
+        base_tilt[i] = np.degrees(np.arctan2(turn @ up[:2], up[2]))
+        base_height[i] = q[i, 2] - heights[i].min()
+    return {
+        "dcm": dcm,
+        "cop": cop,
+        "soles_low": low,
+        "soles_high": high,
+        "heights": heights,
+        "tilts": tilts,
+        "base_tilt": base_tilt,
+        "base_height": base_height,
+    }
