@@ -224,7 +224,9 @@ class GaitConfig:
         settle_time: For this long [s].
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         lean_urgent: Share of the way between the feet at which the body is when the foot of an urgent step lands [-].
-        astride: Distance of a sole from where it stands beside the other one at which a walk does not end yet [m].
+        astride: Distance of a sole from where it stands beside the other one at which a robot that stands again after
+            it has caught itself steps back [m].
+        astride_max: Distance at which it does not come to rest [m]; greater than ``astride``.
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
         timing, reach, velocity, swing, adjustment, route, ground, lift: Parts.
@@ -240,6 +242,7 @@ class GaitConfig:
     step_share: Share
     lean_urgent: Share
     astride: Positive
+    astride_max: Positive
     anchor_time: Positive
     anchor_load: Share
     timing: TimingConfig
@@ -264,3 +267,5 @@ class GaitConfig:
             raise ValueError("reach: width_min <= width <= width_max does not hold")
         if reach.width_urgent < reach.width_max or timing.single_urgent > timing.single_min:
             raise ValueError("an urgent step may not be held to narrower limits than any other")
+        if self.astride_max <= self.astride:
+            raise ValueError("a stance that is to be left, astride, must be one to come to rest in, astride_max")

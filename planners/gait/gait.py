@@ -195,8 +195,6 @@ class GaitPlanner:
             dt=dt,
         )
 
-    # Phases -----------------------------------------------------------------------------------------------------------
-
     def _in_stand(self, dt: float) -> None:
         self._weight.to_middle(self._elapsed)
         off = self._measured.dcm(self._omega()) - self._soles.middle()
@@ -205,6 +203,10 @@ class GaitPlanner:
             self._recover()
         elif self._orders.moving:
             self._begin()
+        elif self._caught:
+            self._caught = False
+            if self._soles.astride(self.config.astride):  # no stance to stay in
+                self._begin()
 
     def _in_start(self, dt: float) -> None:
         if self._weight.to_first(self.stance, self._elapsed, self._omega()):
@@ -238,8 +240,6 @@ class GaitPlanner:
         # Quick, wide steps leave the floor for some ticks: holding the robot then would be its fall.
         return lifted.active and (lifted.confirmed or not self._step.plan.urgent)
 
-    # Events -----------------------------------------------------------------------------------------------------------
-
     def _stand(self, state: RobotState) -> None:
         """Forget the walk: the robot stands where it is."""
         measured = self._measured
@@ -249,6 +249,7 @@ class GaitPlanner:
         self._builder.reset(measured.com[2] - self._soles.ground())
         self._dcm.reset(measured.com[:2])
         self._lifted_off.reset()
+        self._caught = False
         self._enter(GaitPhase.STAND)
 
     def _begin(self) -> None:
@@ -276,8 +277,8 @@ class GaitPlanner:
         self.stance = foot
         orders = self._orders
         orders.landed(self.footholds)
-        if orders.over and (self._must_step() or (self._caught and self._soles.astride())):
-            orders.steps_left = 1  # not caught yet, or in no stance to stay in
+        if orders.over and (self._must_step() or self._soles.astride(self.config.astride_max)):
+            orders.steps_left = 1  # not caught yet, or in no stance to come to rest in
         if orders.over:
             self._dcm.begin_blend()
             orders.steps_left = None
@@ -290,10 +291,8 @@ class GaitPlanner:
         self._elapsed = 0.0
         self._settled = 0.0
         if phase is GaitPhase.STAND:
-            self._step.plan.urgent = self._caught = False
+            self._step.plan.urgent = False
             self._dcm.begin_blend()
-
-    # Small things -----------------------------------------------------------------------------------------------------
 
     def _omega(self) -> float:
         return math.sqrt(GRAVITY / max(self._builder.height, 0.1))

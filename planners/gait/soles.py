@@ -119,11 +119,11 @@ class Soles:
         place, half = self.standing_box(dcm)
         return bool((np.abs(place) > self._config.step_share * half).any())
 
-    def astride(self) -> bool:
-        """Whether the soles are farther from the nominal stance than standing is to be."""
+    def astride(self, allowed: float) -> bool:
+        """Whether one sole is farther from where it stands in the nominal stance than this [m]."""
         left, right = self.holds
         forward, side = Foothold(right.x, right.y, middle(self.holds).yaw).relative(left.x, left.y)
-        return math.hypot(forward, side - self._config.reach.width) > self._config.astride
+        return math.hypot(forward, side - self._config.reach.width) > allowed
 
     def standing_box(self, dcm: Vector) -> tuple[Vector, Vector]:
         """The box around both soles, along their mean heading.

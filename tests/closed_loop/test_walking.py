@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,22 @@ def test_a_walk_repeats_bit_for_bit() -> None:
     first = run()
     loop.reset()
     assert (run() == first).all()
+
+
+@pytest.mark.parametrize("degrees", [45.0, 180.0])
+def test_a_standing_robot_steps_to_take_a_push_and_then_steps_back_to_its_stance(degrees: float) -> None:
+    """More than twice what the ankles take; it comes to rest astride first, then beside its other foot."""
+    loop = ClosedLoop(robot="g1", seed=0)
+    loop.command("walk")
+    loop.run(0.5)
+    force = 0.7 * loop.robot.mass / 0.1  # [N] 0.7 m/s in 0.1 s
+    angle = math.radians(degrees)
+    loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), 0.1)
+    loop.run(5.0)
+    assert not loop.fallen, loop.fall_reason
+    assert loop.gait.steps >= 2
+    assert not loop.gait.walking
+    left, right = loop.gait.footholds
+    assert right.relative(left.x, left.y) == pytest.approx(
+        (0.0, loop.gait.config.reach.width), abs=loop.gait.config.astride
+    )

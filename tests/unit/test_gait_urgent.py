@@ -77,6 +77,8 @@ def test_limits_of_an_urgent_step_are_no_narrower(g1: RobotModel) -> None:
     config = default_config(GaitConfig, "planners", "gait")
     with pytest.raises(ValueError, match="urgent"):
         replace(config, reach=replace(config.reach, width_urgent=config.reach.width_max - 0.01))
+    with pytest.raises(ValueError, match="astride"):
+        replace(config, astride=config.astride_max)
     with pytest.raises(ValueError, match="urgent"):
         replace(config, timing=replace(config.timing, single_urgent=config.timing.single_min + 0.01))
 
@@ -104,17 +106,17 @@ def test_feet_far_apart_lower_the_body(g1: RobotModel) -> None:
     assert height(0.5, None) < height(0.5, 0, 0.5)
 
 
-def test_a_walk_does_not_end_astride(g1: RobotModel) -> None:
+def test_how_far_astride_the_soles_are(g1: RobotModel) -> None:
     config, measured = load_gait_config(g1), GaitMeasurement(g1)
     soles = Soles(g1, config)
     measured.update(state(g1))
     soles.reset(measured)
-    assert not soles.astride()
+    assert not soles.astride(0.12)
     soles.holds[0] = replace(soles.holds[0], y=soles.holds[0].y + 0.15)
-    assert soles.astride()
+    assert soles.astride(0.12) and not soles.astride(0.28)
     soles.reset(measured)
     soles.holds[0] = replace(soles.holds[0], x=soles.holds[0].x - 0.15)
-    assert soles.astride()
+    assert soles.astride(0.12) and not soles.astride(0.28)
 
 
 def test_what_draws_a_planted_sole_is_bounded() -> None:
