@@ -100,6 +100,7 @@ def _add_scenarios(name: str, help_text: str) -> None:
 
 
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
+_add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
 
 
 @app.command("push")

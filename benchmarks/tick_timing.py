@@ -30,6 +30,36 @@ STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 STATUSES = tuple(SolveStatus)
 
 
+class Stopwatch:
+    """Times calls, and notes which of them the scheduler interrupted.
+
+    Args:
+        rows: Most calls of each subject.
+        subjects: How many subjects.
+
+    Attributes:
+        wall, cpu: Wall-clock and thread CPU time (rows, subjects) [ns].
+        preempted: Whether the scheduler took the core away during the call (rows, subjects).
+    """
+
+    def __init__(self, rows: int, subjects: int) -> None:
+        self.wall = np.zeros((rows, subjects), dtype=np.int64)
+        self.cpu = np.zeros_like(self.wall)
+        self.preempted = np.zeros(self.wall.shape, dtype=bool)
+
+    def measure(self, row: int, subject: int, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Time one call; returns what it returns."""
+        switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+        cpu = thread_time_ns()
+        start = perf_counter_ns()
+        result = call(*arguments)
+        end = perf_counter_ns()
+        self.cpu[row, subject] = thread_time_ns() - cpu
+        self.preempted[row, subject] = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw != switches
+        self.wall[row, subject] = end - start
+        return result
+
+
 class StageProbe:
     """Notes when each stage of a tick begins and ends, on the ticks on which it is attached.
 
@@ -119,9 +149,8 @@ class TimedController:
             self._call_pinocchio,
         )
         self.peers, self.recording, self.count, self.placo_failed = True, False, 0, 0
-        self.wall = np.zeros((ticks, len(SUBJECTS)), dtype=np.int64)
-        self.cpu = np.zeros_like(self.wall)
-        self.preempted = np.zeros(self.wall.shape, dtype=bool)
+        self._watch = watch = Stopwatch(ticks, len(SUBJECTS))
+        self.wall, self.cpu, self.preempted = watch.wall, watch.cpu, watch.preempted
         self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
         self.residual = np.zeros(ticks)
         self.status = np.zeros(ticks, dtype=np.int64)
@@ -169,7 +198,7 @@ class TimedController:
         if staged:
             self._probe.attach()
         for subject in ORDERS[self._row % len(ORDERS)]:
-            self._measure(row, subject)
+            self._watch.measure(row, subject, self._calls[subject])
         self.stages[row] = 0
         if staged:
             self._probe.detach()
@@ -184,17 +213,6 @@ class TimedController:
 
     def _call_pinocchio(self) -> None:
         self._pinocchio.step(self._terms.q, self._terms.v)
-
-    def _measure(self, row: int, subject: int) -> None:
-        call = self._calls[subject]
-        switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
-        cpu = thread_time_ns()
-        start = perf_counter_ns()
-        call()
-        end = perf_counter_ns()
-        self.cpu[row, subject] = thread_time_ns() - cpu
-        self.preempted[row, subject] = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw != switches
-        self.wall[row, subject] = end - start
 
     def _judge(self, row: int) -> None:
         """Residual, status and active rows of the tick; not timed."""

@@ -16,6 +16,7 @@ from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
 from controllers.estimation.estimator import StateEstimator
+from controllers.walker import Walker
 from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
@@ -202,9 +203,14 @@ class ClosedLoop:
         return self._lockstep.estimator
 
     @property
+    def walker(self) -> Walker[GaitPlanner]:
+        """Gait planner and walking controller."""
+        return self._lockstep.walker
+
+    @property
     def gait(self) -> GaitPlanner:
         """The gait planner."""
-        return self._lockstep.walker.planner
+        return self.walker.planner
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from models.types import Matrix
 from planners.gait import kernels_steps
 from planners.gait.config import ReachConfig
@@ -147,7 +145,5 @@ def preview_poses(
     if stop_after is not None:
         count = max(min(count, stop_after), 1)
         velocity = (0.0, 0.0, 0.0)
-    poses = np.empty((1 + count, 3))
-    poses[0] = stance.pose
-    preview(poses, foot, advance_of(velocity, period), limits)
+    poses: Matrix = preview(stance.pose, foot, advance_of(velocity, period), limits, count)
     return poses

@@ -12,6 +12,9 @@ from models.types import Matrix
 Pose = tuple[float, float, float]
 """x, y in W [m], heading in W [rad]."""
 
+Point = tuple[float, float]
+"""x, y [m]."""
+
 Limits = tuple[float, float, float, float, float, float, float]
 """Of the reach: nominal, least and largest width, forward, backward [m], turn inwards, turn outwards [rad]."""
 
@@ -19,21 +22,21 @@ _POSE, _LIMITS = "UniTuple(float64, 3)", "UniTuple(float64, 7)"
 
 
 @njit("UniTuple(float64, 2)(float64, float64, float64, float64, float64)", cache=True)
-def moved(x: float, y: float, yaw: float, forward: float, left: float) -> tuple[float, float]:
+def moved(x: float, y: float, yaw: float, forward: float, left: float) -> Point:
     """A point given in the frame of a pose, in W."""
     c, s = math.cos(yaw), math.sin(yaw)
     return x + c * forward - s * left, y + s * forward + c * left
 
 
 @njit("UniTuple(float64, 2)(float64, float64, float64, float64, float64)", cache=True)
-def relative(x: float, y: float, yaw: float, px: float, py: float) -> tuple[float, float]:
+def relative(x: float, y: float, yaw: float, px: float, py: float) -> Point:
     """A point of W in the frame of a pose."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * (px - x) + s * (py - y), -s * (px - x) + c * (py - y)
 
 
 @njit("UniTuple(float64, 2)(float64, float64, float64)", cache=True)
-def rotated(angle: float, x: float, y: float) -> tuple[float, float]:
+def rotated(angle: float, x: float, y: float) -> Point:
     """A vector turned by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return c * x - s * y, s * x + c * y
@@ -101,18 +104,25 @@ def next_pose(stance: Pose, side: float, advance: Pose, limits: Limits) -> Pose:
     return clamped(stance, side, (x, y, stance[2] + half_turn + half_turn), limits)
 
 
-@njit(f"void(float64[:, ::1], int64, {_POSE}, {_LIMITS})", cache=True)
-def preview(poses: Matrix, foot: int, advance: Pose, limits: Limits) -> None:
+@njit(f"float64[:, ::1]({_POSE}, int64, {_POSE}, {_LIMITS}, int64)", cache=True)
+def preview(stance: Pose, foot: int, advance: Pose, limits: Limits, count: int) -> Matrix:
     """The next steps of a walk, alternating feet.
 
     Args:
-        poses: In the first row the sole that stays; the steps go below it (1 + steps, 3).
+        stance: The sole that stays.
         foot: Which foot swings first (0 left, 1 right).
         advance: Of the body in one step: forward, left [m], turn [rad].
         limits: Of the reach.
+        count: How many steps.
+
+    Returns:
+        The stance, and the steps below it (1 + count, 3).
     """
+    poses = np.empty((1 + count, 3))
+    poses[0, 0], poses[0, 1], poses[0, 2] = stance
     side = 1.0 if foot == 0 else -1.0
-    for i in range(1, poses.shape[0]):
+    for i in range(1, 1 + count):
         last = poses[i - 1]
         poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, limits)
         side = -side
+    return poses

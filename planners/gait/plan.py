@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from models.types import Matrix, Vector
 from planners.gait import dcm
 from planners.gait.config import GaitConfig, ReachConfig
 from planners.gait.footsteps import Foothold, Velocity, limits_of, preview_poses
-from planners.gait.kernels_steps import rotated
-from planners.gait.preview import previewed_offset
+from planners.gait.kernels_steps import Point
+from planners.gait.preview import coupled, previewed_offset, seen_from_stance, seen_from_world
 from planners.gait.reaction import SwingReaction, whole_swing
 from planners.gait.route import Route
 from planners.gait.soles import Soles
 from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
 from planners.gait.swing import SwingFoot
 
-Box = tuple[tuple[float, float], tuple[float, float]]
+Box = tuple[Point, Point]
 """Least and largest of two coordinates [m]."""
 
 
@@ -51,7 +49,11 @@ class StepPlan:
         self._reach = _reach(config.reach, config.reach.width_max)
         self._reach_urgent = _reach(config.reach, config.reach.width_urgent)
         self._cop = [config.adjustment.cop_share * soles.half_sole(foot) for foot in range(2)]
-        self._no_cop = np.zeros(2)
+        # What the next adjustment is about: these are the rows of one array, which a compiled function fills.
+        self._seen = np.zeros((6, 2))
+        step, offset, self._free, lower, upper, near = self._seen
+        self._wanted = Step(step, config.timing.single, offset, np.zeros(2), True)
+        self._bounds = StepBounds(lower, upper, 0.0, 0.0, self._cop[0], near, config.swing.speed_max)
         self._soles = soles
         self._reaction, self._swing, self._route = reaction, swing, route
         self.stance = Foothold(0.0, 0.0, 0.0)
@@ -63,11 +65,16 @@ class StepPlan:
         self.unsolved = 0
         self.urgent = False
 
-    def nominal(self) -> tuple[Foothold, tuple[float, float]]:
+    def nominal(self) -> tuple[Foothold, Point]:
         """Next foothold and the DCM offset wanted at its touchdown, in W [m]."""
-        timing = self._config.timing
         poses = self._coming()
-        offset = previewed_offset(
+        x, y, yaw = poses[1].tolist()
+        return Foothold(x, y, yaw, self.stance.z), self._offset(poses)
+
+    def _offset(self, poses: Matrix) -> Point:
+        """DCM offset wanted at the touchdown on the first of the coming footholds, in W [m]."""
+        timing = self._config.timing
+        offset: Point = previewed_offset(
             poses,
             self.foot,
             self.steps_left is not None,
@@ -78,8 +85,7 @@ class StepPlan:
             self._swing.shape,
             self._reaction.lever,
         )
-        x, y, yaw = poses[1].tolist()
-        return Foothold(x, y, yaw, self.stance.z), offset
+        return offset
 
     def _coming(self) -> Matrix:
         """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
@@ -125,60 +131,27 @@ class StepPlan:
         Returns:
             Foothold, touchdown time since lift-off [s], and the DCM that the reference is to have there (2,) [m].
         """
-        stance, foot, timing = self.stance, self.foot, self._config.timing
-        step, offset = self.nominal()
-        centre = self._soles.centre(1 - foot)
-        point = stance.moved(*centre)
-        place, landing = stance.relative(step.x, step.y), stance.relative(*step.moved(*self._soles.centre(foot)))
-        # From a foothold to the ZMP point in it, both in the stance frame and from the stance's own ZMP point.
-        shift = landing[0] - place[0] - centre[0], landing[1] - place[1] - centre[1]
-        wanted_x, wanted_y = place[0] + shift[0], place[1] + shift[1]
-        wanted_offset = np.array(rotated(-stance.yaw, *offset))
-        wanted = Step(np.array([wanted_x, wanted_y]), timing.single, wanted_offset, self._no_cop, True)
-        used_x, used_y = self._reaction.rest(self.omega, planned - elapsed, self._swing, (target.x, target.y))
-        free = rotated(-stance.yaw, measured[0] - point[0] - used_x, measured[1] - point[1] - used_y)
-        bounds = self._bounds(shift, elapsed)
-        coupling = self._coupling()
-        adjusted = self._adjustment.solve(np.array(free), elapsed, self.omega, wanted, planned, bounds, coupling)
-        self.unsolved += not adjusted.solved
-        step_x, step_y = adjusted.step.tolist()
-        x, y = stance.moved(step_x - shift[0], step_y - shift[1])
-        way = rotated(stance.yaw, step_x, step_y)
-        more = rotated(stance.yaw, coupling * (step_x - wanted_x), coupling * (step_y - wanted_y))
-        end = np.array([point[0] + way[0] + offset[0] + more[0], point[1] + way[1] + offset[1] + more[1]])
-        return Foothold(x, y, step.yaw, stance.z), adjusted.time, end
-
-    def _coupling(self) -> float:
-        """Change of the DCM offset wanted at touchdown per change of the foothold [-]; see ``dcm.touchdown_offset``.
-
-        A longer step has a longer way for the ZMP in the double support, and a longer swing after it.
-        """
-        timing, omega = self._config.timing, self.omega
-        transfer = dcm.transfer_share(omega, timing.double) - 1.0
-        return transfer + math.exp(-omega * timing.double) * self._reaction.slope(omega, timing.single)
-
-    def _bounds(self, shift: tuple[float, float], elapsed: float) -> StepBounds:
-        """What the step may be.
-
-        Args:
-            shift: From a foothold to the ZMP point in it, in the stance frame [m].
-            elapsed: Time since lift-off [s].
-        """
-        config, timing = self._config, self._config.timing
-        lower, upper = (self._reach_urgent if self.urgent else self._reach)[self.foot]
-        # A foot that is out of reach yet may stay in line with where it is, as far as its speed is concerned.
-        forward, left = self.stance.relative(self._swing.position[0], self._swing.position[1])
-        near_x, near_y = min(max(forward, lower[0]), upper[0]), min(max(left, lower[1]), upper[1])
-        soonest = max(timing.single_urgent if self.urgent else timing.single_min, elapsed + config.swing.freeze)
-        return StepBounds(
-            np.array([lower[0] + shift[0], lower[1] + shift[1]]),
-            np.array([upper[0] + shift[0], upper[1] + shift[1]]),
-            soonest,
-            max(timing.single_max, soonest),
-            self._cop[1 - self.foot],
-            np.array([near_x + shift[0], near_y + shift[1]]),
-            config.swing.speed_max,
+        poses, foot, centres = self._coming(), self.foot, self._soles.centres
+        timing, reaction = self._config.timing, self._reaction
+        offset, coupling = self._offset(poses), coupled(self.omega, timing.single, timing.double, reaction.lever)
+        lower, upper = (self._reach_urgent if self.urgent else self._reach)[foot]
+        used = reaction.rest(self.omega, planned - elapsed, self._swing, (target.x, target.y))
+        place, seen = self._swing.position, self._seen
+        shift = seen_from_stance(poses, foot, centres, offset, measured, used, place, lower, upper, seen)
+        adjusted = self._adjustment.solve(
+            self._free, elapsed, self.omega, self._wanted, planned, self._step_bounds(elapsed), coupling
         )
+        self.unsolved += not adjusted.solved
+        (x, y), end = seen_from_world(poses, foot, centres, adjusted.step, seen, shift, offset, coupling)
+        return Foothold(x, y, float(poses[1, 2]), self.stance.z), adjusted.time, np.array(end)
+
+    def _step_bounds(self, elapsed: float) -> StepBounds:
+        """What the step may be, so long after lift-off [s]."""
+        timing, bounds = self._config.timing, self._bounds
+        soonest = max(timing.single_urgent if self.urgent else timing.single_min, elapsed + self._swing.freeze)
+        bounds.time_lower, bounds.time_upper = soonest, max(timing.single_max, soonest)
+        bounds.cop = self._cop[1 - self.foot]
+        return bounds
 
 
 def _reach(reach: ReachConfig, widest: float) -> tuple[Box, Box]:

@@ -161,6 +161,12 @@ def _rest(
     return c * x - s * y, s * x + c * y
 
 
+@njit("float64(float64, float64, float64[::1])", cache=True)
+def slope(omega: float, duration: float, lever: Vector) -> float:
+    """Change of ``d`` at lift-off per change of the swing's way [-], about; arguments as for ``whole_swing``."""
+    return -float(lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
+
+
 class SwingReaction:
     """What the DCM must allow for of the swing leg.
 
@@ -187,10 +193,6 @@ class SwingReaction:
         along = (lever + slope * x) * (c * ax + s * ay) + slope * v * v + lift * swing.acceleration[Z]
         across = side * (c * ay - s * ax)
         return np.array([s * across - c * along, -s * along - c * across])
-
-    def slope(self, omega: float, duration: float) -> float:
-        """Change of ``d`` at lift-off per change of the swing's way [-], about."""
-        return -float(self.lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
 
     def rest(self, omega: float, left: float, swing: SwingFoot, target: tuple[float, float]) -> Vector:
         """``d``: DCM that the rest of the swing will use up; in W (2,) [m].

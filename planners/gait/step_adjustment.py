@@ -13,7 +13,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import AdjustmentConfig
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class StepBounds:
     """What the step may be, in the stance frame.
 
@@ -144,11 +144,17 @@ class StepAdjustment:
             upper,
         )
         z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
-        solved = flag == 1 and bool(np.isfinite(z).all())
+        solved = flag == 1 and math.isfinite(sum(z.tolist()))
         if not solved:
             z = np.clip(np.array([*nominal.step, wanted, 0.0, 0.0]), lower[:5], upper[:5])
-        offset = decay * z[2] * dcm - ahead * z[3:] - z[:2]
-        return Step(z[:2].copy(), math.log(z[2]) / omega, offset, z[3:].copy(), solved)
+        offset = np.array(_offset(z, dcm, decay, ahead))
+        return Step(z[:2], math.log(z[2]) / omega, offset, z[3:], solved)
+
+
+@njit("UniTuple(float64, 2)(float64[::1], float64[::1], float64, float64)", cache=True)
+def _offset(z: Vector, dcm: Vector, decay: float, ahead: float) -> tuple[float, float]:
+    """``b`` of a solution (5,)."""
+    return decay * z[2] * dcm[0] - ahead * z[3] - z[0], decay * z[2] * dcm[1] - ahead * z[4] - z[1]
 
 
 @njit(

@@ -15,7 +15,7 @@ from models.robot_model import RobotModel
 from planners.gait import dcm
 from planners.gait.config import GaitConfig
 from planners.gait.leg_lever import LegLever, leg_lever
-from planners.gait.reaction import SwingReaction, whole_swing
+from planners.gait.reaction import SwingReaction, slope, whole_swing
 from planners.gait.swing import SwingFoot
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
@@ -135,5 +135,5 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
 def test_a_longer_way_uses_up_more() -> None:
     reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
     short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, foot.shape, reaction.lever)[0] for x in (0.3, 0.5))
-    assert (long - short) / 0.2 == pytest.approx(reaction.slope(OMEGA, SINGLE), rel=0.5)
+    assert (long - short) / 0.2 == pytest.approx(slope(OMEGA, SINGLE, reaction.lever), rel=0.5)
     assert long < short < 0.0

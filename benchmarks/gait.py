@@ -1,0 +1,167 @@
+"""Time of the gait planner, of one step adjustment, and of the whole-body tick in single support.
+
+The robot walks in lockstep at one velocity, estimator and sensor noise included. The whole-body tick (walking
+controller with its QP) runs beside the bare Pinocchio calls at the same state and is judged like the standing one
+(``benchmarks/tick.py``). As there, samples during which the scheduler took the core away are left out and counted, and
+the garbage collector is off.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
+from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles
+from benchmarks.tick import MICRO, QUANTILES, collector_off, over_seeds, plot_tails
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT, default_config
+from models.errors import PoiseError
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class GaitBenchConfig:
+    """The walk and its bounds; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
+
+    forward: float
+    left: float
+    turn: float
+    warm_up: Positive
+    duration: Positive
+    gait_max: Positive
+    adjustment_max: Positive
+    pinocchio_ratio_max: Positive
+    tail_ratio_max: Positive
+
+
+@cache
+def _config() -> GaitBenchConfig:
+    return default_config(GaitBenchConfig, "benchmarks", "gait")
+
+
+def _walk(loop: ClosedLoop, duration: float) -> None:
+    """Go on for a time [s]; ``PoiseError`` when the robot falls."""
+    loop.run(duration)
+    if loop.fallen:
+        raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
+
+
+def measure(robot: str, seed: int) -> Case:
+    """Time the ticks of one walk.
+
+    Args:
+        robot: Name of the profile.
+        seed: Seed of the sensor noise.
+
+    Returns:
+        ``figures`` of this walk, and of every subject its ``quantiles`` [us] at ``QUANTILES``.
+
+    Raises:
+        PoiseError: The robot fell, or would not walk.
+    """
+    config = _config()
+    loop = ClosedLoop(robot=robot, seed=seed, record=False)
+    reply = loop.command("walk")
+    if not reply.accepted:
+        raise PoiseError(f"walk: {reply.reason}")
+    loop.set_velocity(config.forward, config.left, config.turn)
+    _walk(loop, config.warm_up)
+    timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)
+    with collector_off(), timed.recording():
+        _walk(loop, config.duration)
+    rows = _rows(timed)
+    quantiles = {
+        name: np.percentile(timed.watch.wall[rows[:, i], i] * MICRO, QUANTILES).tolist()
+        for i, name in enumerate(SUBJECTS)
+    }
+    return {"figures": summarise(timed), "quantiles": quantiles}
+
+
+def _rows(timed: TimedWalk) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """The ticks that count for each subject, pre-empted or not (ticks, 4)."""
+    rows = np.zeros(timed.watch.wall.shape, dtype=bool)
+    n = timed.count
+    rows[:n, GAIT] = True
+    rows[:n, ADJUSTMENT] = timed.adjusted[:n]
+    rows[:n, TICK] = rows[:n, PINOCCHIO] = timed.single[:n]
+    return rows
+
+
+def summarise(timed: TimedWalk) -> dict[str, float]:
+    """Figures of what was recorded; the names say the unit, ratios and counts have none.
+
+    Raises:
+        ValueError: There is no tick of some kind.
+    """
+    rows, wall = _rows(timed), timed.watch.wall * MICRO
+    figures: dict[str, float] = {}
+    kept = rows & ~timed.watch.preempted
+    for i, name in enumerate(SUBJECTS):
+        figures |= percentiles(wall[kept[:, i], i], f"{name}_us")
+        figures[f"{name}_ungated_us_p99"] = float(np.percentile(wall[rows[:, i], i], 99.0))
+    figures["ratio_to_pinocchio_calls"] = figures["tick_us_p50"] / figures["pinocchio_calls_us_p50"]
+    figures["p99_over_median"] = figures["tick_us_p99"] / figures["tick_us_p50"]
+    figures["pinocchio_calls_p99_over_median"] = figures["pinocchio_calls_us_p99"] / figures["pinocchio_calls_us_p50"]
+    figures["preempted_fraction"] = 1.0 - float(kept[:, GAIT].sum() / rows[:, GAIT].sum())
+    for name, column in (("ticks", GAIT), ("adjustments", ADJUSTMENT), ("ticks_single_support", TICK)):
+        figures[name] = float(rows[:, column].sum())
+    return figures
+
+
+def bounds(figures: dict[str, float], config: GaitBenchConfig) -> dict[str, bool]:
+    """Each requirement, in words, and whether it holds."""
+    return {
+        f"gait planner: p99 < {config.gait_max:g} us": figures["gait_us_p99"] < config.gait_max,
+        f"step adjustment: median < {config.adjustment_max:g} us": figures["adjustment_us_p50"] < config.adjustment_max,
+        f"step adjustment: p99 < {config.adjustment_max:g} us": figures["adjustment_us_p99"] < config.adjustment_max,
+        f"tick in single support: ratio_to_pinocchio_calls <= {config.pinocchio_ratio_max}": figures[
+            "ratio_to_pinocchio_calls"
+        ]
+        <= config.pinocchio_ratio_max,
+        f"tick in single support: p99 <= {config.tail_ratio_max} x median": figures["p99_over_median"]
+        <= config.tail_ratio_max,
+    }
+
+
+def run(options: Options) -> Report:
+    """Time every seed, one at a time whatever ``workers`` says; see ``tick.run`` for why, and for the figures.
+
+    Args:
+        options: Robot and seeds.
+    """
+    config, load = _config(), LoadMeter()
+    results: list[Case] = [
+        {"robot": options.robot, "seed": seed, **measure(options.robot, seed)} for seed in range(options.seeds)
+    ]
+    figures = over_seeds(results)
+    held = bounds(figures, config)
+    passed = all(all(bounds(case["figures"], config).values()) for case in results)
+    notes = [f"{'ok    ' if ok else 'FAILED'} {text}" for text, ok in held.items()]
+    notes.append(f"wall-clock time; {figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out")
+    return Report("gait", options.robot, options.seeds, figures, results, passed, load.read(), notes)
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw how long each subject takes at every percentile.
+
+    Args:
+        report: What ``run`` found.
+        folder: Where the picture goes.
+
+    Returns:
+        The file written.
+    """
+    figure = new_figure(7.0, 4.5)
+    plot_tails(figure.subplots(), SUBJECTS, report.cases)
+    figure.suptitle(f"{report.robot}: gait, and whole-body tick in single support", fontsize=10)
+    file = folder / f"gait-{report.robot}.png"
+    figure.savefig(file, dpi=110)
+    return [file]

@@ -1,0 +1,141 @@
+"""The gait benchmark: timing changes nothing and comes off again, figures count what they should, bounds can fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.gait import GaitBenchConfig, bounds, plot, summarise
+from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
+from benchmarks.harness import Report
+from benchmarks.tick import QUANTILES
+from controllers.walker import Walker
+from controllers.walking import WalkingController
+from models.config import default_config
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
+from planners.gait.gait import GaitPlanner
+from planners.gait.phase import GaitPhase
+from planners.gait.plan import StepPlan
+
+CONFIG = default_config(GaitBenchConfig, "benchmarks", "gait")
+DT = 0.002
+
+
+@pytest.fixture(scope="module")
+def model() -> RobotModel:
+    return RobotModel.load("g1")
+
+
+def state(model: RobotModel, planner: GaitPlanner, t: float) -> RobotState:
+    """Standing still; the foot that is to swing bears nothing."""
+    wrench = np.array([0.0, 0.0, 0.5 * model.mass * 9.81, 0.0, 0.0, 0.0])
+    contacts = [ContactState(True, wrench), ContactState(True, wrench)]
+    if planner.phase is GaitPhase.SINGLE:
+        contacts[1 - planner.stance] = ContactState(False, np.zeros(6))
+    return RobotState(
+        t, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (contacts[0], contacts[1])
+    )
+
+
+def walker(model: RobotModel) -> Walker[GaitPlanner]:
+    made = Walker(GaitPlanner(model), WalkingController(model))
+    made.reset(state(model, made.planner, 0.0))
+    made.planner.set_velocity(0.3, 0.0, 0.0)
+    return made
+
+
+def torques(made: Walker[GaitPlanner], ticks: int) -> np.ndarray:
+    model = made.planner.model
+    return np.array([made.step(state(model, made.planner, k * DT), DT).command.tau for k in range(ticks)])
+
+
+def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
+    ticks, plain_adjust = 360, StepPlan.adjust
+    expected = torques(walker(model), ticks)
+    made = walker(model)
+    timed = TimedWalk(made, ticks)
+    with timed.recording():
+        found = torques(made, ticks)
+    np.testing.assert_array_equal(found, expected)
+    assert timed.count == ticks
+    assert made.planner.phase is GaitPhase.SINGLE  # so both kinds of support have been seen
+    assert 0 < timed.adjusted.sum() < timed.single.sum() < ticks
+    assert timed.single[timed.adjusted].all()
+    wall = timed.watch.wall
+    assert (wall[:, [GAIT, TICK, PINOCCHIO]] > 0).all()
+    np.testing.assert_array_equal(wall[:, ADJUSTMENT] > 0, timed.adjusted)
+    assert (wall[timed.adjusted, ADJUSTMENT] < wall[timed.adjusted, GAIT]).all()  # one is part of the other
+    assert StepPlan.adjust is plain_adjust
+    assert not {"step"} & (vars(made.planner).keys() | vars(made.controller).keys())
+
+
+def recorded(model: RobotModel) -> TimedWalk:
+    """Six ticks; the first is one of double support, the third and fifth adjust the step."""
+    timed = TimedWalk(walker(model), 6)
+    timed.count = 6
+    timed.single[1:], timed.adjusted[[2, 4]] = True, True
+    timed.watch.wall[:] = [200_000, 60_000, 120_000, 40_000]
+    timed.watch.wall[~timed.adjusted, ADJUSTMENT] = 0
+    timed.watch.wall[0, TICK] = 900_000  # in double support: no matter here
+    return timed
+
+
+def test_figures_count_single_support_and_adjustments_only(model: RobotModel) -> None:
+    figures = summarise(recorded(model))
+    assert (figures["ticks"], figures["adjustments"], figures["ticks_single_support"]) == (6.0, 2.0, 5.0)
+    assert figures["gait_us_p50"] == pytest.approx(200.0)
+    assert figures["adjustment_us_p50"] == pytest.approx(60.0)
+    assert figures["tick_us_max"] == pytest.approx(120.0)
+    assert figures["ratio_to_pinocchio_calls"] == pytest.approx(3.0)
+    assert figures["p99_over_median"] == pytest.approx(1.0)
+
+
+def test_preempted_samples_are_left_out_and_counted(model: RobotModel) -> None:
+    timed = recorded(model)
+    for row, subject in ((3, GAIT), (4, ADJUSTMENT), (5, TICK)):
+        timed.watch.wall[row, subject] = 9_000_000
+        timed.watch.preempted[row, subject] = True
+    figures = summarise(timed)
+    maxima = [figures[f"{name}_us_max"] for name in SUBJECTS]
+    assert maxima == pytest.approx([200.0, 60.0, 120.0, 40.0])
+    assert figures["preempted_fraction"] == pytest.approx(1 / 6)
+    assert figures["tick_ungated_us_p99"] > 5000.0
+
+
+def test_a_walk_without_an_adjustment_has_no_figures(model: RobotModel) -> None:
+    timed = recorded(model)
+    timed.adjusted[:] = False
+    with pytest.raises(ValueError, match="adjustment_us: no samples"):
+        summarise(timed)
+
+
+GOOD = {
+    "gait_us_p99": 400.0,
+    "adjustment_us_p50": 60.0,
+    "adjustment_us_p99": 90.0,
+    "ratio_to_pinocchio_calls": 3.0,
+    "p99_over_median": 1.5,
+}
+
+
+def test_every_bound_can_fail() -> None:
+    assert all(bounds(GOOD, CONFIG).values())
+    bad = {
+        "gait_us_p99": 5001.0,
+        "adjustment_us_p50": 151.0,
+        "adjustment_us_p99": 151.0,
+        "ratio_to_pinocchio_calls": 3.6,
+        "p99_over_median": 2.1,
+    }
+    for name, value in bad.items():
+        for broken in (value, float("nan")):
+            assert list(bounds({**GOOD, name: broken}, CONFIG).values()).count(False) == 1, name
+
+
+def test_the_plot_is_drawn(tmp_path: Path) -> None:
+    case = {"quantiles": {name: np.linspace(10.0, 90.0, len(QUANTILES)).tolist() for name in SUBJECTS}}
+    (file,) = plot(Report("gait", "g1", 1, {}, [case], True, {}), tmp_path)
+    assert file.stat().st_size > 10_000
