@@ -7,7 +7,7 @@ export MUJOCO_GL ?= egl
 BIN := .venv/bin
 ROBOT ?= g1
 OUT ?= out
-BENCHES ?= tick push stand latency calibrate estimate walk terrain
+BENCHES ?= tick gait push stand latency calibrate estimate walk terrain
 
 .PHONY: help demo test test-slow check bench clean distclean
 

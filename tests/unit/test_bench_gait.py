@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from benchmarks.gait import GaitBenchConfig, bounds, plot, summarise
+from benchmarks.gait import GaitBenchConfig, _walk, bounds, plot, summarise
 from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Report
 from benchmarks.tick import QUANTILES
 from controllers.walker import Walker
 from controllers.walking import WalkingController
 from models.config import default_config
+from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
 from planners.gait.gait import GaitPlanner
@@ -119,6 +121,12 @@ GOOD = {
     "ratio_to_pinocchio_calls": 3.0,
     "p99_over_median": 1.5,
 }
+
+
+def test_a_fall_is_no_figure() -> None:
+    loop = SimpleNamespace(run=lambda _: None, fallen=True, fall_reason="tilted", robot=SimpleNamespace(name="g1"))
+    with pytest.raises(PoiseError, match="g1 fell: tilted"):
+        _walk(loop, 1.0)
 
 
 def test_every_bound_can_fail() -> None:

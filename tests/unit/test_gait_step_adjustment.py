@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,3 +113,28 @@ def test_a_foot_that_is_to_land_farther_does_so_later() -> None:
     assert free.step[0] - place[0] > speed * (
         free.time - ELAPSED
     )  # the bound is active: without it the foot goes farther
+
+
+def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:
+    """A foot that is too far away and hardly moves, or a DCM that is not a number."""
+    stuck = replace(BOUNDS, place=np.array([5.0, 5.0]), speed=0.1)
+    for dcm, bounds in ((undisturbed(), stuck), (np.full(2, np.nan), BOUNDS)):
+        step = solve(dcm, bounds)
+        assert not step.solved
+        assert step.step == pytest.approx(NOMINAL.step)
+        assert step.time == pytest.approx(NOMINAL.time)
+
+
+def test_one_adjustment_leaves_nothing_to_the_next() -> None:
+    """The law keeps its memory from call to call: bounds, rows and results of the last one must not show."""
+    law, pushed = StepAdjustment(CONFIG), undisturbed() + np.array([0.2, 0.1])
+    slow = replace(BOUNDS, place=np.array([0.0, 0.2]), speed=1.0)
+    first = law.solve(pushed, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, slow, -0.2)
+    kept = first.step.copy(), first.offset.copy(), first.cop.copy()
+    again = law.solve(pushed, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, BOUNDS)
+    fresh = solve(pushed)
+    np.testing.assert_array_equal(again.step, fresh.step)
+    assert again.time == fresh.time
+    assert not np.array_equal(first.step, again.step)
+    for before, now in zip(kept, (first.step, first.offset, first.cop), strict=True):
+        np.testing.assert_array_equal(now, before)
