@@ -149,10 +149,19 @@ class WalkingController:
         self._pose[1, 3] += min(max(float(shift[1]), -reach), reach)
         return self._pose
 
+    def _shape(self, areas: Matrix) -> None:
+        """Corners of what bears of the soles."""
+        for foot in range(2):
+            x_min, x_max, y_min, y_max = areas[foot]
+            self._corners[foot, :, :2] = (x_max, y_max), (x_min, y_max), (x_min, y_min), (x_max, y_min)
+            self._one_sole[foot][:] = self._corners[foot]
+
     def _feed_back(self, reference: Reference) -> None:
         terms = self.whole_body.terms
         left, right = terms.soles
         contacts = reference.contacts
+        if reference.sole_areas is not None:
+            self._shape(reference.sole_areas)
         if contacts[0] == contacts[1]:
             first, second, corners = left.pose, right.pose, self._corners
         else:

@@ -15,7 +15,7 @@ from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
-from models.types import JointCommand, Reference, RobotState, SolveStatus, Vector
+from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
 
 
 class WholeBodyController:
@@ -118,7 +118,9 @@ class WholeBodyController:
             contact.linear_max,
             contact.angular_max,
         )
-        self._contacts: tuple[tuple[bool, bool], tuple[float, float]] | None = None
+        self._contacts: tuple[tuple[bool, bool], tuple[float, float], bytes] | None = None
+        self._soles: Matrix = np.array([foot.rectangle for foot in model.feet])
+        self._areas = self._soles.copy()
         self._ahead, self._nv = config.lookahead_s, model.nv
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
@@ -147,8 +149,9 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
-        if (reference.contacts, reference.load) != self._contacts:
-            self._change_contacts(reference.contacts, reference.load)
+        areas = self._soles if reference.sole_areas is None else reference.sole_areas
+        if (reference.contacts, reference.load, areas.tobytes()) != self._contacts:
+            self._change_contacts(reference.contacts, reference.load, areas)
         terms, limits = self.terms, self.limits
         self.problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
@@ -162,16 +165,20 @@ class WholeBodyController:
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
-    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
-        """Feet that swing get their task; those that bear load their planned share of the weight, mid-sole."""
-        self._contacts = contacts, load
+    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float], areas: Matrix) -> None:
+        """Feet that swing get their task; those that bear load their planned share, in the middle of what bears."""
+        self._contacts = contacts, load, areas.tobytes()
+        for foot in range(2):
+            if (areas[foot] != self._areas[foot]).any():
+                self._areas[foot] = areas[foot]
+                self.builder.set_area(foot, areas[foot])
         self.builder.set_load(load)
         bearing = [load[foot] if contacts[foot] else 0.0 for foot in range(2)]
         total = max(sum(bearing), 1e-6)
         weight = self.model.mass * GRAVITY
         for foot, task in enumerate(self._feet):
             task.set_active(not contacts[foot])
-            x_min, x_max, y_min, y_max = self.model.feet[foot].rectangle
+            x_min, x_max, y_min, y_max = areas[foot]
             force = weight * (bearing[foot] / total)
             moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
             self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0

@@ -170,6 +170,8 @@ class Reference:
         heading_rate: Wanted angular velocity of base and torso about the vertical [rad/s].
         cmp_offset: How far the line of the ground force is planned to pass from the CoP, for the angular momentum that
             the swing leg takes, x and y in W (2,) [m]; None for not at all.
+        sole_areas: x_min, x_max, y_min, y_max of the part of each sole that bears, in its frame (2, 4) [m]; None for
+            the whole soles.
     """
 
     com: Vector
@@ -190,6 +192,7 @@ class Reference:
     dcm_velocity: Vector | None = None
     heading_rate: float = 0.0
     cmp_offset: Vector | None = None
+    sole_areas: Matrix | None = None
 
 
 @dataclass(frozen=True, slots=True)

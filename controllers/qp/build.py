@@ -134,21 +134,14 @@ class QPBuilder:
             raise ConfigError(f"{model.name}: each leg needs six joints of its own between base and sole")
         self._indices = np.concatenate([core, np.setdiff1d(np.arange(model.nv), core)]).astype(np.int64)
         upper = model.nv - CORE
-        weight_force = model.mass * GRAVITY
         self._force_min, self._force_max = force_min, force_max
-        self._wrench_scale = weight_force
-        cones = []
-        for foot in model.feet:
-            x_min, x_max, y_min, y_max = foot.rectangle
-            shrunk = (x_min + sole_margin, x_max - sole_margin, y_min + sole_margin, y_max - sole_margin)
-            cones.append(wrench_cone(shrunk, min(friction, foot.friction), force_min, force_max))
-        cone_rows = len(cones[0][1])
+        self._wrench_scale = model.mass * GRAVITY
+        self._friction, self._margin = friction, sole_margin
+        cone_rows = len(wrench_cone(model.feet[0].rectangle, friction, force_min, force_max)[1])
         shapes = ((2, cone_rows, 6), (2, cone_rows), (2, cone_rows), (2,))
         self.robot = Block(dict(zip(ROBOT, shapes, strict=True)))
-        # Rows are divided by the robot's weight: solvers' absolute tolerances then mean the same for every robot.
-        self.robot["cone"][:] = np.array([matrix for matrix, _, _ in cones]) / weight_force
-        self.robot["cone_lower"][:] = np.array([lower for _, lower, _ in cones]) / weight_force
-        self.robot["cone_upper"][:] = np.array([upper for _, _, upper in cones]) / weight_force
+        for foot in range(2):
+            self.set_area(foot, model.feet[foot].rectangle)
         self.robot["row_scale"][:] = ROW_SCALE
         self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6, cone_rows) for mode in range(4)]
         self._active = self._reductions[0]
@@ -159,6 +152,22 @@ class QPBuilder:
         for task, end, size in zip(self.tasks, np.cumsum(dimensions), dimensions, strict=True):
             span = slice(int(end) - size, int(end))
             self._rows.append((task, stack["jacobian"][span], stack["target"][span], stack["weight"][span]))
+
+    def set_area(self, foot: int, rectangle: Sequence[float]) -> None:
+        """Part of a sole that bears from now on: x_min, x_max, y_min, y_max in its frame [m]."""
+        x_min, x_max, y_min, y_max = (float(value) for value in rectangle)
+        margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))
+        shrunk = (x_min + margin, x_max - margin, y_min + margin, y_max - margin)
+        friction = min(self._friction, self.model.feet[foot].friction)
+        matrix, lower, upper = wrench_cone(shrunk, friction, self._force_min, self._force_max)
+        # Rows are divided by the robot's weight: solvers' absolute tolerances then mean the same for every robot.
+        scale = self._wrench_scale
+        robot = self.robot
+        robot["cone"][foot], robot["cone_lower"][foot], robot["cone_upper"][foot] = (
+            matrix / scale,
+            lower / scale,
+            upper / scale,
+        )
 
     def set_load(self, load: tuple[float, float]) -> None:
         """Share of its largest normal force that each sole may bear from now on (2,) [-]."""

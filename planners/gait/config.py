@@ -194,6 +194,29 @@ class GroundConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class FootingConfig:
+    """A sole that turns over an edge.
+
+    Attributes:
+        load: Share of the weight that a sole bears at least for its turning to mean anything [-].
+        turning: Angular velocity about its length or width above which it turns [rad/s].
+        turned: Angle by which it has turned at least, of late [rad].
+        forget_time: Time constant of "of late" [s].
+        still: Angular velocity below which it lies still [rad/s].
+        regain: Speed at which it is then believed in again [m/s].
+        strip: Width that is left at least of what bears [m].
+    """
+
+    load: Share
+    turning: Positive
+    turned: Positive
+    forget_time: Positive
+    still: Positive
+    regain: Positive
+    strip: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class LiftConfig:
     """A robot that is lifted off the floor.
 
@@ -229,7 +252,7 @@ class GaitConfig:
         astride_max: Distance at which it does not come to rest [m]; greater than ``astride``.
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        timing, reach, velocity, swing, adjustment, route, ground, lift: Parts.
+        timing, reach, velocity, swing, adjustment, route, ground, footing, lift: Parts.
     """
 
     leg: Positive
@@ -252,6 +275,7 @@ class GaitConfig:
     adjustment: AdjustmentConfig
     route: RouteConfig
     ground: GroundConfig
+    footing: FootingConfig
     lift: LiftConfig
 
     @property

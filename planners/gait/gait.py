@@ -14,6 +14,7 @@ from models.types import Reference, RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.current_step import CurrentStep
 from planners.gait.dcm_reference import DcmReference
+from planners.gait.footing import Footing
 from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold
 from planners.gait.leg_lever import leg_lever
@@ -61,6 +62,7 @@ class GaitPlanner:
         self._weight = WeightShift(config, self._soles, self._dcm, self._step)
         self._builder = ReferenceBuilder(model, config, reaction)
         self._lifted_off = Lifted(model, config.lift)
+        self._footing = Footing(model, config.footing)
         self.phase = GaitPhase.STAND
         self.stance = 1
         self.steps = 0
@@ -191,6 +193,7 @@ class GaitPlanner:
             self.config.lean_urgent if self._step.plan.urgent else 0.5,
             self._dcm.dcm,
             self._dcm.rate,
+            areas=self._footing.update(self._measured, swinging, dt, hurried=self._step.plan.urgent),
             upright=self.phase.resting,
             dt=dt,
         )
@@ -249,6 +252,7 @@ class GaitPlanner:
         self._builder.reset(measured.com[2] - self._soles.ground())
         self._dcm.reset(measured.com[:2])
         self._lifted_off.reset()
+        self._footing.reset()
         self._caught = False
         self._enter(GaitPhase.STAND)
 

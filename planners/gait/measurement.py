@@ -16,6 +16,10 @@ _UPRIGHT_MIN = 0.1
 """Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot means nothing."""
 
 
+_LOADED = 0.05
+"""Share of the weight from which a sole has a centre of pressure [-]."""
+
+
 class GaitMeasurement:
     """CoM, DCM and soles of the last state.
 
@@ -28,6 +32,8 @@ class GaitMeasurement:
         soles: Measured pose of each sole.
         tilts: Slope of each sole: its rise along x and along y of W (2, 2) [-].
         loads: Vertical force on each sole, share of the weight (2,) [-].
+        cops: Centre of pressure of each sole that bears, in its frame (2, 2) [m].
+        turning: Angular velocity of each sole about its own x and y (2, 2) [rad/s].
         active: Whether each foot bears, as the estimator has it.
     """
 
@@ -41,6 +47,7 @@ class GaitMeasurement:
         self.soles = [Foothold(0.0, 0.0, 0.0), Foothold(0.0, 0.0, 0.0)]
         self.tilts = np.zeros((2, 2))
         self.loads = [0.0, 0.0]
+        self.cops, self.turning = np.zeros((2, 2)), np.zeros((2, 2))
         self.active = [True, True]
 
     def update(self, state: RobotState) -> None:
@@ -56,7 +63,11 @@ class GaitMeasurement:
             self.soles[i] = Foothold(x, y, math.atan2(float(rotation[1, 0]), float(rotation[0, 0])), z)
             upright = max(float(rotation[2, 2]), _UPRIGHT_MIN)
             self.tilts[i] = -float(rotation[0, 2]) / upright, -float(rotation[1, 2]) / upright
-            self.loads[i] = float(state.contacts[i].wrench[2]) / self._weight
+            force, (mx, my) = float(state.contacts[i].wrench[2]), state.contacts[i].wrench[3:5]
+            self.loads[i] = force / self._weight
+            if self.loads[i] > _LOADED:
+                self.cops[i] = -my / force, mx / force
+            self.turning[i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).angular[:2]
             self.active[i] = state.contacts[i].active
 
     def dcm(self, omega: float) -> Vector:

@@ -82,6 +82,7 @@ class ReferenceBuilder:
         dcm: Vector,
         dcm_rate: Vector,
         *,
+        areas: Matrix,
         upright: bool,
         dt: float,
     ) -> Reference:
@@ -97,6 +98,7 @@ class ReferenceBuilder:
             lean: Share of the way between the feet at which the body will be when the swing foot lands.
             dcm: (2,) [m].
             dcm_rate: (2,) [m/s].
+            areas: What bears of each sole, in its frame (2, 4) [m].
             upright: Whether to rise to the standing height.
             dt: Time since the last tick [s].
         """
@@ -149,6 +151,7 @@ class ReferenceBuilder:
             dcm_velocity=dcm_rate,
             heading_rate=rate,
             cmp_offset=cmp_offset,
+            sole_areas=areas,
         )
 
     def _in_reach(

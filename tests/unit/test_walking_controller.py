@@ -111,3 +111,19 @@ def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
     lifting = replace(ahead, sole_velocities=velocities, sole_positions=positions, sole_rotations=rotations)
     tilts = [abs(acceleration(lifting, near, foot_pitch_scale=scale)[3:6]).max() for scale in (1.0, 0.005)]
     assert tilts[1] < 0.5 * tilts[0]
+
+
+def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingController, RobotState, Reference]) -> None:
+    controller, state, reference = case
+    areas = np.array([foot.rectangle for foot in controller.model.feet])
+    areas[0, :2] = 0.02, 0.05  # of the stance sole, only a strip across its middle bears
+    result = controller.step(state, replace(reference, cmp_offset=None, sole_areas=areas), 0.001)
+    assert result.zmp is not None and result.wrenches is not None
+    assert result.zmp[0] - cmp_at(case, None)[0] == pytest.approx(
+        0.02 - controller.model.feet[0].rectangle[0], abs=1e-6
+    )
+    cop = -result.wrenches[0, 4] / result.wrenches[0, 2]
+    assert 0.02 - 1e-6 <= cop <= 0.05 + 1e-6
+    whole = controller.step(state, replace(reference, cmp_offset=None), 0.001)
+    assert whole.wrenches is not None
+    assert -whole.wrenches[0, 4] / whole.wrenches[0, 2] < 0.02

@@ -150,6 +150,13 @@ def test_limits_are_active_in_the_hard_case(model: RobotModel) -> None:
     assert (slack < 1e-6).sum() >= 2
 
 
+def test_a_robot_that_is_thrown_about_is_served_in_the_same_tick(model: RobotModel) -> None:
+    """At 2 m/s in every velocity limits contradict each other: the relaxed answer must be exact enough to be believed."""
+    found = [prepare(model, moving_state(model, seed, 2.0), (True, True))[0].solution.status for seed in range(20)]
+    assert SolveStatus.RELAXED in found
+    assert set(found) <= {SolveStatus.OPTIMAL, SolveStatus.RELAXED}
+
+
 def toy(**changes: object) -> QP:
     qp = QP(
         np.eye(2),
@@ -165,7 +172,7 @@ def toy(**changes: object) -> QP:
 
 
 def solver() -> QPSolver:
-    return QPSolver(residual_max=1e-6, iterations_max=100, soft_rho=1e-6)
+    return QPSolver(residual_max=1e-6, iterations_max=100, soft_rho=1e-3)
 
 
 def test_solver_finds_the_optimum() -> None:

@@ -1,0 +1,119 @@
+"""What of a sole bears: the side that goes down while it turns over an edge does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from models.config import default_config
+from models.robot_model import RobotModel
+from models.types import ContactState, RobotState
+from planners.gait.config import GaitConfig
+from planners.gait.footing import GRAIN, Footing
+from planners.gait.measurement import GaitMeasurement
+
+CONFIG = default_config(GaitConfig, "planners", "gait").footing
+DT = 0.001
+TURN = 2.0 * CONFIG.turning  # [rad/s]
+WHILE = round(1.5 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough to be believed
+
+
+def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> SimpleNamespace:
+    """The left sole turns about its x and y [rad/s], its CoP at an edge [m]; the right one lies still."""
+    return SimpleNamespace(loads=[load, 0.4], cops=np.array([cop, (0.0, 0.0)]), turning=np.array([turning, (0.0, 0.0)]))
+
+
+@pytest.fixture
+def footing() -> Footing:
+    return Footing(RobotModel.load("g1"), CONFIG)
+
+
+def turn(footing: Footing, seen: SimpleNamespace, ticks: int = WHILE) -> np.ndarray:
+    for _ in range(ticks):
+        footing.update(seen, None, DT)
+    return footing.areas[0].copy()
+
+
+@pytest.mark.parametrize(
+    ("turning", "side"),
+    [((TURN, 0.0), 2), ((-TURN, 0.0), 3), ((0.0, -TURN), 0), ((0.0, TURN), 1)],
+    ids=["right side down", "left side down", "heel down", "toe down"],
+)
+def test_the_side_that_goes_down_is_taken_off(footing: Footing, turning: tuple[float, float], side: int) -> None:
+    whole = footing.areas.copy()
+    edge = (0.03, 0.004)
+    area = turn(footing, measured(turning, edge))
+    assert area[side] == pytest.approx(edge[side // 2], abs=0.5 * GRAIN + 1e-9)
+    others = [i for i in range(4) if i != side]
+    np.testing.assert_array_equal(area[others], whole[0, others])
+    np.testing.assert_array_equal(footing.areas[1], whole[1])
+
+
+def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Footing) -> None:
+    whole = footing.areas.copy()
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), WHILE // 3)  # a small angle: it has lain down
+    turn(footing, measured((0.5 * CONFIG.turning, 0.0), (0.0, 0.01)))
+    footing.reset()
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01), load=0.5 * CONFIG.load))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_strip_is_left(footing: Footing) -> None:
+    area = turn(footing, measured((TURN, 0.0), (0.0, 0.024)))
+    assert area[3] - area[2] == pytest.approx(CONFIG.strip, abs=0.5 * GRAIN + 1e-9)
+
+
+def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: Footing) -> None:
+    whole = footing.areas.copy()
+    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
+    still = measured((0.0, 0.0), (0.0, 0.01))
+    later = turn(footing, still, round(0.01 / CONFIG.regain / DT))
+    assert cut[2] - later[2] == pytest.approx(0.01, abs=GRAIN)
+    turn(footing, still, round(0.1 / CONFIG.regain / DT))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Footing) -> None:
+    whole = footing.areas.copy()
+    seen = measured((TURN, 0.0), (0.0, 0.01))
+    assert (turn(footing, seen) != whole[0]).any()
+    footing.update(seen, 0, DT)
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
+    """A robot that rolls and pitches about its left sole, which it presses with its front left part."""
+    model = RobotModel.load("g1")
+    wrench = np.array([0.0, 0.0, 200.0, 4.0, -10.0, 0.0])
+    contacts = (ContactState(True, wrench), ContactState(False, np.zeros(6)))
+    state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), contacts)
+    v = state.v.copy()
+    v[3:6] = 0.7, -0.4, 0.1
+    state = replace(state, v=v)
+    seen = GaitMeasurement(model)
+    seen.update(state)
+    data = model.data()
+    pin.framesForwardKinematics(model.pin, data, state.q)
+    sole = data.oMf[model.feet[0].frame_id].rotation
+    base = data.oMi[1].rotation
+    np.testing.assert_allclose(seen.turning[0], (sole.T @ base @ v[3:6])[:2], atol=1e-9)
+    np.testing.assert_allclose(seen.cops[0], [0.05, 0.02])
+    np.testing.assert_allclose(seen.cops[1], 0.0)
+
+
+def test_while_a_push_is_caught_soles_are_whole(footing: Footing) -> None:
+    whole = footing.areas.copy()
+    seen = measured((TURN, 0.0), (0.0, 0.01))
+    for _ in range(WHILE):
+        footing.update(seen, None, DT, hurried=True)
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_sole_that_falls_back_to_its_edge_loses_no_other_side(footing: Footing) -> None:
+    cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
+    back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), 3 * WHILE)
+    np.testing.assert_array_equal(back, cut)
