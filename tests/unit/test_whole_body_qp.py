@@ -151,7 +151,7 @@ def test_limits_are_active_in_the_hard_case(model: RobotModel) -> None:
 
 
 def test_a_robot_that_is_thrown_about_is_served_in_the_same_tick(model: RobotModel) -> None:
-    """At 2 m/s in every velocity limits contradict each other: the relaxed answer must be exact enough to be believed."""
+    """At 2 m/s or rad/s limits contradict each other, and the relaxed answer must be exact enough to be believed."""
     found = [prepare(model, moving_state(model, seed, 2.0), (True, True))[0].solution.status for seed in range(20)]
     assert SolveStatus.RELAXED in found
     assert set(found) <= {SolveStatus.OPTIMAL, SolveStatus.RELAXED}
