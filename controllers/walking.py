@@ -15,7 +15,7 @@ from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
-from models.robot_model import RobotModel
+from models.robot_model import RobotModel, corners_of
 from models.types import ContactState, ControlResult, JointCommand, Matrix, Reference, RobotState, SolveStatus
 
 
@@ -152,16 +152,14 @@ class WalkingController:
     def _shape(self, areas: Matrix) -> None:
         """Corners of what bears of the soles."""
         for foot in range(2):
-            x_min, x_max, y_min, y_max = areas[foot]
-            self._corners[foot, :, :2] = (x_max, y_max), (x_min, y_max), (x_min, y_min), (x_max, y_min)
-            self._one_sole[foot][:] = self._corners[foot]
+            self._corners[foot] = self._one_sole[foot][:] = corners_of(areas[foot])
 
     def _feed_back(self, reference: Reference) -> None:
         terms = self.whole_body.terms
         left, right = terms.soles
         contacts = reference.contacts
-        if reference.sole_areas is not None:
-            self._shape(reference.sole_areas)
+        if self.whole_body.rely_on(reference.sole_areas):
+            self._shape(self.whole_body.areas)
         if contacts[0] == contacts[1]:
             first, second, corners = left.pose, right.pose, self._corners
         else:

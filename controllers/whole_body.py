@@ -50,6 +50,7 @@ class WholeBodyController:
         wrenches: Last solution (2, 6), in the sole frames.
         torque: Last solution (nj,).
         limits: Limits of the QP.
+        areas: x_min, x_max, y_min, y_max of what it counts on of each sole, in its frame (2, 4) [m].
         builder: Builds the QP.
         solver: Solves it.
         problem: Last QP, overwritten by the next tick; None before the first.
@@ -118,9 +119,9 @@ class WholeBodyController:
             contact.linear_max,
             contact.angular_max,
         )
-        self._contacts: tuple[tuple[bool, bool], tuple[float, float], bytes] | None = None
-        self._soles: Matrix = np.array([foot.rectangle for foot in model.feet])
-        self._areas = self._soles.copy()
+        self._contacts: tuple[tuple[bool, bool], tuple[float, float]] | None = None
+        self._whole: Matrix = np.array([foot.rectangle for foot in model.feet])
+        self.areas = self._whole.copy()
         self._ahead, self._nv = config.lookahead_s, model.nv
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
@@ -149,9 +150,9 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
-        areas = self._soles if reference.sole_areas is None else reference.sole_areas
-        if (reference.contacts, reference.load, areas.tobytes()) != self._contacts:
-            self._change_contacts(reference.contacts, reference.load, areas)
+        self.rely_on(reference.sole_areas)
+        if (reference.contacts, reference.load) != self._contacts:
+            self._change_contacts(reference.contacts, reference.load)
         terms, limits = self.terms, self.limits
         self.problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
@@ -165,20 +166,26 @@ class WholeBodyController:
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
-    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float], areas: Matrix) -> None:
+    def rely_on(self, areas: Matrix | None) -> bool:
+        """Count on parts of the soles only (2, 4) [m], None for the whole ones; returns whether anything changed."""
+        wanted = self._whole if areas is None else areas
+        changed = (wanted != self.areas).any(axis=1)
+        for foot in np.flatnonzero(changed):
+            self.areas[foot] = wanted[foot]
+            self.builder.set_area(int(foot), wanted[foot])
+            self._contacts = None
+        return bool(changed.any())
+
+    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
         """Feet that swing get their task; those that bear load their planned share, in the middle of what bears."""
-        self._contacts = contacts, load, areas.tobytes()
-        for foot in range(2):
-            if (areas[foot] != self._areas[foot]).any():
-                self._areas[foot] = areas[foot]
-                self.builder.set_area(foot, areas[foot])
+        self._contacts = contacts, load
         self.builder.set_load(load)
         bearing = [load[foot] if contacts[foot] else 0.0 for foot in range(2)]
         total = max(sum(bearing), 1e-6)
         weight = self.model.mass * GRAVITY
         for foot, task in enumerate(self._feet):
             task.set_active(not contacts[foot])
-            x_min, x_max, y_min, y_max = areas[foot]
+            x_min, x_max, y_min, y_max = self.areas[foot]
             force = weight * (bearing[foot] / total)
             moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
             self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0

@@ -46,8 +46,13 @@ class Foot:
     @property
     def corners(self) -> Matrix:
         """Corners of the contact rectangle in the sole frame, counter-clockwise from front left (4, 3) [m]."""
-        x_min, x_max, y_min, y_max = self.rectangle
-        return np.array([[x_max, y_max, 0.0], [x_min, y_max, 0.0], [x_min, y_min, 0.0], [x_max, y_min, 0.0]])
+        return corners_of(self.rectangle)
+
+
+def corners_of(rectangle: Sequence[float]) -> Matrix:
+    """Corners of x_min, x_max, y_min, y_max [m] in a sole frame, counter-clockwise from front left (4, 3) [m]."""
+    x_min, x_max, y_min, y_max = rectangle
+    return np.array([[x_max, y_max, 0.0], [x_min, y_max, 0.0], [x_min, y_min, 0.0], [x_max, y_min, 0.0]])
 
 
 class RobotModel:

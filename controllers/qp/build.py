@@ -156,18 +156,14 @@ class QPBuilder:
     def set_area(self, foot: int, rectangle: Sequence[float]) -> None:
         """Part of a sole that bears from now on: x_min, x_max, y_min, y_max in its frame [m]."""
         x_min, x_max, y_min, y_max = (float(value) for value in rectangle)
-        margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))
+        margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))  # a strip keeps half its width
         shrunk = (x_min + margin, x_max - margin, y_min + margin, y_max - margin)
         friction = min(self._friction, self.model.feet[foot].friction)
         matrix, lower, upper = wrench_cone(shrunk, friction, self._force_min, self._force_max)
         # Rows are divided by the robot's weight: solvers' absolute tolerances then mean the same for every robot.
         scale = self._wrench_scale
-        robot = self.robot
-        robot["cone"][foot], robot["cone_lower"][foot], robot["cone_upper"][foot] = (
-            matrix / scale,
-            lower / scale,
-            upper / scale,
-        )
+        for name, rows in (("cone", matrix), ("cone_lower", lower), ("cone_upper", upper)):
+            self.robot[name][foot] = rows / scale
 
     def set_load(self, load: tuple[float, float]) -> None:
         """Share of its largest normal force that each sole may bear from now on (2,) [-]."""

@@ -119,11 +119,22 @@ def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingContro
     areas[0, :2] = 0.02, 0.05  # of the stance sole, only a strip across its middle bears
     result = controller.step(state, replace(reference, cmp_offset=None, sole_areas=areas), 0.001)
     assert result.zmp is not None and result.wrenches is not None
-    assert result.zmp[0] - cmp_at(case, None)[0] == pytest.approx(
-        0.02 - controller.model.feet[0].rectangle[0], abs=1e-6
-    )
+    heel = controller.model.feet[0].rectangle[0]
+    assert result.zmp[0] - cmp_at(case, None)[0] == pytest.approx(0.02 - heel, abs=1e-6)
     cop = -result.wrenches[0, 4] / result.wrenches[0, 2]
     assert 0.02 - 1e-6 <= cop <= 0.05 + 1e-6
-    whole = controller.step(state, replace(reference, cmp_offset=None), 0.001)
-    assert whole.wrenches is not None
+    whole = controller.step(state, replace(reference, cmp_offset=None, sole_areas=None), 0.001)
+    assert whole.wrenches is not None and whole.zmp is not None
     assert -whole.wrenches[0, 4] / whole.wrenches[0, 2] < 0.02
+    assert whole.zmp[0] - result.zmp[0] == pytest.approx(heel - 0.02, abs=1e-6)
+
+
+def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[WalkingController, RobotState, Reference]) -> None:
+    controller, state, reference = case
+    areas = np.array([(0.02, 0.06, -0.02, 0.0), (-0.04, 0.0, 0.01, 0.02)])
+    controller.step(state, replace(reference, contacts=(True, True), load=(0.5, 0.5), sole_areas=areas), 0.001)
+    target = controller.whole_body.limits.wrench_target
+    for foot in range(2):
+        x_min, x_max, y_min, y_max = areas[foot]
+        cop = np.array([-target[foot, 4], target[foot, 3]]) / target[foot, 2]
+        np.testing.assert_allclose(cop, [0.5 * (x_min + x_max), 0.5 * (y_min + y_max)])
