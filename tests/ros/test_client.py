@@ -29,7 +29,7 @@ from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.types import ContactState, RobotState
+from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
@@ -126,8 +126,7 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
     observer = Observer(g1, context)
     with pytest.raises(PoiseError, match="ground_truth/odom, joint_states, foot/left/wrench, foot/right/wrench silent"):
         observer.recording([])
-    rest = ContactState(True, np.zeros(6))
-    q, v = g1.standing_configuration(), np.zeros(g1.nv)
+    q = g1.standing_configuration()
     try:
         for k in range(1, 500):
             stamp = k * 1_000_000
@@ -135,8 +134,8 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
             for foot, publisher in enumerate(feet):
                 publisher.publish(foot_codecs[foot].encode(stamp, np.full(6, float(k) * (foot + 1))))
             joints.publish(joint_codec.encode(stamp, values, 2.0 * values, 3.0 * values))
-            estimate.publish(odom_codec.encode(stamp, RobotState(0.0, q + 0.0, v, values, (rest, rest))))
-            odom.publish(odom_codec.encode(stamp, RobotState(0.0, q, v, values, (rest, rest))))
+            estimate.publish(odom_codec.encode(stamp, standing(g1, q=q)))
+            odom.publish(odom_codec.encode(stamp, standing(g1, q=q)))
             threading.Event().wait(0.002)
             if k % 10 == 0:
                 observer.poll()

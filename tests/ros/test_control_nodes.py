@@ -22,8 +22,9 @@ from models.nodes.base import ALARM_PERIOD
 from models.nodes.messages import JointStateCodec, trajectory_to_message
 from models.nodes.qos import EVENT, LATCHED, SENSOR_RELIABLE
 from models.robot_model import RobotModel
-from models.types import ContactState, ControlResult, RobotState, SolveStatus
+from models.types import ControlResult, RobotState, SolveStatus
 from models.types import JointTrajectory as Trajectory
+from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
@@ -62,8 +63,7 @@ class Controlled:
         for publisher in (self.mode, self.request, self.plan):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
         self.set_mode("stand")
-        foot = ContactState(True, np.array([0.0, 0.0, 0.5 * 9.81 * g1.mass, 0.0, 0.0, 0.0]))
-        self.state = RobotState(0.0, g1.standing_configuration(), np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
+        self.state = standing(g1)
         self.tick()
 
     def tick(self) -> None:

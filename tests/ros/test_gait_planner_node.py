@@ -17,10 +17,11 @@ from models.nodes.messages import set_stamp
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
 from planners.gait.footsteps import Foothold, middle
 from planners.nodes.footstep_messages import pose_message
 from planners.nodes.gait_planner import GaitPlannerNode
+from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
@@ -58,9 +59,7 @@ class Commanded:
 
     @property
     def state(self) -> RobotState:
-        foot = ContactState(True, np.array([0.0, 0.0, 0.5 * 9.81 * self.model.mass, 0.0, 0.0, 0.0]))
-        q, v = self.model.standing_configuration(), np.zeros(self.model.nv)
-        return RobotState(1e-9 * self.stamp, q, v, np.zeros(self.model.nj), (foot, foot))
+        return standing(self.model, 1e-9 * self.stamp)
 
     def tick(self, ms: int) -> None:
         """Let time pass, in one tick."""

@@ -31,7 +31,8 @@ from models.nodes.messages import (
 from models.nodes.odometry import OdometryCodec, contacts_from_message, contacts_to_bytes
 from models.robot_model import RobotModel
 from models.trajectory import validate_trajectory
-from models.types import ContactState, JointCommand, JointTrajectory, RobotState
+from models.types import JointCommand, JointTrajectory
+from tests.support import standing
 
 STAMP = 12_345_678_901
 
@@ -235,14 +236,13 @@ def test_whatever_arrives_is_read_or_refused(g1: RobotModel, data: st.DataObject
 
 
 def test_odometry_and_contacts_round_trip(g1: RobotModel) -> None:
-    q, v = g1.standing_configuration(), np.arange(g1.nv, dtype=np.float64)
-    feet = (ContactState(True, np.zeros(6)), ContactState(False, np.zeros(6)))
-    state = RobotState(1.0, q, v, np.zeros(g1.nj), feet)
+    v = np.arange(g1.nv, dtype=np.float64)
+    state = standing(g1, 1.0, v=v, shares=(1.0, 0.0))
     stamp, pose, twist = OdometryCodec().decode(OdometryCodec().encode(STAMP, state))
     assert stamp == STAMP
-    np.testing.assert_array_equal(pose, q[:7])
+    np.testing.assert_array_equal(pose, state.q[:7])
     np.testing.assert_array_equal(twist, v[:6])
-    message = deserialize_message(contacts_to_bytes(feet), UInt8MultiArray)
+    message = deserialize_message(contacts_to_bytes(state.contacts), UInt8MultiArray)
     assert contacts_from_message(message) == (True, False)
     message.layout.dim[0].label = "right"
     with pytest.raises(MessageError, match="labels"):
@@ -250,8 +250,7 @@ def test_odometry_and_contacts_round_trip(g1: RobotModel) -> None:
 
 
 def test_odometry_carries_the_covariance_it_was_given(g1: RobotModel) -> None:
-    foot = ContactState(True, np.zeros(6))
-    state = RobotState(1.0, g1.standing_configuration(), np.arange(g1.nv, dtype=float), np.zeros(g1.nj), (foot, foot))
+    state = standing(g1, 1.0, v=np.arange(g1.nv, dtype=np.float64))
     codec = OdometryCodec()
     message = deserialize_message(codec.encode(STAMP, state), Odometry)
     assert not message.pose.covariance.any()
@@ -270,8 +269,7 @@ def test_odometry_carries_the_covariance_it_was_given(g1: RobotModel) -> None:
 def test_odometry_with_a_quaternion_that_is_not_of_unit_length_is_refused(g1: RobotModel) -> None:
     q = g1.standing_configuration()
     q[3:7] *= 1.01
-    foot = ContactState(True, np.zeros(6))
-    state = RobotState(1.0, q, np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
+    state = standing(g1, 1.0, q=q)
     with pytest.raises(MessageError, match="quaternion of norm"):
         OdometryCodec().decode(OdometryCodec().encode(STAMP, state))
 

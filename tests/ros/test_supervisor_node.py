@@ -20,7 +20,7 @@ from models.nodes.messages import JointStateCodec, set_stamp
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
@@ -46,7 +46,6 @@ class World:
         odometry = node.create_publisher(Odometry, topics.ODOM, SENSOR)
         command = node.create_publisher(JointState, topics.POSTURE, SENSOR)
         clock = node.create_publisher(Clock, topics.CLOCK, SENSOR)
-        feet = (ContactState(True, np.zeros(6)), ContactState(True, np.zeros(6)))
         q, zero = g1.standing_configuration(), np.zeros(g1.nj)
 
         def publish() -> None:
@@ -56,7 +55,7 @@ class World:
             time = Clock()
             set_stamp(time.clock, stamp)
             clock.publish(time)
-            odometry.publish(odom.encode(stamp, RobotState(0.0, q, np.zeros(g1.nv), zero, feet)))
+            odometry.publish(odom.encode(stamp, standing(g1, q=q)))
             for publisher in (topic, command):
                 publisher.publish(joints.encode(stamp, q[7:], zero, zero))
 

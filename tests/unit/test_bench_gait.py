@@ -17,10 +17,11 @@ from controllers.walking import WalkingController
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
 from planners.gait.gait import GaitPlanner
 from planners.gait.phase import GaitPhase
 from planners.gait.plan import StepPlan
+from tests.support import standing
 
 CONFIG = default_config(GaitBenchConfig, "benchmarks", "gait")
 DT = 0.002
@@ -33,13 +34,9 @@ def model() -> RobotModel:
 
 def state(model: RobotModel, planner: GaitPlanner, t: float) -> RobotState:
     """Standing still; the foot that is to swing bears nothing."""
-    wrench = np.array([0.0, 0.0, 0.5 * model.mass * 9.81, 0.0, 0.0, 0.0])
-    contacts = [ContactState(True, wrench), ContactState(True, wrench)]
-    if planner.phase is GaitPhase.SINGLE:
-        contacts[1 - planner.stance] = ContactState(False, np.zeros(6))
-    return RobotState(
-        t, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (contacts[0], contacts[1])
-    )
+    if planner.phase is not GaitPhase.SINGLE:
+        return standing(model, t)
+    return standing(model, t, shares=(0.5, 0.0) if planner.stance == 0 else (0.0, 0.5))
 
 
 def walker(model: RobotModel) -> Walker[GaitPlanner]:

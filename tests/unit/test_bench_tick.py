@@ -15,7 +15,8 @@ from controllers.balance import BalanceController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
+from tests.support import standing
 
 CONFIG = default_config(TickConfig, "benchmarks", "tick")
 
@@ -28,13 +29,12 @@ def model(request: pytest.FixtureRequest) -> RobotModel:
 def states(model: RobotModel, count: int) -> list[RobotState]:
     """Near standing, both feet loaded, moving a little."""
     rng = np.random.default_rng(0)
-    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * model.mass * 9.81, 0.0, 0.0, 0.0]))
     still = model.standing_configuration()
     found = []
     for k in range(count):
         q = still.copy()
         q[7:] += 0.003 * rng.normal(size=model.nj)
-        found.append(RobotState(0.001 * k, q, 0.02 * rng.normal(size=model.nv), np.zeros(model.nj), (foot, foot)))
+        found.append(standing(model, 0.001 * k, q=q, v=0.02 * rng.normal(size=model.nv)))
     return found
 
 

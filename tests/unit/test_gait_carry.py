@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState
+from models.types import Reference, RobotState
 from planners.gait.gait import GaitPlanner
 from planners.gait.phase import GaitPhase
+from tests.support import standing
 
 DT = 0.002
 JUMP = np.array([0.02, -0.03])
@@ -17,17 +18,14 @@ JUMP = np.array([0.02, -0.03])
 def references(model: RobotModel, jump_at: int) -> list[Reference]:
     """Start, swing and touchdown of a robot whose estimated place jumps at a tick."""
     planner = GaitPlanner(model)
-    weight = model.mass * 9.81
 
     def state(tick: int) -> RobotState:
-        q, v = model.standing_configuration(), np.zeros(model.nv)
+        q = model.standing_configuration()
         if tick >= jump_at:
             q[:2] += JUMP
-        forces, swinging = [0.5 * weight, 0.5 * weight], planner.phase is GaitPhase.SINGLE and tick < 500
-        if swinging:
-            forces[1 - planner.stance], forces[planner.stance] = 0.0, weight
-        contacts = [ContactState(force > 0.0, np.array([0.0, 0.0, force, 0.0, 0.0, 0.0])) for force in forces]
-        return RobotState(tick * DT, q, v, np.zeros(model.nj), (contacts[0], contacts[1]))
+        if planner.phase is not GaitPhase.SINGLE or tick >= 500:
+            return standing(model, tick * DT, q=q)
+        return standing(model, tick * DT, q=q, shares=(1.0, 0.0) if planner.stance == 0 else (0.0, 1.0))
 
     planner.reset(state(0))
     planner.set_velocity(0.3, 0.0, 0.0)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
 from planners.gait.command import STILL, VelocityCommand
 from planners.gait.footsteps import Foothold
 from planners.gait.gait import GaitPlanner
 from planners.gait.view import GaitView, capture_margin, coming_steps
+from tests.support import standing
 
 AHEAD = (0.3, 0.0, 0.1)
 
@@ -44,10 +44,8 @@ def test_a_held_command_holds_until_another_comes() -> None:
 
 @pytest.fixture
 def planner(g1: RobotModel) -> GaitPlanner:
-    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * 9.81 * g1.mass, 0.0, 0.0, 0.0]))
-    state = RobotState(0.0, g1.standing_configuration(), np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
     planner = GaitPlanner(g1)
-    planner.reset(state)
+    planner.reset(standing(g1))
     return planner
 
 
@@ -133,12 +131,9 @@ def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) ->
 def test_unsolved_adjustments_are_counted(planner: GaitPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
     from planners.gait import step_adjustment
 
-    foot = ContactState(True, np.array([0.0, 0.0, 150.0, 0.0, 0.0, 0.0]))
-    model = planner.model
-    state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))
     planner.set_velocity(0.2, 0.0, 0.0)
     solve = step_adjustment.daqp.solve
     monkeypatch.setattr(step_adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
     while planner.view.phase != "single":
-        planner.step(state, 0.01)
+        planner.step(standing(planner.model), 0.01)
     assert planner.view.unsolved == 1

@@ -7,9 +7,10 @@ import pytest
 
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.lifted import Lifted
+from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait").lift
 DT = 0.001
@@ -17,8 +18,7 @@ DT = 0.001
 
 @pytest.fixture
 def state(g1: RobotModel) -> RobotState:
-    foot = ContactState(False, np.zeros(6))
-    return RobotState(0.0, g1.standing_configuration(), np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
+    return standing(g1, shares=(0.0, 0.0))
 
 
 def look(lifted: Lifted, state: RobotState, bearing: tuple[bool, bool], time: float) -> bool:

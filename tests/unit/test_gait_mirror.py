@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState
+from models.types import Reference, RobotState
 from planners.gait.gait import GaitPlanner
 from planners.gait.phase import GaitPhase
 from planners.gait.scaling import load_gait_config
+from tests.support import standing
 
 DT = 0.002
 FLIP = np.array([1.0, -1.0, 1.0])
@@ -24,18 +25,15 @@ def references(model: RobotModel, side: float, foot: int) -> list[Reference]:
     swing = replace(config.swing, trip_lag=10.0)
     # Urgency is a switch, which the robots' own CoM, off their middle, would throw at different ticks.
     planner = GaitPlanner(model, replace(config, swing=swing, adjustment=replace(config.adjustment, urgent=1.0)))
-    weight = 0.5 * model.mass * 9.81
 
     def state(t: float) -> RobotState:
         v = np.zeros(model.nv)
-        in_air = planner.phase is GaitPhase.SINGLE and t < 1.0
-        if planner.phase is GaitPhase.SINGLE:
-            v[0], v[1] = 0.1, 0.15 * side
-        wrench = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])
-        contacts = [ContactState(True, wrench), ContactState(True, wrench)]
-        if in_air:
-            contacts[foot] = ContactState(False, np.zeros(6))
-        return RobotState(t, model.standing_configuration(), v, np.zeros(model.nj), (contacts[0], contacts[1]))
+        if planner.phase is not GaitPhase.SINGLE:
+            return standing(model, t)
+        v[0], v[1] = 0.1, 0.15 * side
+        if t >= 1.0:
+            return standing(model, t, v=v)
+        return standing(model, t, v=v, shares=(0.0, 0.5) if foot == 0 else (0.5, 0.0))
 
     planner.reset(state(0.0))
     planner.set_velocity(0.3, 0.2 * side, 0.3 * side)

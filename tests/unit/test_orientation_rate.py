@@ -9,15 +9,13 @@ import pytest
 
 from controllers.balance import BalanceController
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from tests.support import standing
 
 
 @pytest.mark.parametrize("name", ["base_orientation", "torso_orientation"])
 def test_the_heading_rate_is_a_feed_forward(g1: RobotModel, name: str) -> None:
     controller = BalanceController(g1)
-    foot = ContactState(True, np.zeros(6))
-    state = RobotState(0.0, g1.standing_configuration(), np.zeros(g1.nv), np.zeros(g1.nj), (foot, foot))
-    controller.step(state, 1e-3)
+    controller.step(standing(g1), 1e-3)
     task, terms = controller.whole_body.tasks[name], controller.whole_body.terms
     turning = replace(controller.reference, heading_rate=0.5)
     before = task.acceleration(terms, controller.reference).copy()

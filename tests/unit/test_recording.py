@@ -12,6 +12,7 @@ from bridge.stability import GRAVITY, analyse, stability_figures
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
+from tests.support import standing
 
 
 def _standing(model: RobotModel, t: float, velocity: tuple[float, float] = (0.0, 0.0)) -> RobotState:
@@ -79,10 +80,8 @@ def test_a_moving_com_leads_the_dcm_and_takes_margin(g1: RobotModel) -> None:
 
 
 def test_without_a_loaded_foot_there_is_no_margin(g1: RobotModel) -> None:
-    state = _standing(g1, 0.0)
-    air = ContactState(False, np.zeros(6))
     recorder = Recorder("g1")
-    recorder.add(RobotState(0.0, state.q, state.v, state.tau, (air, air)))
+    recorder.add(standing(g1, shares=(0.0, 0.0)))
     stability = analyse(g1, recorder.recording())
     assert np.isnan(stability.margin[0]) and np.isnan(stability.zmp[0]).all()
     assert np.isnan(stability_figures(stability)["capture_margin_min_m"])

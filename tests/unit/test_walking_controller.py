@@ -11,18 +11,9 @@ from controllers.walking import WalkingController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState
+from models.types import Reference, RobotState
 from planners.gait.gait import GaitPlanner
-
-
-def standing(model: RobotModel) -> RobotState:
-    return RobotState(
-        t=0.0,
-        q=model.standing_configuration(),
-        v=np.zeros(model.nv),
-        tau=np.zeros(model.nj),
-        contacts=(ContactState(True, np.zeros(6)), ContactState(True, np.zeros(6))),
-    )
+from tests.support import standing
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,8 @@ from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, JointTrajectory, Reference, RobotState, SolveStatus
+from models.types import JointTrajectory, Reference, RobotState, SolveStatus
+from tests.support import standing
 
 CONTACTS = [(False, False), (True, False), (False, True), (True, True)]
 
@@ -31,8 +32,7 @@ def moving_state(model: RobotModel, seed: int, speed: float = 0.2) -> RobotState
     rng = np.random.default_rng(seed)
     q = model.standing_configuration().copy()
     q[7:] = np.clip(q[7:] + 0.03 * rng.normal(size=model.nj), model.q_lower + 0.03, model.q_upper - 0.03)
-    foot = ContactState(True, np.zeros(6))
-    return RobotState(0.0, q, speed * rng.normal(size=model.nv), np.zeros(model.nj), (foot, foot))
+    return standing(model, q=q, v=speed * rng.normal(size=model.nv))
 
 
 def prepare(
@@ -238,14 +238,9 @@ def test_residual_names_each_violation() -> None:
     assert np.isnan(kkt_residual(*arguments, np.array([np.nan, 0.0]), multipliers))
 
 
-def standing_on_both_feet(model: RobotModel, seed: int) -> RobotState:
-    weight = np.array([0.0, 0.0, 0.5 * 9.81 * model.mass, 0.0, 0.0, 0.0])
-    return replace(moving_state(model, seed), contacts=(ContactState(True, weight), ContactState(True, weight)))
-
-
 @pytest.mark.parametrize("field", ["q", "v"])
 def test_state_that_is_not_finite_holds_then_damps_then_recovers(model: RobotModel, field: str) -> None:
-    state = standing_on_both_feet(model, 1)
+    state = moving_state(model, 1)
     balance = BalanceController(model)
     balance.reset(state)
     good = balance.step(state, 1e-3)
@@ -265,7 +260,7 @@ def test_state_that_is_not_finite_holds_then_damps_then_recovers(model: RobotMod
 
 
 def test_nothing_of_an_earlier_run_is_held_after_a_reset(model: RobotModel) -> None:
-    state = standing_on_both_feet(model, 1)
+    state = moving_state(model, 1)
     balance = BalanceController(model)
     balance.reset(state)
     balance.step(state, 1e-3)
@@ -275,7 +270,7 @@ def test_nothing_of_an_earlier_run_is_held_after_a_reset(model: RobotModel) -> N
 
 
 def test_a_stopped_motion_comes_to_rest_without_a_jump(model: RobotModel) -> None:
-    state = standing_on_both_feet(model, 1)
+    state = moving_state(model, 1)
     balance = BalanceController(model)
     balance.reset(state)
     balance.step(state, 1e-3)

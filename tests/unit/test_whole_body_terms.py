@@ -11,7 +11,8 @@ from controllers.qp.terms import Terms
 from controllers.qp.wrench_cone import wrench_cone
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask
 from models.robot_model import RobotModel
-from models.types import ContactState, Reference, RobotState
+from models.types import Reference, RobotState
+from tests.support import standing
 
 ROBOTS = ("g1", "talos")
 
@@ -28,8 +29,7 @@ def random_state(model: RobotModel, seed: int) -> RobotState:
     q[3:7] = rng.normal(size=4)
     q[3:7] /= np.linalg.norm(q[3:7])
     q[7:] += 0.3 * rng.normal(size=model.nj)
-    foot = ContactState(True, np.zeros(6))
-    return RobotState(0.0, q, rng.normal(size=model.nv), np.zeros(model.nj), (foot, foot))
+    return standing(model, q=q, v=rng.normal(size=model.nv))
 
 
 def some_reference(model: RobotModel, state: RobotState) -> Reference:
