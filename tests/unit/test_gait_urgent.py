@@ -10,7 +10,7 @@ import pytest
 from controllers.qp.kernels_feedback import foothold_feedback
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold
 from planners.gait.gait import GaitPlanner
@@ -21,6 +21,7 @@ from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.scaling import foot_speed, load_gait_config
 from planners.gait.soles import Soles
+from tests.support import standing
 
 DT = 0.002
 
@@ -30,25 +31,31 @@ def g1() -> RobotModel:
     return RobotModel.load("g1")
 
 
-def state(model: RobotModel, sideways: float = 0.0) -> RobotState:
-    v = np.zeros(model.nv)
-    v[1] = sideways
-    foot = ContactState(True, np.array([0.0, 0.0, 0.5 * model.mass * 9.81, 0.0, 0.0, 0.0]))
-    return RobotState(0.0, model.standing_configuration(), v, np.zeros(model.nj), (foot, foot))
+def pushed(planner: GaitPlanner, shares: tuple[float, float] = (0.5, 0.5)) -> RobotState:
+    """The robot is pushed to the side of its swing foot."""
+    v = np.zeros(planner.model.nv)
+    v[1] = 1.0 if planner.stance == 1 else -1.0  # [m/s]
+    return standing(planner.model, v=v, shares=shares)
+
+
+def in_single_support(model: RobotModel, config: GaitConfig | None = None) -> GaitPlanner:
+    """A gait that has just lifted its first foot."""
+    planner = GaitPlanner(model, config)
+    planner.reset(standing(model))
+    planner.set_velocity(0.2, 0.0, 0.0)
+    while planner.phase is not GaitPhase.SINGLE:
+        planner.step(standing(model), DT)
+    return planner
 
 
 def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     """Pushed outwards in single support, the swing foot may land sooner and wider than on any other step."""
-    planner = GaitPlanner(g1)
+    planner = in_single_support(g1)
     timing, reach = planner.config.timing, planner.config.reach
-    planner.reset(state(g1))
-    planner.set_velocity(0.2, 0.0, 0.0)
-    while planner.phase is not GaitPhase.SINGLE:
-        planner.step(state(g1), DT)
     foot = 1 - planner.stance
     side = 1.0 if foot == 0 else -1.0
     for _ in range(40):
-        planner.step(state(g1, 1.0 * side), DT)
+        planner.step(pushed(planner), DT)
     assert planner.phase is GaitPhase.SINGLE
     place = planner.footholds[planner.stance].relative(planner.footholds[foot].x, planner.footholds[foot].y)
     assert reach.width_max < side * place[1] <= reach.width_urgent + 1e-9
@@ -59,17 +66,11 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
 def test_an_urgent_step_goes_on_through_a_moment_in_the_air(g1: RobotModel, urgent: bool) -> None:
     config = load_gait_config(g1)
     threshold = config.adjustment.urgent if urgent else 1.0
-    planner = GaitPlanner(g1, replace(config, adjustment=replace(config.adjustment, urgent=threshold)))
-    planner.reset(state(g1))
-    planner.set_velocity(0.2, 0.0, 0.0)
-    while planner.phase is not GaitPhase.SINGLE:
-        planner.step(state(g1), DT)
-    pushed = state(g1, 1.0 if planner.stance == 1 else -1.0)
-    air = replace(pushed, contacts=(ContactState(False, np.zeros(6)), ContactState(False, np.zeros(6))))
+    planner = in_single_support(g1, replace(config, adjustment=replace(config.adjustment, urgent=threshold)))
     for _ in range(20):
-        planner.step(pushed, DT)
+        planner.step(pushed(planner), DT)
     for _ in range(round(1.5 * planner.config.lift.float_time / DT)):
-        reference = planner.step(air, DT)
+        reference = planner.step(pushed(planner, (0.0, 0.0)), DT)
     assert any(reference.contacts) == urgent
 
 
@@ -109,14 +110,15 @@ def test_feet_far_apart_lower_the_body(g1: RobotModel) -> None:
 def test_how_far_astride_the_soles_are(g1: RobotModel) -> None:
     config, measured = load_gait_config(g1), GaitMeasurement(g1)
     soles = Soles(g1, config)
-    measured.update(state(g1))
+    measured.update(standing(g1))
     soles.reset(measured)
-    assert not soles.astride(0.12)
-    soles.holds[0] = replace(soles.holds[0], y=soles.holds[0].y + 0.15)
-    assert soles.astride(0.12) and not soles.astride(0.28)
+    assert not soles.astride(config.astride)
+    off = 0.5 * (config.astride + config.astride_max)
+    soles.holds[0] = replace(soles.holds[0], y=soles.holds[0].y + off)
+    assert soles.astride(config.astride) and not soles.astride(config.astride_max)
     soles.reset(measured)
-    soles.holds[0] = replace(soles.holds[0], x=soles.holds[0].x - 0.15)
-    assert soles.astride(0.12) and not soles.astride(0.28)
+    soles.holds[0] = replace(soles.holds[0], x=soles.holds[0].x - off)
+    assert soles.astride(config.astride) and not soles.astride(config.astride_max)
 
 
 def test_what_draws_a_planted_sole_is_bounded() -> None:
