@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
+from models.constants import GRAVITY
 from models.types import Mode
 
 ROBOTS = ("g1", "talos")
@@ -23,7 +24,7 @@ def ankle_bound(loop: ClosedLoop, direction: np.ndarray) -> float:
     # Feet stand side by side and parallel: the hull is their bounding box.
     low, high = corners.min(axis=0), corners.max(axis=0)
     distances = [((high if u > 0 else low)[i] - com[i]) / u for i, u in enumerate(direction) if abs(u) > 1e-9]
-    omega = math.sqrt(9.81 / com[2])
+    omega = math.sqrt(GRAVITY / com[2])
     return loop.robot.mass * omega**2 * min(distances) / (1.0 - math.exp(-omega * DURATION))
 
 

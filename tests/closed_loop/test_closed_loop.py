@@ -15,6 +15,7 @@ from bridge.lockstep import Controller
 from bridge.mujoco_plant import MujocoPlant
 from controllers.balance import BalanceController
 from controllers.sample_assembler import mean_sample
+from models.constants import GRAVITY
 from models.errors import CommandError, ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import (
@@ -84,7 +85,7 @@ def test_starts_standing_without_drop_or_jerk(robot: RobotModel) -> None:
     loop.run(1.0)
     log = loop.log
     after = log.t >= released
-    weight = robot.mass * 9.81
+    weight = robot.mass * GRAVITY
     load = log.wrenches[after][:, 2] + log.wrenches[after][:, 8]
     assert not loop.fallen and loop.mode is Mode.STAND
     assert np.abs(load - weight).max() < 0.05 * weight
@@ -275,7 +276,7 @@ def test_log_rows_and_recording(g1: RobotModel) -> None:
     assert np.diff(log.t) == pytest.approx(0.004)
     assert log.com.shape == (len(log), 3) and log.residual.shape == (len(log),)
     np.testing.assert_allclose(log.true_com[-1], loop.plant.com, atol=1e-3)
-    np.testing.assert_allclose(log.wrenches[-1].reshape(2, 6)[:, 2].sum(), 9.81 * g1.mass, rtol=0.02)
+    np.testing.assert_allclose(log.wrenches[-1].reshape(2, 6)[:, 2].sum(), GRAVITY * g1.mass, rtol=0.02)
     assert set(log.modes) == {Mode.STAND} and set(log.statuses) == {SolveStatus.OPTIMAL}
     assert log.residual.max() < 1e-6
     recording = log.recording(loop.events)

@@ -14,6 +14,7 @@ from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
 from controllers.joint_servo import JointServo
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 
 CONFIG = default_config(LoopConfig, "bridge", "closed_loop")
@@ -34,7 +35,7 @@ def standing(model: RobotModel) -> tuple[MujocoPlant, PlantMonitor]:
         plant.step()
     monitor = PlantMonitor(plant, CONFIG)
     monitor.update()
-    assert not monitor.fallen and plant.wrenches[:, 2].min() > CONFIG.slip_load * 9.81 * model.mass
+    assert not monitor.fallen and plant.wrenches[:, 2].min() > CONFIG.slip_load * GRAVITY * model.mass
     return plant, monitor
 
 

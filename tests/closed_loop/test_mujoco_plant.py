@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import hanging_command
 from controllers.joint_servo import JointServo
+from models.constants import GRAVITY
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import pin_to_mujoco
 from models.robot_model import RobotModel
@@ -88,7 +89,7 @@ def test_exact_sensors_are_the_truth(robot: RobotModel) -> None:
     pin.forwardKinematics(robot.pin, data, before.q, before.v, vdot)
     pin.updateFramePlacements(robot.pin, data)
     classical = pin.getFrameClassicalAcceleration(robot.pin, data, imu, pin.LOCAL).linear
-    up = data.oMf[imu].rotation.T @ np.array([0.0, 0.0, 9.81])
+    up = data.oMf[imu].rotation.T @ np.array([0.0, 0.0, GRAVITY])
     np.testing.assert_allclose(sample.accel, classical + up, atol=0.02 * np.linalg.norm(classical + up))
 
 
@@ -119,7 +120,7 @@ def test_true_wrenches_are_the_sum_of_the_contacts(robot: RobotModel) -> None:
     hang(plant, 0.05)
     mujoco.mj_forward(plant.model, plant.data)
     expected = contact_wrenches(plant)
-    assert expected[:, 2].min() > 0.1 * robot.mass * 9.81
+    assert expected[:, 2].min() > 0.1 * robot.mass * GRAVITY
     np.testing.assert_allclose(plant.wrenches, expected, atol=1e-6 * robot.mass)
     np.testing.assert_allclose([c.wrench for c in plant.truth.contacts], expected, atol=1e-6 * robot.mass)
     assert all(c.active for c in plant.truth.contacts)
@@ -138,7 +139,7 @@ def test_push_changes_momentum_by_its_impulse(robot: RobotModel) -> None:
         plant.step()
         mujoco.mj_subtreeVel(plant.model, plant.data)
         momenta.append(robot.mass * plant.data.subtree_linvel[plant.mujoco.base_body])
-    weight = np.array([0.0, 0.0, -9.81 * robot.mass])
+    weight = np.array([0.0, 0.0, -GRAVITY * robot.mass])
     np.testing.assert_allclose(momenta[0], (force + weight) * DT, atol=1e-3)
     np.testing.assert_allclose(momenta[99], force * 0.1 + weight * 0.1, atol=0.02)
     np.testing.assert_allclose(momenta[199], force * 0.1 + weight * 0.2, atol=0.04)

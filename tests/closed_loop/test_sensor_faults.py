@@ -8,6 +8,7 @@ import pytest
 from bridge.closed_loop import ClosedLoop
 from bridge.sensor_errors import FootFault, SensorErrors
 from controllers.estimation.foot_sensors import FootSensorState
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Mode
 
@@ -17,7 +18,7 @@ def loop_with(robot: RobotModel, *faults: FootFault, seed: int = 3) -> ClosedLoo
 
 
 def half_weight(robot: RobotModel) -> tuple[float, ...]:
-    return 0.0, 0.0, 0.5 * robot.mass * 9.81, 0.0, 0.0, 0.0
+    return 0.0, 0.0, 0.5 * robot.mass * GRAVITY, 0.0, 0.0, 0.0
 
 
 def active_for(loop: ClosedLoop, duration: float) -> float:
@@ -33,7 +34,7 @@ def active_for(loop: ClosedLoop, duration: float) -> float:
 def test_known_pushes_are_felt_and_nothing_else(robot: RobotModel) -> None:
     loop = ClosedLoop(robot, seed=3, record=False)
     assert active_for(loop, 2.0) == 0.0
-    weight = robot.mass * 9.81
+    weight = robot.mass * GRAVITY
     for direction, body in (
         ((0.15, 0.0, 0.0), "base_link"),
         ((0.0, 0.12, 0.05), "torso"),
@@ -75,7 +76,7 @@ def test_stands_squats_and_is_pushed_without_a_foot_sensor(robot: RobotModel, ki
         return
     expected = FootSensorState.CONTRADICTED if kind == "off" else FootSensorState.ABSENT
     assert health.foot_sensors[0] is expected
-    assert wrenches[:, 2] == pytest.approx(loop.plant.wrenches[:, 2], abs=0.06 * robot.mass * 9.81)
+    assert wrenches[:, 2] == pytest.approx(loop.plant.wrenches[:, 2], abs=0.06 * robot.mass * GRAVITY)
 
 
 @pytest.mark.parametrize("kind", ["on", "off", "absent"])

@@ -16,6 +16,7 @@ from controllers.calibration.session import CalibrationJob, solve
 from controllers.nodes.calibration_solver import CalibrationSolver
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.calibration import Calibration
+from models.constants import GRAVITY
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec
 from models.nodes.qos import LATCHED
@@ -28,7 +29,7 @@ pytestmark = pytest.mark.ros
 def sample(robot: RobotModel, t: float) -> SensorData:
     """A robot that hangs still in its stand posture."""
     zero = np.zeros(robot.nj)
-    accel = np.array([0.0, 0.0, 9.81])
+    accel = np.array([0.0, 0.0, GRAVITY])
     return SensorData(t, robot.posture("stand"), zero, zero, np.array([0.05, 0.0, 0.0]), accel, np.full((2, 6), 1.0))
 
 

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 from bridge.cli import app
 from bridge.imu_log import COLUMNS, CsvImuLog, McapImuLog
 from bridge.ros.imu_listener import ImuListener
+from models.constants import GRAVITY
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.imu import ImuSample, OrientedImuCodec
@@ -35,7 +36,7 @@ MS = 1_000_000
 
 def sample(value: float = 0.0) -> ImuSample:
     orientation = np.array(pin.Quaternion(pin.rpy.rpyToMatrix(*RPY)).coeffs())
-    return ImuSample(orientation, 1e-6 * np.eye(3), np.array([value, 2.0, 3.0]), np.array([4.0, 5.0, 9.81]))
+    return ImuSample(orientation, 1e-6 * np.eye(3), np.array([value, 2.0, 3.0]), np.array([4.0, 5.0, GRAVITY]))
 
 
 def encode(stamp: int, value: float = 0.0) -> bytes:
@@ -75,7 +76,7 @@ def test_both_files_hold_every_sample(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows[:, 0], np.array(stamps) * 1e-9, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(rows[7, 1:5], sample().orientation, atol=1e-8)
     np.testing.assert_allclose(rows[7, 5:8], RPY, atol=1e-8)
-    np.testing.assert_allclose(rows[7, 8:], [7.0, 2.0, 3.0, 4.0, 5.0, 9.81])
+    np.testing.assert_allclose(rows[7, 8:], [7.0, 2.0, 3.0, 4.0, 5.0, GRAVITY])
 
     messages = list(read_ros2_messages(str(tmp_path / "imu.mcap")))
     assert [each.log_time_ns for each in messages] == stamps
@@ -84,7 +85,7 @@ def test_both_files_hold_every_sample(tmp_path: Path) -> None:
     assert message.header.frame_id == topics.IMU_FRAME
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 70 * MS)
     assert message.orientation.w == pytest.approx(sample().orientation[3], abs=1e-15)
-    assert (message.angular_velocity.x, message.linear_acceleration.z) == (7.0, 9.81)
+    assert (message.angular_velocity.x, message.linear_acceleration.z) == (7.0, GRAVITY)
     assert message.orientation_covariance[4] == 1e-6
     assert sorted(each.name for each in tmp_path.iterdir()) == ["imu.mcap", "new"]
 

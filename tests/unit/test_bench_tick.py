@@ -14,6 +14,7 @@ from benchmarks.tick_timing import STAGES, SUBJECTS, StageProbe, TimedController
 from controllers.balance import BalanceController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import RobotState
 from tests.support import standing
@@ -56,7 +57,7 @@ def test_placo_solves_the_same_problem(model: RobotModel) -> None:
         terms = controller.whole_body.terms
         load = terms.mass_matrix[:3] @ placo.acceleration + terms.bias[:3]  # total contact force, in the base frame
         ours = sum(terms.soles[k].jacobian[:, :3].T @ result.wrenches[k] for k in range(2))
-        np.testing.assert_allclose(load, ours, atol=1e-3 * model.mass * 9.81)
+        np.testing.assert_allclose(load, ours, atol=1e-3 * model.mass * GRAVITY)
 
 
 def timed_controller(model: RobotModel, ticks: int) -> TimedController:

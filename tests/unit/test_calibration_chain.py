@@ -14,11 +14,12 @@ from controllers.calibration.config import CalibrationConfig
 from controllers.calibration.windows import Window
 from models.calibration import Calibration
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Vector
 
 CONFIG = default_config(CalibrationConfig, "controllers", "calibration")
-UP = np.array([0.0, 0.0, 9.81])
+UP = np.array([0.0, 0.0, GRAVITY])
 
 
 def legs(model: RobotModel, base_rpy: tuple[float, float, float], lower: float, seed: Vector) -> Vector:
@@ -79,7 +80,7 @@ def windows(model: RobotModel, path: list[Vector], offsets: Vector, noise: float
         places.append(imu.translation.copy())
         turns.append(imu.rotation.copy())
     weight = np.zeros((2, 6))
-    weight[:, 2] = 0.5 * model.mass * 9.81
+    weight[:, 2] = 0.5 * model.mass * GRAVITY
     for i, q in enumerate(path):
         inside = 0 < i < len(path) - 1
         acceleration = (places[i + 1] - 2 * places[i] + places[i - 1]) / CONFIG.window**2 if inside else np.zeros(3)

@@ -10,11 +10,11 @@ import pytest
 from controllers.calibration.outcome import Outcome
 from controllers.calibration.session import CalibrationSession
 from models.calibration import Calibration
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import SensorData, Vector
 
 DT = 0.002
-GRAVITY = 9.81
 Channel = Callable[[int, Vector], Vector]
 
 

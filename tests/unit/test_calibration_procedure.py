@@ -9,6 +9,7 @@ import pytest
 
 from controllers.calibration.procedure import CalibrationProcedure
 from models.calibration import Calibration
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import SensorData
 
@@ -25,7 +26,7 @@ class Run:
         nj = self.robot.nj
         for _ in range(round(time / 0.005)):
             self.t += 0.005
-            gyro, accel = np.zeros(3), np.array([0.0, 0.0, 9.81])
+            gyro, accel = np.zeros(3), np.array([0.0, 0.0, GRAVITY])
             zero = np.zeros(nj)
             self.procedure.add(SensorData(self.t, zero, zero, zero, gyro, accel, np.zeros((2, 6))))
             self.asked += filter(None, [self.procedure.take_motion()])

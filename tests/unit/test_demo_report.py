@@ -12,6 +12,7 @@ from bridge.demo_config import DemoConfig
 from bridge.recording import Recording
 from bridge.report import Check, judge, judge_speed, print_report, write_report
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -38,7 +39,7 @@ def _run(model: RobotModel, events: tuple[tuple[float, str], ...] = EVENTS) -> R
 
 def _weight(model: RobotModel, rows: int) -> Matrix:
     wrenches = np.zeros((rows, 2, 6))
-    wrenches[:, :, 2] = 0.5 * model.mass * 9.81
+    wrenches[:, :, 2] = 0.5 * model.mass * GRAVITY
     return wrenches
 
 

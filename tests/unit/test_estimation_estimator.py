@@ -15,11 +15,12 @@ import pytest
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.guard import EstimatorHealth
+from models.constants import GRAVITY
 from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.types import RobotState, SensorData
 
-DT, GRAVITY = 0.001, np.array([0.0, 0.0, -9.81])
+DT, FREE_FALL = 0.001, np.array([0.0, 0.0, -GRAVITY])
 PUSH_AT, LIFT_AT, END = 1.0, 1.8, 3.2
 LIFT_TIME, LIFT_HEIGHT, STRIDE = 0.6, 0.05, 0.03
 PUSH_SPEED, PUSH_TIME, RETURN_TIME = 0.4, 0.1, 0.12
@@ -109,11 +110,11 @@ def motion(robot: RobotModel) -> Motion:
         velocity[k] = (poses[k + 1].translation - poses[k - 1].translation) / (2.0 * DT)
     for k in range(1, n - 1):
         middle = poses[k - 1].rotation @ pin.exp3(0.5 * pin.log3(poses[k - 1].rotation.T @ poses[k].rotation))
-        accel[k] = middle.T @ ((velocity[k] - velocity[k - 1]) / DT - GRAVITY)
+        accel[k] = middle.T @ ((velocity[k] - velocity[k - 1]) / DT - FREE_FALL)
     share = 0.5 * (1.0 - np.clip(np.minimum(t - (LIFT_AT - 0.1), LIFT_AT + LIFT_TIME + 0.1 - t) / 0.1, 0.0, 1.0))
     wrenches = np.zeros((n, 2, 6))
-    wrenches[:, 0, 2] = (1.0 - share) * robot.mass * 9.81
-    wrenches[:, 1, 2] = share * robot.mass * 9.81
+    wrenches[:, 0, 2] = (1.0 - share) * robot.mass * GRAVITY
+    wrenches[:, 1, 2] = share * robot.mass * GRAVITY
     return Motion(q[1:-1], v[1:-1], gyro[1:-1], accel[1:-1], wrenches[1:-1])
 
 
@@ -229,7 +230,7 @@ def test_starts_between_the_soles_without_yaw(estimator: StateEstimator) -> None
     assert state.t == 0.0
     rng = np.random.default_rng(0)
     tilted = pin.exp3(0.2 * rng.normal(size=3))
-    sample = replace(sensors_of(robot, truth, None)[0], accel=tilted @ (-GRAVITY))
+    sample = replace(sensors_of(robot, truth, None)[0], accel=tilted @ (-FREE_FALL))
     state = estimator.reset(sample)
     data = robot.data()
     pin.framesForwardKinematics(robot.pin, data, state.q)
@@ -246,7 +247,7 @@ def test_starts_lying_flat_with_some_heading(estimator: StateEstimator, directio
     """On its back or its face, the base's x axis is vertical and has no heading; the attitude is still told."""
     robot = robot_of(estimator)
     sample = sensors_of(robot, motion(robot), None)[0]
-    up = estimator._kinematics.imu_rotation.T @ [9.81 * direction, 0.0, 0.0]
+    up = estimator._kinematics.imu_rotation.T @ [GRAVITY * direction, 0.0, 0.0]
     state = estimator.reset(replace(sample, accel=up))
     base = pin.Quaternion(state.q[3:7]).matrix()
     np.testing.assert_allclose(base @ [1.0, 0.0, 0.0], [0.0, 0.0, direction], atol=1e-9)
@@ -322,7 +323,7 @@ def test_level_floor_takes_part_of_the_tilt_that_an_accelerometer_bias_causes(es
     still.accel[:, 0] += bias
     states = run(estimator, sensors_of(robot, still, None))
     tilt = [np.linalg.norm(pin.log3(pin.Quaternion(state.q[3:7]).matrix())[:2]) for state in (states[0], states[-1])]
-    assert tilt[0] == pytest.approx(bias / 9.81, rel=0.01)
+    assert tilt[0] == pytest.approx(bias / GRAVITY, rel=0.01)
     imu = estimator.config.imu.accel_bias / estimator.config.gravity
     kept = estimator.config.initial.floor**2 / (estimator.config.initial.floor**2 + imu**2)
     assert tilt[1] / tilt[0] == pytest.approx(kept, abs=0.08)

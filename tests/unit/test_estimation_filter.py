@@ -23,10 +23,11 @@ from controllers.estimation.kernels_predict import (
 )
 from controllers.estimation.kernels_update import correct, foot_residual
 from models.config import default_config
+from models.constants import GRAVITY
 from models.profile import ImuSensor
 
 CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
-DT, GRAVITY = 0.001, 9.81
+DT = 0.001
 EXACT = np.zeros((2, 6, 6))
 """Noise of sole poses that are without."""
 FOOT_PLUS = np.array([6, 7, 8, 0, 1, 2])

@@ -15,6 +15,7 @@ from controllers.estimation.foot_sensors import NOT_FINITE, UNKNOWN, FootSensorM
 from controllers.estimation.guard import SATURATED_FEET, SATURATED_IMU, SensorBuffer
 from controllers.estimation.slip import SlipMonitor
 from models.config import default_config
+from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import SensorData
@@ -140,7 +141,7 @@ def sample(robot: RobotModel, t: float) -> SensorData:
     nj = robot.nj
     q = robot.posture("stand").copy()
     return SensorData(
-        t, q, np.zeros(nj), np.zeros(nj), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros((2, 6))
+        t, q, np.zeros(nj), np.zeros(nj), np.zeros(3), np.array([0.0, 0.0, GRAVITY]), np.zeros((2, 6))
     )  # fmt: skip
 
 

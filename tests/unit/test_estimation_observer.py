@@ -10,6 +10,7 @@ from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.momentum import MomentumModel
 from controllers.estimation.observer import ForceObserver
 from models.config import default_config, parse_config, read_yaml
+from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 
@@ -20,7 +21,7 @@ CONFIG = default_config(EstimatorConfig, "controllers", "estimator")
 
 def test_generalised_momentum_is_that_of_pinocchio(robot: RobotModel) -> None:
     rng = np.random.default_rng(0)
-    momentum, data = MomentumModel(robot, 9.81), robot.data()
+    momentum, data = MomentumModel(robot, GRAVITY), robot.data()
     for _ in range(5):
         q = pin.integrate(robot.pin, robot.standing_configuration(), 0.5 * rng.normal(size=robot.nv))
         v = rng.normal(size=robot.nv)
@@ -97,8 +98,8 @@ def run(scene: Scene, observer: ForceObserver, duration: float, start: float = 0
 @pytest.mark.parametrize("axis", range(6))
 def test_a_known_push_on_a_moving_robot(robot: RobotModel, axis: int) -> None:
     push = np.zeros(6)
-    push[axis] = 0.2 * robot.mass * 9.81 if axis < 3 else 5.0
-    push[(axis + 1) % 3] += 0.1 * robot.mass * 9.81  # a moment alone stays in the dead-band
+    push[axis] = 0.2 * robot.mass * GRAVITY if axis < 3 else 5.0
+    push[(axis + 1) % 3] += 0.1 * robot.mass * GRAVITY  # a moment alone stays in the dead-band
     observer = ForceObserver(robot, CONFIG.observer, CONFIG.gravity)
     scene = Scene(robot, push)
     run(scene, observer, 0.5)
@@ -114,7 +115,7 @@ def test_a_known_push_on_a_moving_robot(robot: RobotModel, axis: int) -> None:
 
 def test_sole_wrenches_come_from_the_leg_torques_alone(robot: RobotModel) -> None:
     """Without a foot sensor, and whatever pushes the upper body."""
-    push = np.array([0.1, -0.05, 0.1, 0.0, 0.0, 0.0]) * robot.mass * 9.81
+    push = np.array([0.1, -0.05, 0.1, 0.0, 0.0, 0.0]) * robot.mass * GRAVITY
     scene, observer = Scene(robot, push), ForceObserver(robot, CONFIG.observer, CONFIG.gravity)
     nothing = np.zeros((2, 6))
     q, v, tau, wrenches = scene.at(0.0)
@@ -130,7 +131,7 @@ def test_sole_wrenches_come_from_the_leg_torques_alone(robot: RobotModel) -> Non
 
 
 def test_a_lasting_small_force_is_learnt_and_a_large_one_is_not(g1: RobotModel) -> None:
-    weight = g1.mass * 9.81
+    weight = g1.mass * GRAVITY
     for share, expected in ((0.8 * CONFIG.observer.dead_band, 0.0), (0.2, 0.2)):
         observer = ForceObserver(g1, CONFIG.observer, CONFIG.gravity)
         scene = Scene(g1, np.array([share * weight, 0.0, 0.0, 0.0, 0.0, 0.0]), still=True)
@@ -179,7 +180,7 @@ def test_centroidal_state_of_a_robot_at_rest(robot: RobotModel) -> None:
     com = pin.centerOfMass(robot.pin, robot.data(), q)
     np.testing.assert_allclose(state.com, com, atol=1e-12)
     np.testing.assert_allclose(state.com_velocity, [0.1, -0.05, 0.0], atol=1e-12)
-    omega = np.sqrt(9.81 / com[2])
+    omega = np.sqrt(GRAVITY / com[2])
     np.testing.assert_allclose(state.dcm, com[:2] + np.array([0.1, -0.05]) / omega, atol=1e-9)
     np.testing.assert_allclose(state.zmp, com[:2], atol=1e-6)  # at rest the ZMP is below the CoM
 

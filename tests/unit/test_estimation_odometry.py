@@ -11,6 +11,7 @@ import pytest
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.kernels_predict import SIZE, retract
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import SensorData
 
@@ -135,7 +136,7 @@ def test_twist_does_not_know_what_cannot_be_observed(estimator: StateEstimator) 
 def test_missing_inertial_samples_widen_the_angular_velocity(robot: RobotModel) -> None:
     law = StateEstimator(robot)
     zero = np.zeros(robot.nj)
-    sample = SensorData(0.0, zero, zero, zero, np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros((2, 6)))
+    sample = SensorData(0.0, zero, zero, zero, np.zeros(3), np.array([0.0, 0.0, GRAVITY]), np.zeros((2, 6)))
     law.reset(sample)
     start = law.odometry_covariance()[1][5, 5]
     law.step(SensorData(DT, zero, zero, zero, np.full(3, np.nan), sample.accel, sample.wrenches), DT)
@@ -147,13 +148,13 @@ def test_missing_inertial_samples_widen_the_angular_velocity(robot: RobotModel) 
 def test_a_sole_turns_about_its_middle_until_it_tips(robot: RobotModel) -> None:
     """The point about which the filter turns a sole: its middle while it lies flat, the edge when the CoP is there."""
     law, zero = StateEstimator(robot), np.zeros(robot.nj)
-    load = 0.5 * robot.mass * 9.81
+    load = 0.5 * robot.mass * GRAVITY
     edge = robot.feet[0].rectangle[3]
     for share, expected in ((0.5, 0.0), (1.0, edge)):  # centre of pressure, as a share of the way to the left edge
         wrenches = np.zeros((2, 6))
         wrenches[:, 2] = load
         wrenches[0, 3] = share * edge * load
-        sample = SensorData(0.0, zero, zero, zero, np.zeros(3), np.array([0.0, 0.0, 9.81]), wrenches)
+        sample = SensorData(0.0, zero, zero, zero, np.zeros(3), np.array([0.0, 0.0, GRAVITY]), wrenches)
         law.reset(sample)
         law.step(replace(sample, t=DT), DT)
         np.testing.assert_allclose(law._contacts.pivots[0], [0.0, expected], atol=1e-12)

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 from controllers.estimation.estimator import StateEstimator
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import SensorData
 
@@ -20,7 +21,7 @@ def sliding(robot: RobotModel, distance: float) -> list[SensorData]:
     foot = robot.feet[0]
     home = data.oMf[foot.frame_id].copy()
     force = np.zeros((2, 6))
-    force[:, 2] = 0.5 * robot.mass * 9.81
+    force[:, 2] = 0.5 * robot.mass * GRAVITY
     imu = data.oMf[robot.frame_id("imu")].rotation
     samples, q, before = [], start.copy(), start[7:].copy()
     for k in range(800):
@@ -35,7 +36,7 @@ def sliding(robot: RobotModel, distance: float) -> list[SensorData]:
             jacobian = pin.getFrameJacobian(robot.pin, data, foot.frame_id, pin.LOCAL)[:, foot.joint_ids_v]
             q[np.asarray(foot.joint_ids_v) + 1] += np.linalg.solve(jacobian, error)
         joints = q[7:].copy()
-        gravity = imu.T @ np.array([0.0, 0.0, 9.81])
+        gravity = imu.T @ np.array([0.0, 0.0, GRAVITY])
         samples.append(
             SensorData(t, joints, (joints - before) / DT, np.zeros(robot.nj), np.zeros(3), gravity, force.copy())
         )

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
 from models.mujoco_spec import CAMERA
@@ -131,7 +132,7 @@ def test_imu(robot: RobotModel, mj: MujocoModel, seed: int) -> None:
     pin.updateFramePlacements(robot.pin, expected)
     twist = pin.getFrameVelocity(robot.pin, expected, frame, pin.LOCAL)
     classical = pin.getFrameClassicalAcceleration(robot.pin, expected, frame, pin.LOCAL)
-    gravity = expected.oMf[frame].rotation.T @ np.array([0.0, 0.0, -9.81])
+    gravity = expected.oMf[frame].rotation.T @ np.array([0.0, 0.0, -GRAVITY])
     np.testing.assert_allclose(data.sensordata[mj.gyro], twist.angular, atol=EQUAL)
     np.testing.assert_allclose(data.sensordata[mj.accel], classical.linear - gravity, atol=1e-6)
 
@@ -153,18 +154,18 @@ def test_foot_wrenches_carry_the_robot(robot: RobotModel, mj: MujocoModel, push:
     """At rest the measured wrenches, taken to the world, balance gravity and the push: signs, frames and origins."""
     data = _stand(robot, mj, 8.0, push)
     wrenches = mj.foot_wrenches(data)
-    assert wrenches.shape == (2, 6) and (wrenches[:, 2] > 0.2 * robot.mass * 9.81).all()
+    assert wrenches.shape == (2, 6) and (wrenches[:, 2] > 0.2 * robot.mass * GRAVITY).all()
     if push:
         assert wrenches[1, 2] > wrenches[0, 2] + 20.0 or wrenches[0, 2] > wrenches[1, 2] + 20.0
     total = pin.Force.Zero()
     for site, wrench in zip(mj.sole_sites, wrenches, strict=True):
         placement = pin.SE3(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
         total = total + placement.act(pin.Force(wrench))
-    force = np.array([0.0, push, -robot.mass * 9.81])
-    moment = np.cross(data.subtree_com[mj.base_body], [0.0, 0.0, -robot.mass * 9.81])
+    force = np.array([0.0, push, -robot.mass * GRAVITY])
+    moment = np.cross(data.subtree_com[mj.base_body], [0.0, 0.0, -robot.mass * GRAVITY])
     moment += np.cross(data.xipos[mj.base_body], [0.0, push, 0.0])
-    np.testing.assert_allclose(total.linear, -force, atol=0.002 * robot.mass * 9.81)
-    np.testing.assert_allclose(total.angular, -moment, atol=0.002 * robot.mass * 9.81)
+    np.testing.assert_allclose(total.linear, -force, atol=0.002 * robot.mass * GRAVITY)
+    np.testing.assert_allclose(total.angular, -moment, atol=0.002 * robot.mass * GRAVITY)
 
 
 def test_feet_neither_chatter_nor_creep(robot: RobotModel, mj: MujocoModel) -> None:
@@ -266,7 +267,7 @@ def test_friction_decides_whether_a_foot_slides(g1: RobotModel) -> None:
         mj = build_mujoco(g1, friction=friction)
         data = _stand(g1, mj, 0.3)
         start = data.site_xpos[mj.sole_sites[0]].copy()
-        mj.model.opt.gravity[1] = 9.81 * np.tan(np.deg2rad(10.0))
+        mj.model.opt.gravity[1] = GRAVITY * np.tan(np.deg2rad(10.0))
         for _ in range(400):
             error = g1.posture("stand") - data.qpos[mj.joint_qpos]
             data.ctrl[mj.actuator] = 8.0 * g1.kp * error - 2.0 * g1.kd * data.qvel[mj.joint_qvel]

@@ -10,6 +10,7 @@ from benchmarks.push import PushConfig
 from benchmarks.push_bounds import ankle_bound
 from benchmarks.push_search import Search, largest
 from models.config import default_config
+from models.constants import GRAVITY
 
 CONFIG = default_config(PushConfig, "benchmarks", "push")
 SEARCH = Search(CONFIG.first_ratio, CONFIG.largest_ratio, CONFIG.stride, CONFIG.resolution)
@@ -19,7 +20,7 @@ SEARCH = Search(CONFIG.first_ratio, CONFIG.largest_ratio, CONFIG.stride, CONFIG.
 def test_the_ankle_bound_leaves_the_dcm_on_the_edge(height: float, distance: float, duration: float) -> None:
     """Integrates x'' = w^2 (x - p) + F / m with the centre of pressure p held on the edge."""
     mass = 33.0
-    omega = math.sqrt(9.81 / height)
+    omega = math.sqrt(GRAVITY / height)
     force = ankle_bound(mass, height, distance, duration)
     dcm, steps = 0.0, 400
     step = duration / steps
