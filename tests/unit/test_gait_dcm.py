@@ -8,17 +8,9 @@ import numpy as np
 import pytest
 
 from planners.gait import dcm
+from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
-OMEGA, SINGLE, DOUBLE = 3.85, 0.34, 0.08
 POINTS = [np.array(p) for p in ([0.0, -0.1], [0.15, 0.1], [0.3, -0.1], [0.42, 0.1], [0.5, -0.1])]
-
-
-def touchdown_offset(points: list[np.ndarray], final: np.ndarray | None = None) -> np.ndarray:
-    """Without any reaction of the legs; over the last foothold in the end unless said otherwise."""
-    swings = np.zeros((len(points) - 2, 2))
-    return np.array(
-        dcm.touchdown_offset(np.array(points), swings, OMEGA, SINGLE, DOUBLE, points[-1] if final is None else final)
-    )
 
 
 def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 20000) -> np.ndarray:
@@ -35,17 +27,17 @@ def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 
 def test_the_recursion_leads_from_step_to_step() -> None:
     """Started at p_1 + b_1, the pendulum arrives at p_2 + b_2, and so on to the last foothold."""
     final = 0.5 * (POINTS[-1] + POINTS[-2])
-    xi = POINTS[1] + touchdown_offset(POINTS, final)
+    xi = POINTS[1] + touchdown_offset(POINTS, final=final)
     for i in range(1, len(POINTS) - 1):
         xi = integrate(xi, POINTS[i - 1], POINTS[i])
-        wanted = POINTS[i + 1] + touchdown_offset(POINTS[i:], final)
+        wanted = POINTS[i + 1] + touchdown_offset(POINTS[i:], final=final)
         assert xi == pytest.approx(wanted, abs=1e-4)
     assert xi == pytest.approx(final, abs=1e-4)
 
 
 def test_what_stands_at_the_end_of_the_preview_hardly_matters() -> None:
-    near = touchdown_offset(POINTS, POINTS[-1])
-    far = touchdown_offset(POINTS, POINTS[-1] + 0.1)
+    near = touchdown_offset(POINTS, final=POINTS[-1])
+    far = touchdown_offset(POINTS, final=POINTS[-1] + 0.1)
     steps = len(POINTS) - 2
     assert far - near == pytest.approx(0.1 * math.exp(-OMEGA * (SINGLE + DOUBLE) * steps))
 

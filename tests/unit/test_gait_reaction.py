@@ -12,14 +12,14 @@ from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
-from planners.gait import dcm
 from planners.gait.config import GaitConfig
 from planners.gait.leg_lever import LegLever, leg_lever
 from planners.gait.reaction import SwingReaction, slope, whole_swing
 from planners.gait.swing import SwingFoot
+from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
-OMEGA, SINGLE, DOUBLE, DT = 3.85, 0.34, 0.08, 0.001
+DT = 0.001
 PERIOD = SINGLE + DOUBLE
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
 
@@ -106,12 +106,6 @@ def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]]) @ vector
 
 
-def touchdown_offset(points: list[np.ndarray], swing: tuple[float, float]) -> np.ndarray:
-    """With the same reaction of every swing, over the last foothold in the end."""
-    swings = np.tile(swing, (len(points) - 2, 1))
-    return np.array(dcm.touchdown_offset(np.array(points), swings, OMEGA, SINGLE, DOUBLE, points[-1]))
-
-
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
@@ -128,7 +122,7 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
         xi = xi + math.expm1(OMEGA * DT) * (xi - points[1] - cmp)
     wanted = points[2] + touchdown_offset(points[1:], swing)
     assert xi == pytest.approx(wanted, abs=0.003)
-    unaware = points[1] + touchdown_offset(points, (0.0, 0.0))
+    unaware = points[1] + touchdown_offset(points)
     assert np.linalg.norm(unaware - points[1] - offset) > 0.01
 
 
