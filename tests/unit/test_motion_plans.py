@@ -16,17 +16,12 @@ from models.types import JointTrajectory, Matrix, Vector
 from models.urdf import data_folder
 from planners.motion import MotionPlanner
 from planners.stance import plant, stand_on
+from tests.motions import load
 
 MOTIONS = ("bow", "reach", "squat", "stand", "wave")
 COM_MARGIN = 0.019  # [m]; the configured 20 mm, less the slack between key poses
 JOINT_MARGIN = 0.02  # [rad]
 ROBOTS = ("g1", "talos")
-
-
-@cache
-def load(name: str) -> tuple[RobotModel, MotionPlanner]:
-    model = RobotModel.load(name)
-    return model, MotionPlanner(model)
 
 
 def crouched(model: RobotModel, planner: MotionPlanner) -> Vector:
