@@ -206,13 +206,13 @@ class Supervisor:
             self.motion_refused(f"nothing to follow after {self.config.plan_timeout:.0f} s")
 
     def _start_motion(self, name: str) -> CommandReply:
+        able = self.config.walking_motions
+        if self.mode is Mode.WALK and name not in able:
+            known = ", ".join(able) or "nothing"
+            return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
         if self.motion is not None:
             return CommandReply(False, f"'{name}' refused: busy with '{self.motion}'; send 'stop' first")
         if self.mode is Mode.WALK:
-            able = self.config.walking_motions
-            if name not in able:
-                known = ", ".join(able) or "nothing"
-                return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
             if self._halting:
                 return CommandReply(False, f"'{name}' refused: the robot comes to a standstill")
             self._motion_seen, self._motion_since = False, None

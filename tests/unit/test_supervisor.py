@@ -169,6 +169,7 @@ def test_arms_wave_while_the_legs_go_on(walker: Supervisor) -> None:
     assert walker.text("wave").accepted
     assert (walker.mode, walker.take_motion(), walker.motion) == (Mode.WALK, "wave", "wave")
     assert "busy with 'wave'" in walker.text("wave").reason
+    assert "only: wave" in walker.text("squat").reason  # that it waves is not what stands in the way
     moving = replace(WELL, gait_active=True)
     assert walker.update(replace(moving, motion_active=True), 1.0) is Mode.WALK
     assert walker.text("left").accepted and walker.motion == "wave"  # a word for the legs leaves the arms alone
