@@ -9,9 +9,9 @@ from models.robot_model import RobotModel
 from models.types import Reference, RobotState
 from planners.gait.gait import GaitPlanner
 from planners.gait.phase import GaitPhase
+from tests.gaits import DT, on_one_foot
 from tests.support import standing
 
-DT = 0.002
 JUMP = np.array([0.02, -0.03])
 
 
@@ -25,7 +25,7 @@ def references(model: RobotModel, jump_at: int) -> list[Reference]:
             q[:2] += JUMP
         if planner.phase is not GaitPhase.SINGLE or tick >= 500:
             return standing(model, tick * DT, q=q)
-        return standing(model, tick * DT, q=q, shares=(1.0, 0.0) if planner.stance == 0 else (0.0, 1.0))
+        return standing(model, tick * DT, q=q, shares=on_one_foot(planner.stance))
 
     planner.reset(state(0))
     planner.set_velocity(0.3, 0.0, 0.0)

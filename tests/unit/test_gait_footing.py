@@ -11,14 +11,19 @@ import pytest
 
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import ContactState, RobotState
+from models.types import RobotState
 from planners.gait.config import GaitConfig
 from planners.gait.footing import GRAIN, Footing
+from planners.gait.gait import GaitPlanner
 from planners.gait.measurement import GaitMeasurement
+from planners.gait.phase import GaitPhase
+from planners.gait.scaling import load_gait_config
+from tests.gaits import DT, in_single_support, on_one_foot
+from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait").footing
-DT = 0.001
 TURN = 2.0 * CONFIG.turning  # [rad/s]
+COP = 0.01  # of the soles of a robot that turns over, to the left [m]
 WHILE = round(1.5 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough to be believed
 
 
@@ -88,12 +93,11 @@ def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Footing) -
 def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
     """A robot that rolls and pitches about its left sole, which it presses with its front left part."""
     model = RobotModel.load("g1")
-    wrench = np.array([0.0, 0.0, 200.0, 4.0, -10.0, 0.0])
-    contacts = (ContactState(True, wrench), ContactState(False, np.zeros(6)))
-    state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), contacts)
-    v = state.v.copy()
+    v = np.zeros(model.nv)
     v[3:6] = 0.7, -0.4, 0.1
-    state = replace(state, v=v)
+    state = standing(model, v=v, shares=(1.0, 0.0))
+    load = state.contacts[0].wrench[2]
+    state.contacts[0].wrench[3:5] = 0.02 * load, -0.05 * load
     seen = GaitMeasurement(model)
     seen.update(state)
     data = model.data()
@@ -117,3 +121,50 @@ def test_a_sole_that_falls_back_to_its_edge_loses_no_other_side(footing: Footing
     cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
     back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), 3 * WHILE)
     np.testing.assert_array_equal(back, cut)
+
+
+def hurrying(model: RobotModel, from_error: float) -> GaitConfig:
+    """The gait, whose steps are urgent from this error of the DCM [m]."""
+    config = load_gait_config(model)
+    return replace(config, adjustment=replace(config.adjustment, urgent=from_error))
+
+
+def turning_over(planner: GaitPlanner, sideways: float = 0.0) -> RobotState:
+    """The robot turns to its right about its CoM, which moves sideways [m/s]; its soles bear left of their middles."""
+    model = planner.model
+    state = standing(model, shares=on_one_foot(planner.stance) if planner.phase is GaitPhase.SINGLE else (0.5, 0.5))
+    data, rotation = model.data(), pin.Quaternion(state.q[3:7]).matrix()
+    state.v[3:6] = rotation.T @ [TURN, 0.0, 0.0]
+    pin.centerOfMass(model.pin, data, state.q, state.v)
+    state.v[:3] = rotation.T @ (np.array([0.0, sideways, 0.0]) - data.vcom[0])
+    for contact in state.contacts:
+        contact.wrench[3] = COP * contact.wrench[2]
+    return state
+
+
+def test_a_gait_counts_on_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> None:
+    """Both soles turn while the weight shifts; then the right one lifts, and the left one goes on turning."""
+    whole = np.array([foot.rectangle for foot in g1.feet])
+    planner = GaitPlanner(g1, hurrying(g1, from_error=1.0))
+    planner.reset(standing(g1))
+    planner.set_velocity(0.0, -0.1, 0.0)
+    while planner.phase is not GaitPhase.SINGLE:
+        reference = planner.step(turning_over(planner), DT)
+    assert planner.stance == 0 and reference.sole_areas is not None
+    cut = reference.sole_areas - whole
+    assert cut[:, 2] == pytest.approx(COP - whole[:, 2], abs=0.5 * GRAIN + 1e-9)
+    cut[:, 2] = 0.0
+    assert not cut.any()
+    reference = planner.step(turning_over(planner), DT)
+    assert planner.phase is GaitPhase.SINGLE and reference.sole_areas is not None
+    assert reference.sole_areas[0, 2] == pytest.approx(COP, abs=0.5 * GRAIN + 1e-9)
+    np.testing.assert_array_equal(reference.sole_areas[1], whole[1])
+
+
+@pytest.mark.parametrize("urgent", [True, False])
+def test_an_urgent_step_counts_on_the_whole_sole_that_turns(g1: RobotModel, urgent: bool) -> None:
+    planner = in_single_support(g1, hurrying(g1, from_error=0.01 if urgent else 1.0), stance=0)
+    for _ in range(40):
+        reference = planner.step(turning_over(planner, sideways=-1.0), DT)
+    assert planner.phase is GaitPhase.SINGLE and reference.sole_areas is not None
+    assert (reference.sole_areas[0, 2] == g1.feet[0].rectangle[2]) == urgent

@@ -21,9 +21,8 @@ from planners.gait.reaction import SwingReaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.scaling import foot_speed, load_gait_config
 from planners.gait.soles import Soles
+from tests.gaits import DT, in_single_support
 from tests.support import standing
-
-DT = 0.002
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +35,6 @@ def pushed(planner: GaitPlanner, shares: tuple[float, float] = (0.5, 0.5)) -> Ro
     v = np.zeros(planner.model.nv)
     v[1] = 1.0 if planner.stance == 1 else -1.0  # [m/s]
     return standing(planner.model, v=v, shares=shares)
-
-
-def in_single_support(model: RobotModel, config: GaitConfig | None = None) -> GaitPlanner:
-    """A gait that has just lifted its first foot."""
-    planner = GaitPlanner(model, config)
-    planner.reset(standing(model))
-    planner.set_velocity(0.2, 0.0, 0.0)
-    while planner.phase is not GaitPhase.SINGLE:
-        planner.step(standing(model), DT)
-    return planner
 
 
 def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
