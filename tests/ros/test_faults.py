@@ -40,14 +40,14 @@ def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: 
 
 
 def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) -> None:
-    assert eyes.graph.call("estop")[0]
+    assert eyes.ask("estop")[0]
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
     _restart_supervisor(eyes.graph)
-    accepted, reason = eyes.graph.call("mode/stand")
+    accepted, reason = eyes.ask("mode/stand")
     assert not accepted
     assert "the drivers were damped when the supervisor started" in reason
-    assert eyes.graph.call("reset_faults")[0]
-    assert eyes.graph.call("reset")[0]
+    assert eyes.ask("reset_faults")[0]
+    assert eyes.ask("reset")[0]
     eyes.graph.wait_standing(90.0)
 
 
@@ -62,13 +62,13 @@ def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 10.0, "damped")
     eyes.graph.spin(2.0)
     assert eyes.truth[-1][2] < 0.4  # [m] it lies
-    assert eyes.graph.call("reset_faults")[0]
+    assert eyes.ask("reset_faults")[0]
     eyes.graph.spin(1.5)  # whatever the checks find, they have found it
-    accepted, reason = eyes.graph.call("mode/stand")
+    accepted, reason = eyes.ask("mode/stand")
     assert not accepted
     assert "base tilted by" in reason
     assert eyes.graph.driver_state == "damped"
-    assert eyes.graph.call("reset")[0]
+    assert eyes.ask("reset")[0]
     eyes.graph.wait_standing(90.0)
 
 
@@ -78,21 +78,21 @@ def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes)
     os.kill(before, 9)
     graph.wait_for(lambda: graph.driver_state == "damped", 2.0, "damped")
     graph.wait_for(lambda: graph.pids[module] != before, 60.0, "restarted")
-    accepted, reason = graph.call("mode/stand")
+    accepted, reason = eyes.ask("mode/stand")
     assert not accepted
     assert "latched faults" in reason
-    assert graph.call("reset_faults")[0]
-    assert graph.call("reset")[0]
+    assert eyes.ask("reset_faults")[0]
+    assert eyes.ask("reset")[0]
     graph.wait_standing(90.0)
 
 
 def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
-    accepted, _ = eyes.graph.call("estop")
+    accepted, _ = eyes.ask("estop")
     assert accepted
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
-    accepted, reason = eyes.graph.call("mode/stand")
+    accepted, reason = eyes.ask("mode/stand")
     assert not accepted
     assert "emergency stop" in reason
-    assert eyes.graph.call("reset_faults")[0]
-    assert eyes.graph.call("reset")[0]  # back to the start: held, checked, and standing again
+    assert eyes.ask("reset_faults")[0]
+    assert eyes.ask("reset")[0]  # back to the start: held, checked, and standing again
     eyes.graph.wait_standing(90.0)
