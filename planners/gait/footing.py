@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 
+from models.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
@@ -11,6 +14,8 @@ from planners.gait.measurement import GaitMeasurement
 
 GRAIN = 0.002
 """Areas are told in steps of this: each change costs the QP a new wrench cone [m]."""
+
+_LOAD, _TURNING, _TURNED, _FORGET_TIME, _STILL, _REGAIN, _STRIP = range(7)  # fields of FootingConfig
 
 
 class Footing:
@@ -33,7 +38,7 @@ class Footing:
     """
 
     def __init__(self, model: RobotModel, config: FootingConfig) -> None:
-        self._config = config
+        self._limits = np.array(astuple(config))
         self._whole = np.array([foot.rectangle for foot in model.feet])
         self.areas, self._bounds = self._whole.copy(), self._whole.copy()
         self._turned = np.zeros((2, 2))
@@ -68,31 +73,92 @@ class Footing:
 
     def _look(self, foot: int, measured: GaitMeasurement, dt: float) -> None:
         """One planted sole."""
-        config, bounds = self._config, self._bounds[foot]
-        turning = measured.turning[foot]
-        self._turned[foot] += dt * (turning - self._turned[foot] / config.forget_time)
-        if measured.loads[foot] < config.load:
-            return
+        turning, cops, load = measured.turning, measured.cops, measured.loads[foot]
+        _look(foot, load, dt, turning, cops, self._whole, self._limits, self._turned, self._bounds, self.areas)
+
+
+@njit(
+    "UniTuple(float64, 2)(float64, float64, float64, float64, float64, float64, float64, float64[::1])",
+    cache=True,
+)
+def _cut(
+    low: float,
+    high: float,
+    whole_low: float,
+    whole_high: float,
+    edge: float,
+    speed: float,
+    angle: float,
+    limits: Vector,
+) -> tuple[float, float]:
+    """Take off the side that goes down: that of low coordinates where the speed is positive.
+
+    Not while the other side is off: the sole then falls back to what bears.
+    """
+    turning, turned, strip = limits[_TURNING], limits[_TURNED], limits[_STRIP]
+    if speed > turning and angle > turned and high == whole_high:
+        low = max(low, min(edge, high - strip))
+    elif speed < -turning and angle < -turned and low == whole_low:
+        high = min(high, max(edge, low + strip))
+    return low, high
+
+
+@njit(
+    "void(int64, float64, float64, float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1],"
+    " float64[:, ::1], float64[:, ::1], float64[:, ::1])",
+    cache=True,
+)
+def _look(
+    foot: int,
+    load: float,
+    dt: float,
+    turning: Matrix,
+    cops: Matrix,
+    whole: Matrix,
+    limits: Vector,
+    turned: Matrix,
+    bounds: Matrix,
+    areas: Matrix,
+) -> None:
+    """One planted sole; rectangles are x_min, x_max, y_min, y_max of each sole (2, 4) [m].
+
+    Args:
+        foot: Which one.
+        load: Share of the weight that it bears [-].
+        dt: Time since the last tick [s].
+        turning: Angular velocity of each sole about its own x and y (2, 2) [rad/s].
+        cops: Centre of pressure of each sole, in its frame (2, 2) [m].
+        whole: The whole soles.
+        limits: Of ``FootingConfig``, in the order of its fields (7,).
+        turned: In and out: by how much each sole has turned of late (2, 2) [rad].
+        bounds: In and out: what bears.
+        areas: Out: what bears, in steps of ``GRAIN``.
+    """
+    for about in range(2):
+        speed = turning[foot, about]
+        turned[foot, about] += dt * (speed - turned[foot, about] / limits[_FORGET_TIME])
+    if load < limits[_LOAD]:
+        return
+    for axis in range(2):
+        # About x, turning forwards lifts the left side (high y); about y it lowers the front (high x).
+        about, sign = (1, -1.0) if axis == 0 else (0, 1.0)
+        low, high = 2 * axis, 2 * axis + 1
+        bounds[foot, low], bounds[foot, high] = _cut(
+            bounds[foot, low],
+            bounds[foot, high],
+            whole[foot, low],
+            whole[foot, high],
+            cops[foot, axis],
+            sign * turning[foot, about],
+            sign * turned[foot, about],
+            limits,
+        )
+    if max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits[_STILL]:
+        way = limits[_REGAIN] * dt
         for axis in range(2):
-            # About x, turning forwards lifts the left side (high y); about y it lowers the front (high x).
-            about, sign = (1, -1.0) if axis == 0 else (0, 1.0)
-            speed, angle = sign * float(turning[about]), sign * float(self._turned[foot, about])
-            span, whole = slice(2 * axis, 2 * axis + 2), self._whole[foot]
-            self._cut(bounds[span], whole[span], float(measured.cops[foot, axis]), speed, angle)
-        whole = self._whole[foot]
-        if float(np.abs(turning).max()) < config.still:
-            way = config.regain * dt
-            bounds[::2] = np.maximum(bounds[::2] - way, whole[::2])
-            bounds[1::2] = np.minimum(bounds[1::2] + way, whole[1::2])
-        self.areas[foot] = np.where(bounds == whole, whole, np.round(bounds / GRAIN) * GRAIN)
-
-    def _cut(self, span: Vector, whole: Vector, edge: float, speed: float, angle: float) -> None:
-        """Take off the side that goes down: that of low coordinates where the speed is positive.
-
-        Not while the other side is off: the sole then falls back to what bears.
-        """
-        config = self._config
-        if speed > config.turning and angle > config.turned and span[1] == whole[1]:
-            span[0] = max(span[0], min(edge, span[1] - config.strip))
-        elif speed < -config.turning and angle < -config.turned and span[0] == whole[0]:
-            span[1] = min(span[1], max(edge, span[0] + config.strip))
+            low, high = 2 * axis, 2 * axis + 1
+            bounds[foot, low] = max(bounds[foot, low] - way, whole[foot, low])
+            bounds[foot, high] = min(bounds[foot, high] + way, whole[foot, high])
+    for i in range(4):
+        bound = bounds[foot, i]
+        areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / GRAIN) * GRAIN
