@@ -161,6 +161,19 @@ def _rest(
     return c * x - s * y, s * x + c * y
 
 
+@njit("UniTuple(float64, 2)(float64[:, ::1], float64[::1], float64[::1], float64[::1])", cache=True)
+def _cmp_offset(motion: Matrix, com: Vector, com_velocity: Vector, lever: Vector) -> tuple[float, float]:
+    """CMP minus CoP at one moment of a swing; in W [m]. Arguments as for ``_rest``."""
+    place, velocity, acceleration = motion[0], motion[1], motion[2]
+    c, s = math.cos(place[YAW]), math.sin(place[YAW])
+    ax, ay = acceleration[0], acceleration[1]
+    x = c * (place[0] - com[0]) + s * (place[1] - com[1])
+    v = c * (velocity[0] - com_velocity[0]) + s * (velocity[1] - com_velocity[1])
+    along = (lever[0] + lever[1] * x) * (c * ax + s * ay) + lever[1] * v * v + lever[2] * acceleration[Z]
+    across = lever[3] * (c * ay - s * ax)
+    return s * across - c * along, -s * along - c * across
+
+
 @njit("float64(float64, float64, float64[::1])", cache=True)
 def slope(omega: float, duration: float, lever: Vector) -> float:
     """Change of ``d`` at lift-off per change of the swing's way [-], about; arguments as for ``whole_swing``."""
@@ -185,14 +198,7 @@ class SwingReaction:
 
     def cmp_offset(self, swing: SwingFoot) -> Vector:
         """CMP minus CoP at this moment of a swing; in W (2,) [m]."""
-        lever, slope, lift, side = self.lever
-        c, s = math.cos(swing.position[YAW]), math.sin(swing.position[YAW])
-        ahead, moving = swing.position[:2] - self.com, swing.velocity[:2] - self.com_velocity
-        ax, ay = swing.acceleration[:2]
-        x, v = c * ahead[0] + s * ahead[1], c * moving[0] + s * moving[1]
-        along = (lever + slope * x) * (c * ax + s * ay) + slope * v * v + lift * swing.acceleration[Z]
-        across = side * (c * ay - s * ax)
-        return np.array([s * across - c * along, -s * along - c * across])
+        return np.array(_cmp_offset(swing.motion, self.com, self.com_velocity, self.lever))
 
     def rest(self, omega: float, left: float, swing: SwingFoot, target: tuple[float, float]) -> Vector:
         """``d``: DCM that the rest of the swing will use up; in W (2,) [m].

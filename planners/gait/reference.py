@@ -11,6 +11,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold
+from planners.gait.kernels_reference import place_bodies
 from planners.gait.kernels_steps import wrap
 from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
@@ -20,20 +21,6 @@ def yaw_matrix(yaw: float) -> Matrix:
     """Rotation about the vertical (3, 3)."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def sole_matrix(yaw: float, tilt: Vector) -> Matrix:
-    """Rotation of a sole that heads along ``yaw`` on a slope that rises by ``tilt`` along x and y of W (3, 3)."""
-    across, along = np.array([-tilt[0], -tilt[1], 1.0]), np.array([math.cos(yaw), math.sin(yaw), 0.0])
-    normal = across / math.sqrt(float(across @ across))
-    along -= (along @ normal) * normal
-    along /= math.sqrt(float(along @ along))
-    left = (
-        normal[1] * along[2] - normal[2] * along[1],
-        normal[2] * along[0] - normal[0] * along[2],
-        normal[0] * along[1] - normal[1] * along[0],
-    )
-    return np.column_stack([along, left, normal])
 
 
 class ReferenceBuilder:
@@ -59,9 +46,9 @@ class ReferenceBuilder:
         torso = pin.updateFramePlacement(model.pin, data, model.frame_id("torso"))
         self._standing_height = float(data.com[0][2])
         soles = [pin.updateFramePlacement(model.pin, data, foot.frame_id).translation[:2] for foot in model.feet]
-        self._under = [np.array(sole - data.com[0][:2]) for sole in soles]
-        self._base: Matrix = data.oMi[1].rotation.copy()
-        self._torso: Matrix = torso.rotation.copy()
+        self._under = [tuple((sole - data.com[0][:2]).tolist()) for sole in soles]
+        self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
+        self._no_motion, self._no_tilt = np.zeros((3, 4)), np.zeros(2)
         self.height = self._standing_height
         self._ground: float | None = None
 
@@ -104,30 +91,27 @@ class ReferenceBuilder:
         """
         config = self._config
         wanted = self._standing_height - (0.0 if upright else config.crouch)
-        yaw = footholds[0].yaw + 0.5 * wrap(footholds[1].yaw - footholds[0].yaw)
-        turn = yaw_matrix(yaw)
-        wanted = min(wanted, self._in_reach(footholds, None if swing is None else foot, com[:2], lean, turn[:2, :2]))
+        left, right = footholds
+        yaw = left.yaw + 0.5 * wrap(right.yaw - left.yaw)
+        wanted = min(wanted, self._in_reach(footholds, None if swing is None else foot, com, lean, yaw))
         step = config.height_rate * dt
         change = min(max(wanted - self.height, -config.drop_rate * dt), step)
         self.height += change
         rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
-        velocities, accelerations = np.zeros((2, 6)), np.zeros((2, 6))
-        yaws, rate = [hold.yaw for hold in footholds], 0.0
-        cmp_offset = None
-        for i, hold in enumerate(footholds):
-            positions[i] = hold.x, hold.y, hold.z
-        if swing is not None:
-            positions[foot] = swing.position[:3]
-            velocities[foot, :3], velocities[foot, 5] = swing.velocity[:3], swing.velocity[3]
-            accelerations[foot, :3], accelerations[foot, 5] = swing.acceleration[:3], swing.acceleration[3]
-            yaws[foot] = float(swing.position[3])
-            rate = 0.5 * float(swing.velocity[3])
-            cmp_offset = self._reaction.cmp_offset(swing)
-        for i in range(2):
-            rotations[i] = sole_matrix(yaws[i], tilts[i] if swing is None or i != foot else swing.tilt)
-        turn = yaw_matrix(yaws[0] + 0.5 * wrap(yaws[1] - yaws[0]))
-        planted = [footholds[i].z for i in range(2) if swing is None or i != foot]
-        ground = sum(planted) / len(planted)
+        motions, bodies = np.empty((2, 2, 6)), np.empty((2, 3, 3))
+        place_bodies(
+            ((left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)),
+            tilts,
+            -1 if swing is None else foot,
+            self._no_motion if swing is None else swing.motion,
+            self._no_tilt if swing is None else swing.tilt,
+            self._upright,
+            rotations,
+            positions,
+            motions,
+            bodies,
+        )
+        ground = 0.5 * (left.z + right.z) if swing is None else footholds[1 - foot].z
         if self._ground is None:
             self._ground = ground
         self._ground += min(max(ground - self._ground, -step), step)
@@ -136,39 +120,41 @@ class ReferenceBuilder:
             com=np.array([dcm[0], dcm[1], self._ground + self.height]),
             com_velocity=np.array([0.0, 0.0, change / dt]),
             com_acceleration=self._zero[:3],
-            base_orientation=turn @ self._base,
-            torso_orientation=turn @ self._torso,
+            base_orientation=bodies[0],
+            torso_orientation=bodies[1],
             posture=self._posture,
             posture_velocity=self._zero,
             posture_acceleration=self._zero,
             sole_rotations=rotations,
             sole_positions=positions,
-            sole_velocities=velocities,
-            sole_accelerations=accelerations,
+            sole_velocities=motions[0],
+            sole_accelerations=motions[1],
             contacts=contacts,
             load=load,
             dcm=dcm,
             dcm_velocity=dcm_rate,
-            heading_rate=rate,
-            cmp_offset=cmp_offset,
+            heading_rate=0.0 if swing is None else 0.5 * float(swing.velocity[3]),
+            cmp_offset=None if swing is None else self._reaction.cmp_offset(swing),
             sole_areas=areas,
         )
 
-    def _in_reach(
-        self, footholds: list[Foothold], swinging: int | None, com: Vector, lean: float, turn: Matrix
-    ) -> float:
+    def _in_reach(self, footholds: list[Foothold], swinging: int | None, com: Vector, lean: float, yaw: float) -> float:
         """CoM height at which no leg is longer than in the 'stand' posture [m].
 
         A planted foot is as far from under its hip as it is measured, and will be as far as ``lean`` of the way
         between the feet when the swing foot lands.
         """
-        feet = [np.array([hold.x, hold.y]) for hold in footholds]
-        under = [turn @ place for place in self._under]
-        apart = feet[0] - feet[1] - (under[0] - under[1])
-        square = lean * lean * float(apart @ apart)
-        for foot in range(2):
+        c, s = math.cos(yaw), math.sin(yaw)
+        hips = [(c * x - s * y, s * x + c * y) for x, y in self._under]
+        left, right = ((hold.x - hip[0], hold.y - hip[1]) for hold, hip in zip(footholds, hips, strict=True))
+        x, y = float(com[0]), float(com[1])
+        square = lean * lean * _square(left[0] - right[0], left[1] - right[1])
+        for foot, place in enumerate((left, right)):
             if foot != swinging:
-                off = feet[foot] - com - under[foot]
-                square = max(square, float(off @ off))
+                square = max(square, _square(place[0] - x, place[1] - y))
         leg = self._config.leg
         return self._standing_height - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
+
+
+def _square(x: float, y: float) -> float:
+    return x * x + y * y

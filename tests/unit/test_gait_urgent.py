@@ -87,7 +87,7 @@ def test_feet_far_apart_lower_the_body(g1: RobotModel) -> None:
 
     def height(left: float, swinging: int | None, lean: float = 0.5) -> float:
         holds = [Foothold(builder._under[0][0], left, 0.0), Foothold(*(float(x) for x in builder._under[1]), 0.0)]
-        return builder._in_reach(holds, swinging, com, lean, np.eye(2))
+        return builder._in_reach(holds, swinging, com, lean, 0.0)
 
     stand = height(float(builder._under[0][1]), None)
     assert stand == pytest.approx(builder.height, abs=1e-9)  # no lower than it stands
