@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from models.compiled import njit
 from models.spline import quintic_step
-from models.types import Vector
+from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
 
 X, Y, Z, YAW = range(4)
@@ -49,7 +52,8 @@ class SwingFoot:
         self.tilt = np.zeros(2)
         self.trips = 0
         self._rising_until = 0.0
-        self._place, self._speed = np.full(2, np.nan), np.zeros(2)  # measured, in W [m], [m/s]
+        self._place: tuple[float, float] | None = None  # measured, in W [m]
+        self._speed = (0.0, 0.0)  # [m/s]
 
     def lift(self, pose: Vector, duration: float, tilt: Vector) -> None:
         """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s], on a slope (2,) [-]."""
@@ -59,7 +63,7 @@ class SwingFoot:
         self.floor, self.duration = float(pose[Z]), duration
         self.tilt[:] = tilt
         self._rising_until = 0.0
-        self._place[:], self._speed[:] = np.nan, 0.0
+        self._place, self._speed = None, (0.0, 0.0)
 
     def heed(self, x: float, y: float, elapsed: float, duration: float, dt: float) -> None:
         """Compare with where the foot is measured, in W [m], and give way if it has been caught.
@@ -71,17 +75,18 @@ class SwingFoot:
             duration: Planned time from lift-off to touchdown [s].
             dt: Time since the last call of this swing [s].
         """
-        config, place = self._config, np.array([x, y])
-        moved = place - self._place if np.isfinite(self._place[0]) else np.zeros(2)
-        self._place[:] = place
-        self._speed += min(dt / config.trip_filter, 1.0) * (moved / dt - self._speed)
-        wanted = self.velocity[:2]
-        stuck = self._speed @ wanted < config.trip_speed * (wanted @ wanted)
-        lag = float(np.hypot(*(self.position[:2] - place)))
+        config, (last_x, last_y) = self._config, self._place or (x, y)
+        self._place, share = (x, y), min(dt / config.trip_filter, 1.0)
+        vx, vy = self._speed
+        vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
+        self._speed = vx, vy
+        (at_x, at_y, _, _), (wanted_x, wanted_y, _, _), _ = self.motion.tolist()
+        stuck = vx * wanted_x + vy * wanted_y < config.trip_speed * (wanted_x * wanted_x + wanted_y * wanted_y)
+        lag = math.hypot(at_x - x, at_y - y)
         if lag < config.trip_lag or not stuck or elapsed < self._rising_until:
             return
         self.trips += 1
-        self.position[:2] = place
+        self.position[:2] = x, y
         self.velocity[:2] = 0.0
         self.acceleration[:2] = 0.0
         if elapsed < config.apex * duration:
@@ -105,21 +110,13 @@ class SwingFoot:
             self._late(target, dt)
             return
         rising = elapsed < self._rising_until
+        apex = max(config.apex * duration, self._rising_until) - (elapsed - dt)
+        end, final, height_left = float(target[Z]), -config.landing_velocity, left
+        if apex > config.freeze or rising:
+            end, final, height_left = max(self.floor, end) + config.clearance, 0.0, max(apex, config.freeze)
         # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
         steady = max(left, config.freeze)
-        for i in (YAW,) if rising else (X, Y, YAW):
-            self._advance(i, (float(target[i]), 0.0, 0.0), steady, dt)
-        apex = max(config.apex * duration, self._rising_until) - (elapsed - dt)
-        if apex > config.freeze or rising:
-            height = max(self.floor, float(target[Z])) + config.clearance
-            self._advance(Z, (height, 0.0, 0.0), max(apex, config.freeze), dt)
-        else:
-            self._advance(Z, (float(target[Z]), -config.landing_velocity, 0.0), max(left, dt), dt)
-
-    def _advance(self, i: int, end: tuple[float, float, float], left: float, dt: float) -> None:
-        self.position[i], self.velocity[i], self.acceleration[i] = quintic_step(
-            float(self.position[i]), float(self.velocity[i]), float(self.acceleration[i]), end, left, dt
-        )
+        _advance(self.motion, target, rising, steady, end, final, height_left, dt)
 
     def _late(self, target: Vector, dt: float) -> None:
         config = self._config
@@ -131,3 +128,37 @@ class SwingFoot:
         if self.position[Z] > target[Z] - config.depth_max:
             self.velocity[Z] = -config.late_velocity
             self.position[Z] += dt * self.velocity[Z]
+
+
+@njit(
+    "void(float64[:, ::1], float64[::1], boolean, float64, float64, float64, float64, float64)",
+    cache=True,
+)
+def _advance(
+    motion: Matrix,
+    target: Vector,
+    rising: bool,
+    left: float,
+    height: float,
+    sinking: float,
+    height_left: float,
+    dt: float,
+) -> None:
+    """Each coordinate on its quintic.
+
+    Args:
+        motion: In and out: position, velocity and acceleration (3, 4).
+        target: Pose to land on (4,).
+        rising: Whether x and y stay as they are.
+        left: Time to the target [s].
+        height: That the foot goes to [m].
+        sinking: Its vertical velocity there [m/s].
+        height_left: Time to there [s].
+        dt: Step [s].
+    """
+    for i in range(4):
+        if rising and i < Z:
+            continue
+        end = (height, sinking, 0.0) if i == Z else (target[i], 0.0, 0.0)
+        time = height_left if i == Z else left
+        motion[0, i], motion[1, i], motion[2, i] = quintic_step(motion[0, i], motion[1, i], motion[2, i], end, time, dt)
