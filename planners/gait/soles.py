@@ -16,7 +16,8 @@ from planners.gait.measurement import GaitMeasurement
 
 def moved(hold: Foothold, way: Vector) -> Foothold:
     """The foothold moved in W by (2,) [m]."""
-    return Foothold(hold.x + float(way[0]), hold.y + float(way[1]), hold.yaw, hold.z)
+    x, y = way.tolist()
+    return Foothold(hold.x + x, hold.y + y, hold.yaw, hold.z)
 
 
 class Soles:
@@ -156,13 +157,12 @@ class Soles:
             swinging: The foot in the air; None for none.
         """
         before, self._seen = self._seen, list(measured.soles)
-        way, total = np.zeros(2), 0.0
+        x, y, total = 0.0, 0.0, 0.0
         for foot, (old, new) in enumerate(zip(before, self._seen, strict=True)):
             load = measured.loads[foot]
             if foot != swinging and load >= self._config.anchor_load:
-                way += load * np.array([new.x - old.x, new.y - old.y])
-                total += load
-        return way / total if total > 0.0 else way
+                x, y, total = x + load * (new.x - old.x), y + load * (new.y - old.y), total + load
+        return np.array([x / total, y / total]) if total > 0.0 else np.zeros(2)
 
     def carry(self, way: Vector) -> None:
         """Move both footholds (2,) [m]."""
@@ -197,4 +197,6 @@ class Soles:
             if foot == swinging or measured.loads[foot] < self._config.anchor_load:
                 continue
             time = ground.settle_time if foot == landed else ground.anchor_time
-            self.tilts[foot] += min(dt / time, 1.0) * (measured.tilts[foot] - self.tilts[foot])
+            share = min(dt / time, 1.0)
+            for axis in range(2):
+                self.tilts[foot, axis] += share * (measured.tilts[foot, axis] - self.tilts[foot, axis])

@@ -41,6 +41,8 @@ class VelocityLimiter:
 
     def step(self, dt: float) -> None:
         """Advance by a time [s]."""
+        if self.velocity == self.wanted:
+            return
         config = self._config
         rates = (config.acceleration, config.acceleration, config.turn_acceleration)
         self.velocity = tuple(
