@@ -69,6 +69,7 @@ class MujocoPlant(Plant):
         )
         self.model = self.mujoco.model
         self.data = mujoco.MjData(self.model)
+        self._period = float(self.model.opt.timestep)
         self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
         self._index_channels()
         self._read: SensorData | None = None
@@ -94,7 +95,7 @@ class MujocoPlant(Plant):
     @property
     def period(self) -> float:
         """Physics step [s]."""
-        return float(self.model.opt.timestep)
+        return self._period
 
     @property
     def held(self) -> bool:

@@ -7,6 +7,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from bridge.sensor_errors import SensorErrors
+from models.compiled import njit
 from models.errors import ConfigError
 from models.profile import FootSensor, ImuSensor
 from models.robot_model import RobotModel
@@ -71,7 +72,6 @@ class SensorNoise:
         self._sigma, self._bias_sigma = scale * sigma, scale * bias
         self._walk = scale * np.repeat([imu.gyro_bias_walk, imu.accel_bias_walk], 3) * np.sqrt(period)
         self._range, self._step = _ranges(imu, feet), _steps(imu, feet)
-        self._rounded = self._step > 0.0
         self._resolution = encoders.resolution
         self._jitter = scale * min(sensors.latency.jitter / period, 1.0)
         self._given = errors or SensorErrors()
@@ -80,10 +80,9 @@ class SensorNoise:
         self._exact = scale == 0.0 and errors is None and feet.fitted
         self._seed = seed
         self._drawn = np.zeros(self.size + 6)
-        self._white, self._white_walk = self._drawn[: self.size], self._drawn[self.size :]
         self._error, self._buffer = np.zeros(self.size), np.zeros(TAIL)
         self._now, self._before = np.zeros(self.size), np.zeros(self.size)
-        self._age = np.zeros(self.size)
+        self._ages = np.zeros(3)
         self.reset()
 
     def _added(self, model: RobotModel) -> Vector:
@@ -141,13 +140,9 @@ class SensorNoise:
         self._ticks += 1
         if self.scale > 0.0:
             self._rng.standard_normal(out=self._drawn)
-            self._white_walk *= self._walk
-            self._bias[self._imu] += self._white_walk
-            np.multiply(self._sigma, self._white, out=self._error)
-            self._error += self._bias
+            _add_up(self._drawn, self._sigma, self._walk, self._bias, self._error)
             if self._jitter > 0.0:
-                ages = self._jitter * self._age_rng.random(3)
-                self._age[: 3 * self._nj], self._age[self._imu], self._age[3 * self._nj + 6 :] = ages
+                self._age_rng.random(out=self._ages)
 
     def measure(self, t: float, exact: NDArray[np.float64]) -> SensorData:
         """Measurements of this tick.
@@ -167,18 +162,10 @@ class SensorNoise:
         tail = exact[self._tail]
         np.dot(self._matrix, tail, out=self._buffer)
         tail[:] = self._buffer
-        exact += self._error if self.scale > 0.0 else self._bias
         if self.scale > 0.0:
-            if self._resolution > 0.0:
-                q = exact[:nj]
-                q /= self._resolution
-                np.rint(q, out=q)
-                q *= self._resolution
-            np.divide(tail, self._step, out=tail, where=self._rounded)
-            np.rint(tail, out=tail, where=self._rounded)
-            np.multiply(tail, self._step, out=tail, where=self._rounded)
-            np.minimum(tail, self._range, out=tail)
-            np.maximum(tail, -self._range, out=tail)
+            _spoil(exact, self._error, nj, self._resolution, self._step, self._range)
+        else:
+            exact += self._bias
         sensors = unpack(t, exact, nj)
         for fault in self._given.foot_faults:
             fault.spoil(t, sensors.wrenches)
@@ -195,7 +182,65 @@ class SensorNoise:
                 self._before[:] = exact
             self._now[:] = exact
             self._measured = self._ticks
-        exact += self._age * (self._before - exact)
+        _age(exact, self._before, self._ages, self._jitter, self._nj)
+
+
+@njit("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])", cache=True)
+def _add_up(drawn: Vector, sigma: Vector, walk: Vector, bias: Vector, error: Vector) -> None:
+    """Errors of one tick.
+
+    Args:
+        drawn: White noise of all channels, then that of the biases that walk (size + 6,).
+        sigma: Of the channels (size,).
+        walk: Of the biases of gyro and accelerometer (6,).
+        bias: In and out (size,).
+        error: Out (size,).
+    """
+    size, first = error.shape[0], error.shape[0] - TAIL
+    for i in range(6):
+        bias[first + i] += drawn[size + i] * walk[i]
+    for i in range(size):
+        error[i] = sigma[i] * drawn[i] + bias[i]
+
+
+@njit("void(float64[::1], float64[::1], float64[::1], float64, int64)", cache=True)
+def _age(values: Vector, before: Vector, ages: Vector, jitter: float, nj: int) -> None:
+    """Make the values (size,) older, in place.
+
+    Args:
+        values: Of now.
+        before: Of the last tick (size,).
+        ages: Of encoders, inertial unit and feet, as shares of the jitter (3,).
+        jitter: As a share of a tick.
+        nj: Number of joints.
+    """
+    for i in range(values.shape[0]):
+        unit = 0 if i < 3 * nj else (1 if i < 3 * nj + 6 else 2)
+        values[i] += jitter * ages[unit] * (before[i] - values[i])
+
+
+@njit("void(float64[::1], float64[::1], int64, float64, float64[::1], float64[::1])", cache=True)
+def _spoil(values: Vector, error: Vector, nj: int, resolution: float, step: Vector, reach: Vector) -> None:
+    """Add the errors, round and limit the values (size,), in place.
+
+    Args:
+        values: Measured by sensors without errors.
+        error: Of this tick (size,).
+        nj: Number of joints.
+        resolution: Of the encoders [rad]; 0 for unrounded ones.
+        step: Of the channels behind the joints, 0 where they are not rounded (18,).
+        reach: Their full scale (18,).
+    """
+    for i in range(values.shape[0]):
+        values[i] += error[i]
+    if resolution > 0.0:
+        for i in range(nj):
+            values[i] = np.rint(values[i] / resolution) * resolution
+    for i in range(TAIL):
+        value = values[3 * nj + i]
+        if step[i] > 0.0:
+            value = np.rint(value / step[i]) * step[i]
+        values[3 * nj + i] = max(min(value, reach[i]), -reach[i])
 
 
 def _ranges(imu: ImuSensor, feet: FootSensor) -> Vector:
