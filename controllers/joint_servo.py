@@ -11,11 +11,12 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.torque_limiter import TorqueLimiter
+from models.compiled import njit
 from models.config import STRICT, default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
-from models.types import JointCommand, JointTrajectory, Vector
+from models.types import JointCommand, JointTrajectory, Matrix, Vector
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -73,7 +74,7 @@ class JointServo:
         self.timeouts = 0
         self._model = model
         nj = model.nj
-        self._kp, self._kd = model.kp, model.kd
+        self._gains = np.array([model.kp, model.kd])  # (2, nj)
         self._damping = -self.config.damping_scale * model.kd
         self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
         self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
@@ -81,7 +82,7 @@ class JointServo:
         self._setpoint = np.zeros((3, nj))
         self._incoming = np.zeros((3, nj))
         self._faded = np.zeros((3, nj))
-        self._target, self._work = np.zeros(nj), np.zeros(nj)
+        self._target, self._measured = np.zeros(nj), np.zeros((2, nj))
         self._tau_at_fault = np.zeros(nj)
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
@@ -150,11 +151,9 @@ class JointServo:
             self.refused += 1
             return False
         new[0], new[1], new[2] = cmd.q, cmd.v, cmd.tau
-        if not np.isfinite(new).all():
+        if not _take(new, self._low, self._high, self._setpoint):
             self.refused += 1
             return False
-        np.minimum(new, self._high, out=new)
-        np.maximum(new, self._low, out=self._setpoint)
         self._sampler = None
         self._accept(t, t)
         return True
@@ -248,13 +247,9 @@ class JointServo:
             np.multiply(self._setpoint, share, out=self._faded)
             self._faded += (1.0 - share) * self._fade_start
             setpoint = self._faded
-        work = self._work
-        np.subtract(setpoint[0], q, out=target)
-        target *= self._kp
-        np.subtract(setpoint[1], v, out=work)
-        work *= self._kd
-        target += work
-        target += setpoint[2]
+        measured = self._measured
+        measured[0], measured[1] = q, v
+        _follow(setpoint, measured, self._gains, target)
 
     def _damp(self, t: float, v: Vector, target: Vector) -> None:
         """Fade from the torque at the fault to viscous damping."""
@@ -266,3 +261,22 @@ class JointServo:
             s = (t - self._fault_time) / ramp
             target *= s
             target += (1.0 - s) * self._tau_at_fault
+
+
+@njit("boolean(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])", cache=True)
+def _take(new: Matrix, low: Matrix, high: Matrix, setpoint: Matrix) -> bool:
+    """Bring a new set-point into its limits and put it in force, unless a value is not finite; all (3, nj)."""
+    if not np.isfinite(new).all():
+        return False
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            setpoint[i, j] = max(min(new[i, j], high[i, j]), low[i, j])
+    return True
+
+
+@njit("void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1])", cache=True)
+def _follow(setpoint: Matrix, measured: Matrix, gains: Matrix, tau: Vector) -> None:
+    """Torques (nj,) of PD and feed-forward about a set-point (3, nj), from measured q and v (2, nj)."""
+    for j in range(tau.shape[0]):
+        stiff = (setpoint[0, j] - measured[0, j]) * gains[0, j]
+        tau[j] = stiff + (setpoint[1, j] - measured[1, j]) * gains[1, j] + setpoint[2, j]

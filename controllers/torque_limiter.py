@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.compiled import njit
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import Matrix, Vector
 
 
 class TorqueLimiter:
@@ -32,9 +33,7 @@ class TorqueLimiter:
         nj = model.nj
         self.tau = np.zeros(nj)
         self.sensor_faults = 0
-        self._work = np.zeros(nj)
-        self._tau_max, self._tau_min, self._tau_rate_max = model.tau_max, -model.tau_max, model.tau_rate_max
-        self._step_max, self._step_min, self._step_dt = np.zeros(nj), np.zeros(nj), 0.0
+        self._tau_max, self._tau_rate_max = np.array(model.tau_max), np.array(model.tau_rate_max)
         # Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)
         half = np.maximum(0.5 * (model.q_upper - model.q_lower) - position_margin, np.finfo(np.float64).eps)
         self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
@@ -42,7 +41,7 @@ class TorqueLimiter:
         self._fade_rate = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
         self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
         self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
-        self._measured, self._box = np.zeros((2, nj)), np.zeros((2, nj))
+        self._measured = np.zeros((2, nj))
 
     def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
         """Limit the torques of one driver period.
@@ -56,33 +55,48 @@ class TorqueLimiter:
         Returns:
             ``tau``, overwritten by the next call.
         """
-        tau, work, box, measured = self.tau, self._work, self._box, self._measured
+        measured = self._measured
         measured[0], measured[1] = q, v
-        np.subtract(measured, self._centre, out=box)
-        box *= self._inverse_half
-        np.abs(box, out=box)
-        if box.max() <= 1.0:
-            np.minimum(target, self._tau_max, out=target)
-            np.maximum(target, self._tau_min, out=target)
-        else:
+        if not _bound(measured, self._centre, self._inverse_half, self._tau_max, target):
             self._fade(target)
-        if dt != self._step_dt:
-            np.multiply(self._tau_rate_max, dt, out=self._step_max)
-            np.negative(self._step_max, out=self._step_min)
-            self._step_dt = dt
-        np.subtract(target, tau, out=work)
-        np.minimum(work, self._step_max, out=work)
-        np.maximum(work, self._step_min, out=work)
-        tau += work
-        return tau
+        _approach(target, self._tau_rate_max, dt, self.tau)
+        return self.tau
 
     def _fade(self, target: Vector) -> None:
         """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
         up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
         down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
         np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
-        np.maximum(target, np.maximum(down, 0.0) * self._tau_min, out=target)
+        np.maximum(target, np.maximum(down, 0.0) * -self._tau_max, out=target)
         blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
         if blind.any():
             self.sensor_faults += 1
             target[blind] = 0.0
+
+
+@njit("boolean(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])", cache=True)
+def _bound(measured: Matrix, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
+    """Limit torques (nj,) to ``most`` where no torque needs to fade; returns False, and does nothing, elsewhere.
+
+    Args:
+        measured: q and v (2, nj).
+        centre: Of the box inside which none needs to (2, nj).
+        inverse_half: Of the box's size (2, nj).
+        most: Largest torques (nj,) [N.m].
+        target: In and out (nj,) [N.m].
+    """
+    for i in range(2):
+        for j in range(target.shape[0]):
+            if not abs((measured[i, j] - centre[i, j]) * inverse_half[i, j]) <= 1.0:  # nor where it is not a number
+                return False
+    for j in range(target.shape[0]):
+        target[j] = np.maximum(np.minimum(target[j], most[j]), -most[j])
+    return True
+
+
+@njit("void(float64[::1], float64[::1], float64, float64[::1])", cache=True)
+def _approach(target: Vector, rate: Vector, dt: float, tau: Vector) -> None:
+    """Move torques towards their target, at most at a rate [N.m/s] for a time [s]; all (nj,)."""
+    for j in range(tau.shape[0]):
+        step = rate[j] * dt
+        tau[j] += np.maximum(np.minimum(target[j] - tau[j], step), -step)
