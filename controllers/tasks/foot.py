@@ -7,6 +7,7 @@ import numpy as np
 from controllers.qp.kernels_feedback import pose_error
 from controllers.qp.terms import Terms
 from controllers.tasks.base import Task
+from models.compiled import njit
 from models.types import Matrix, Reference, Vector
 
 
@@ -34,7 +35,7 @@ class FootTask(Task):
         self.weight = weight
         self.active = True
         self._silent = np.zeros(6)
-        self._error = np.zeros(6)
+        self._error, self._wanted = np.zeros(6), np.zeros(6)
 
     def set_active(self, active: bool) -> None:
         """Switch the task on (swing) or off (contact)."""
@@ -59,9 +60,29 @@ class FootTask(Task):
         """Wanted classical acceleration in the sole frame (6,) [m/s^2, rad/s^2]."""
         if not self.active:
             return self._silent
-        sole = terms.soles[self.foot]
-        turn = sole.rotation.T
-        velocity = (turn @ reference.sole_velocities[self.foot].reshape(2, 3).T).T.ravel()
-        acceleration = (turn @ reference.sole_accelerations[self.foot].reshape(2, 3).T).T.ravel()
-        wanted: Vector = acceleration + self.kp * self.error(terms, reference) + self.kd * (velocity - sole.twist)
-        return wanted
+        sole, error = terms.soles[self.foot], self.error(terms, reference)
+        velocity, acceleration = reference.sole_velocities[self.foot], reference.sole_accelerations[self.foot]
+        _feed_back(sole.pose, velocity, acceleration, error, sole.twist, self.kp, self.kd, self._wanted)
+        return self._wanted
+
+
+@njit(cache=True)
+def _feed_back(
+    pose: Matrix,
+    velocity: Vector,
+    acceleration: Vector,
+    error: Vector,
+    twist: Vector,
+    kp: Vector,
+    kd: Vector,
+    out: Vector,
+) -> None:
+    """Wanted acceleration in the sole frame (6,), from the wanted motion in W and error and twist in the sole frame."""
+    for part in range(0, 6, 3):
+        for i in range(3):
+            v, a = 0.0, 0.0
+            for k in range(3):
+                v += pose[k, i] * velocity[part + k]
+                a += pose[k, i] * acceleration[part + k]
+            row = part + i
+            out[row] = a + kp[row] * error[row] + kd[row] * (v - twist[row])
