@@ -209,7 +209,8 @@ class StateEstimator:
         if not missing & (STALE | BAD_JOINTS):
             self._kinematics.update(buffer.joints[0])
             health.rejected += self.filter.measure_soles(self._kinematics)
-            health.gated += int(np.count_nonzero(self.filter.innovation > self.config.gate))
+            left, right = self.filter.innovation.tolist()
+            health.gated += (left > self.config.gate) + (right > self.config.gate)
         if not missing & ~BAD_FEET and self._at_rest():
             health.rejected += self.filter.measure_rest()
         if self._level_due and self._contacts.confidence.min() >= 1.0:
@@ -260,7 +261,8 @@ class StateEstimator:
 
     def _at_rest(self) -> bool:
         """No foot bears and the inertial unit feels gravity alone: the robot hangs, or the simulator holds it."""
-        if self._contacts.active.any():
+        left, right = self._contacts.active.tolist()
+        if left or right:
             return False
         rate, force = self._buffer.imu
         rest = self.config.rest
