@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from controllers.estimation.estimator import StateEstimator
     from models.mujoco_model import MujocoModel
     from models.robot_model import RobotModel
 
@@ -17,3 +18,14 @@ def mj(robot: RobotModel) -> MujocoModel:
     from tests.mujoco_states import built
 
     return built(robot)
+
+
+@pytest.fixture(scope="module", params=["g1", "talos"])
+def estimator(request: pytest.FixtureRequest) -> StateEstimator:
+    """An estimator of each robot in turn, which ``robot_of`` tells."""
+    from controllers.estimation.estimator import StateEstimator
+
+    robot: RobotModel = request.getfixturevalue(request.param)
+    result = StateEstimator(robot)
+    result.robot = robot  # type: ignore[attr-defined]
+    return result
