@@ -1,4 +1,4 @@
-"""Joint servo: what it tracks, and the limits it never exceeds."""
+"""Joint servo: what it tracks, how it takes over and gives up, and which commands it refuses."""
 
 from __future__ import annotations
 
@@ -6,33 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from controllers.joint_servo import JointServo, ServoState
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory
-
-DT = 0.001
-Vector = NDArray[np.float64]
-
-
-def hold(model: RobotModel, q: Vector | None = None, tau: Vector | None = None) -> JointCommand:
-    zero = np.zeros(model.nj)
-    return JointCommand(model.posture("stand") if q is None else q, zero, zero if tau is None else tau)
-
-
-def armed(model: RobotModel, t: float = -1.0) -> tuple[JointServo, float]:
-    """A servo that has been armed, commanded to stand and is past its fade-in, and the time of its next step."""
-    servo = JointServo(model)
-    servo.arm()
-    q, zero = model.posture("stand"), np.zeros(model.nj)
-    for k in range(int(servo.config.arming_blend / DT) + 2):
-        servo.command(hold(model), t + k * DT)
-        servo.step(t + k * DT, q, zero, DT)
-    return servo, t + (k + 1) * DT
+from tests.servos import DT, armed, hold
 
 
 def test_law(g1: RobotModel) -> None:
@@ -139,16 +118,6 @@ def test_command_of_wrong_size_is_refused(g1: RobotModel) -> None:
     assert servo.refused == 1
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_set_point_is_brought_back_to_the_limits(g1: RobotModel, sign: float) -> None:
-    servo, t = armed(g1)
-    far = np.full(g1.nj, sign * 1e6)
-    assert servo.command(JointCommand(far, far, far), t)
-    np.testing.assert_array_equal(servo.setpoint.q, g1.q_upper if sign > 0 else g1.q_lower)
-    np.testing.assert_array_equal(servo.setpoint.v, sign * g1.v_max)
-    np.testing.assert_array_equal(servo.setpoint.tau, sign * g1.tau_max)
-
-
 def test_timeout_fades_torque_into_damping_and_latches(g1: RobotModel) -> None:
     servo, t = armed(g1)
     q, v = g1.posture("stand"), 0.1 * np.ones(g1.nj)
@@ -182,38 +151,6 @@ def test_measurement_that_is_not_finite_gives_that_joint_no_torque(g1: RobotMode
     assert tau[3] == 0.0 and tau[5] == 0.0
     assert np.all(tau[[0, 1, 2, 4]] > 0.0)
     assert servo.sensor_faults == 30
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_torque_towards_a_joint_limit_fades_out(g1: RobotModel, sign: float) -> None:
-    servo, t = armed(g1)
-    limit = g1.q_upper if sign > 0 else g1.q_lower
-    margin, zero = servo.config.position_margin, np.zeros(g1.nj)
-    for inside, share in ((margin, 1.0), (0.5 * margin, 0.5), (0.0, 0.0)):
-        for _ in range(200):
-            servo.command(hold(g1, q=limit, tau=sign * g1.tau_max), t)
-            tau = servo.step(t, limit - sign * inside, zero, DT)
-            t += DT
-        np.testing.assert_allclose(sign * tau, share * g1.tau_max, atol=1e-6 * g1.tau_max.max())
-    for _ in range(200):
-        servo.command(hold(g1, q=limit, tau=-sign * g1.tau_max), t)
-        tau = servo.step(t, limit, zero, DT)
-        t += DT
-    np.testing.assert_allclose(sign * tau, -g1.tau_max)  # away from the limit: all of it
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_torque_that_speeds_up_fades_out_beyond_the_velocity_limit(g1: RobotModel, sign: float) -> None:
-    servo, t = armed(g1)
-    q = 0.5 * (g1.q_lower + g1.q_upper)
-    for excess, share in ((0.0, 1.0), (0.5, 0.5), (1.0, 0.0), (3.0, 0.0)):
-        v = sign * g1.v_max * (1.0 + excess * servo.config.velocity_margin)
-        for _ in range(200):
-            servo.command(JointCommand(q, sign * g1.v_max, sign * g1.tau_max), t)
-            wanted = np.minimum(g1.tau_max + g1.kd * (g1.v_max - sign * v), g1.tau_max)
-            tau = servo.step(t, q, v, DT)
-            t += DT
-        np.testing.assert_allclose(sign * tau, np.clip(wanted, -g1.tau_max, share * g1.tau_max), atol=1e-9)
 
 
 def test_trajectory_is_interpolated_between_messages(g1: RobotModel) -> None:
@@ -277,35 +214,3 @@ def test_refused_trajectory_leaves_the_set_point(g1: RobotModel) -> None:
         servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT)
         np.testing.assert_array_equal(servo.setpoint.q, before.q)
     assert servo.refused == 2
-
-
-anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
-moderate = st.floats(-50.0, 50.0)
-
-
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_never_exceeds_torque_and_rate_limits(g1: RobotModel, data: st.DataObject) -> None:
-    """Whatever is commanded, measured or switched: finite torque within the limits, changing within the rate."""
-    servo, t = armed(g1)
-    previous = servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT).copy()
-    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
-
-    def vector() -> Vector:
-        values = rng.normal(0.0, 10.0 ** data.draw(st.integers(-3, 4)), g1.nj)
-        values[data.draw(st.integers(0, g1.nj - 1))] = data.draw(st.one_of(anything, moderate))
-        return values
-
-    for _ in range(data.draw(st.integers(1, 12))):
-        t += DT
-        action = data.draw(st.sampled_from(["command", "command", "command", "damp", "off", "arm", "nothing"]))
-        if action == "command":
-            servo.command(JointCommand(vector(), vector(), vector()), t)
-        elif action != "nothing":
-            getattr(servo, action)()
-        with np.errstate(all="ignore"):
-            tau = servo.step(t, vector(), vector(), DT)
-        assert np.isfinite(tau).all()
-        assert np.all(np.abs(tau) <= g1.tau_max * (1.0 + 1e-12))
-        assert np.all(np.abs(tau - previous) <= g1.tau_rate_max * DT * (1.0 + 1e-9))
-        previous = tau.copy()
