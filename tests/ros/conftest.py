@@ -28,6 +28,10 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, SENSOR
+from models.robot_model import RobotModel
+
+STAMP = 12_345_678_901
+"""Of made-up messages [ns]."""
 
 
 class Bench:
@@ -95,6 +99,12 @@ def bench(ros_domain_id: int) -> Iterator[Bench]:
     yield made
     made.close()
     context.try_shutdown()
+
+
+@pytest.fixture
+def values(g1: RobotModel) -> np.ndarray:
+    """Made-up values of three kinds for every joint (3, nj)."""
+    return np.random.default_rng(1).normal(size=(3, g1.nj))
 
 
 class Eyes:
