@@ -20,9 +20,11 @@ Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report here.")]
 PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
 
+MODULES: dict[str, str] = {}
+"""Module in this folder that measures and draws each benchmark, by the name that its reports bear.
 
-_DRAWN = ("tick", "push", "push_map", "stand", "walk", "terrain", "latency", "calibrate", "estimate")
-"""Modules that draw a report of their own."""
+It is filled where the commands are added.
+"""
 
 
 class PushMode(StrEnum):
@@ -34,7 +36,7 @@ class PushMode(StrEnum):
 
 
 def _bench(
-    name: str,
+    module_name: str,
     robot: str,
     seeds: int,
     workers: int,
@@ -47,7 +49,7 @@ def _bench(
     from benchmarks.harness import Options, print_report, write_json
 
     console = Console()
-    module = import_module(f"benchmarks.{name}")
+    module = import_module(f"benchmarks.{module_name}")
     try:
         report = module.run(Options(robot=robot, seeds=seeds, workers=workers, scenarios=scenarios, mode=mode))
     except PoiseError as error:
@@ -72,6 +74,7 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
         help_text: What ``--help`` says about it.
         usual_seeds: How many seeds unless the user says otherwise.
     """
+    MODULES[name] = name
 
     @app.command(name, help=help_text)
     def run(
@@ -86,6 +89,7 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
 
 def _add_scenarios(name: str, help_text: str) -> None:
     """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are."""
+    MODULES[name] = name
 
     @app.command(name, help=help_text)
     def run(
@@ -102,6 +106,8 @@ def _add_scenarios(name: str, help_text: str) -> None:
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 _add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
 
+MODULES |= {"push": "push", **{f"push_{mode}": "push_map" for mode in (PushMode.STEP, PushMode.WALK)}}
+
 
 @app.command("push")
 def push(
@@ -115,7 +121,8 @@ def push(
     ] = PushMode.STAND,
 ) -> None:
     """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
-    _bench("push" if mode is PushMode.STAND else "push_map", robot, seeds, workers, json, plot, mode=mode.value)
+    module = MODULES["push" if mode is PushMode.STAND else f"push_{mode}"]
+    _bench(module, robot, seeds, workers, json, plot, mode=mode.value)
 
 
 @app.command("draw")
@@ -129,14 +136,13 @@ def draw(
     console = Console()
     try:
         found = read_json(report)
-        module = "push_map" if found.bench in ("push_step", "push_walk") else found.bench
-        if module not in _DRAWN:
-            raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(_DRAWN)}")
+        if found.bench not in MODULES:
+            raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(MODULES)}")
     except PoiseError as error:
         console.print(f"[red]{error}[/red]")
         raise typer.Exit(2) from error
     folder.mkdir(parents=True, exist_ok=True)
-    for file in import_module(f"benchmarks.{module}").plot(found, folder):
+    for file in import_module(f"benchmarks.{MODULES[found.bench]}").plot(found, folder):
         console.print(f"plot: {file}", soft_wrap=True)
 
 

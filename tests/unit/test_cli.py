@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
@@ -9,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import benchmarks.cli
-from benchmarks.harness import LoadMeter, Options, Report
+from benchmarks.harness import LoadMeter, Options, Report, write_json
 from bridge.cli import app
 from models.errors import ConfigError
 from models.types import CommandReply
@@ -62,10 +63,14 @@ def test_the_push_test_has_modes(mode: str, module: str, monkeypatch: pytest.Mon
     assert RUNNER.invoke(app, ["bench", "push", "--mode", "run"]).exit_code == 2
 
 
-@pytest.mark.parametrize(("name", "seeds"), [("tick", 1), ("push", 1), ("stand", 20), ("latency", 1), ("calibrate", 1)])
-def test_a_command_runs_its_own_module_with_its_usual_seeds(
-    name: str, seeds: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+USUAL_SEEDS = {"stand": 20, "walk": 20, "terrain": 20, "estimate": 20}
+"""Of the commands that do not measure one seed."""
+
+COMMANDS = sorted({str(command.name) for command in benchmarks.cli.app.registered_commands} - {"draw"})
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_runs_its_own_module_with_its_usual_seeds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, int]] = []
 
     def imported(module: str) -> SimpleNamespace:
@@ -79,7 +84,33 @@ def test_a_command_runs_its_own_module_with_its_usual_seeds(
 
     monkeypatch.setattr(benchmarks.cli, "import_module", imported)
     assert RUNNER.invoke(app, ["bench", name]).exit_code == 0
-    assert asked == [(f"benchmarks.{name}", seeds)]
+    assert asked == [(f"benchmarks.{name}", USUAL_SEEDS.get(name, 1))]
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "push_step", "push_walk"])
+def test_the_report_of_every_command_is_drawn_by_its_module(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def imported(module: str) -> SimpleNamespace:
+        asked.append(module)
+        return _bench(True)
+
+    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
+    write_json(Report(name, "g1", 1, {}, [], True, LoadMeter().read()), tmp_path / "a.json")
+    result = RUNNER.invoke(app, ["bench", "draw", str(tmp_path / "a.json"), str(tmp_path / "p")])
+    assert result.exit_code == 0, result.output
+    assert asked == [f"benchmarks.{'push_map' if name.startswith('push_') else name}"]
+    assert (tmp_path / "p/push.png").is_file()
+
+
+@pytest.mark.parametrize("name", benchmarks.cli.MODULES.values())
+def test_every_module_measures_and_draws(name: str) -> None:
+    if name == "latency":
+        pytest.importorskip("rclpy")
+    module = import_module(f"benchmarks.{name}")
+    assert callable(module.run) and callable(module.plot)
 
 
 def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
