@@ -17,7 +17,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.harness import Case, percentiles
-from benchmarks.tick import TickConfig, collector_off, exercise
+from benchmarks.tick import TickConfig, exercise
+from benchmarks.timed_run import collector_off
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, default_config
 from models.errors import PoiseError

@@ -9,25 +9,23 @@ Medians make the ratios. The garbage collector is off while it is timed: what th
 
 from __future__ import annotations
 
-import gc
 import math
 import resource
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from matplotlib.axes import Axes
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles
+from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
+from benchmarks.timed_run import MICRO, QUANTILES, collector_off, plot_tails, run_seeds
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.support_polygon import distance_along
@@ -38,12 +36,6 @@ from models.types import Mode, SolveStatus, Vector
 
 Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
-
-MICRO = 1e-3
-"""Nanoseconds to microseconds."""
-
-QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
-"""Percentiles that a case keeps of every subject, for the plot [%]."""
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -72,19 +64,6 @@ class TickConfig:
 @cache
 def _config() -> TickConfig:
     return default_config(TickConfig, "benchmarks", "tick")
-
-
-@contextmanager
-def collector_off() -> Iterator[None]:
-    """Freeze what lives and switch the garbage collector off."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        gc.unfreeze()
 
 
 def push_forces(loop: ClosedLoop, config: TickConfig) -> list[Vector]:
@@ -202,70 +181,32 @@ def summarise(timed: TimedController) -> dict[str, float]:
     figures["active_rows_max"] = float(timed.active[:n].max())
     for index, status in enumerate(STATUSES):
         figures[f"ticks_{status.value}"] = float(np.count_nonzero(timed.status[:n] == index))
+    certified = (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
+    figures["ticks_uncertified"] = n - sum(figures[f"ticks_{status.value}"] for status in certified)
     figures["placo_failed"] = float(timed.placo_failed)
     return figures
 
 
-def bounds(figures: dict[str, float], config: TickConfig) -> dict[str, bool]:
-    """Each requirement, in words, and whether it holds."""
-    certified = sum(figures[f"ticks_{status.value}"] for status in (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER))
-    steady = figures["allocated_blocks_growth"] <= config.growth_max
-    steady = steady and figures["resident_growth_kib"] <= config.resident_max
+def limits(config: TickConfig) -> dict[str, float]:
+    """Largest value of each figure that passes."""
     return {
-        f"ratio_to_placo <= {config.placo_ratio_max}": figures["ratio_to_placo"] <= config.placo_ratio_max,
-        f"ratio_to_pinocchio_calls <= {config.pinocchio_ratio_max}": figures["ratio_to_pinocchio_calls"]
-        <= config.pinocchio_ratio_max,
-        f"p99 <= {config.tail_ratio_max} x median": figures["p99_over_median"] <= config.tail_ratio_max,
-        f"kkt_residual_max < {config.residual_max:g} on every tick": figures["kkt_residual_max"] < config.residual_max
-        and certified == figures["ticks"],
-        "no growing allocation": steady,
+        "ratio_to_placo": config.placo_ratio_max,
+        "ratio_to_pinocchio_calls": config.pinocchio_ratio_max,
+        "p99_over_median": config.tail_ratio_max,
+        "kkt_residual_max": config.residual_max,
+        "ticks_uncertified": 0.0,
+        "allocated_blocks_growth": config.growth_max,
+        "resident_growth_kib": config.resident_max,
     }
 
 
 def run(options: Options) -> Report:
-    """Time every seed, one at a time whatever ``workers`` says.
-
-    There is no progress bar: its thread would allocate, and take the interpreter while ticks are timed.
+    """Time every seed; see ``run_seeds`` for how, and ``summarise`` for the figures.
 
     Args:
         options: Robot and seeds.
-
-    Returns:
-        Figures as ``summarise`` names them: over several seeds the median of the medians and ratios, and the worst of
-        residual, tail and growth.
     """
-    config, load = _config(), LoadMeter()
-    results: list[Case] = [
-        {"robot": options.robot, "seed": seed, **measure(options.robot, seed)} for seed in range(options.seeds)
-    ]
-    figures = over_seeds(results)
-    held = bounds(figures, config)
-    passed = all(held.values()) and all(all(bounds(case["figures"], config).values()) for case in results)
-    notes = [f"{'ok    ' if ok else 'FAILED'} {text}" for text, ok in held.items()]
-    notes.append(f"wall-clock time; {figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out")
-    return Report("tick", options.robot, options.seeds, figures, results, passed, load.read(), notes)
-
-
-def over_seeds(cases: Sequence[Case]) -> dict[str, float]:
-    """Figures of all cases: the median of each, but the worst of tails, residuals and growth."""
-    figures = {}
-    for name in cases[0]["figures"]:
-        values = [case["figures"][name] for case in cases]
-        worst = name.endswith(("_max", "_p999", "growth", "growth_kib"))
-        figures[name] = float(np.max(values) if worst else np.median(values))
-    return figures
-
-
-def plot_tails(axes: Axes, subjects: Sequence[str], cases: Sequence[Case]) -> None:
-    """Draw how long each subject takes at every percentile of ``QUANTILES``, by the ``quantiles`` of the cases."""
-    rank = 1.0 / np.maximum(1.0 - np.array(QUANTILES) / 100.0, 1e-4)  # 1e-4: the slowest of ten thousand
-    for name in subjects:
-        values = np.median([case["quantiles"][name] for case in cases], axis=0)
-        axes.loglog(rank, values, label=name.replace("_", " "))
-    axes.set_xlabel("one tick in so many is slower")
-    axes.set_ylabel("time, pre-empted ticks included [us]")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    return run_seeds("tick", options, measure, limits(_config()))
 
 
 def plot(report: Report, folder: Path) -> list[Path]:
