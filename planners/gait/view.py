@@ -65,9 +65,8 @@ def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
         return taken
     if view.route.left:
         return [*taken, *view.route.ahead(view.soles.holds[view.stance], config.preview)[len(taken) :]]
-    period = config.timing.single + config.timing.double
     count = config.preview - len(taken)
-    return taken + preview_footholds(first, foot, view.velocity, period, config.reach, max(count, 1), left)
+    return taken + preview_footholds(first, foot, view.velocity, config.period, config.reach, max(count, 1), left)
 
 
 def capture_margin(view: GaitView, config: GaitConfig) -> float:

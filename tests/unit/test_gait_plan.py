@@ -45,7 +45,7 @@ def offset_of(planner: GaitPlanner, plan: StepPlan) -> np.ndarray:
     """The recursion of ``dcm.touchdown_offset`` in numpy, with the reactions of the legs."""
     points, timing = points_of(planner, plan), planner.config.timing
     share = 1.0 - dcm.transfer_share(OMEGA, timing.double)
-    swing, period = planner._step.swing, timing.single + timing.double
+    swing, period = planner._step.swing, planner.config.period
     offset = np.zeros(2) if plan.steps_left is None else 0.5 * (points[-2] - points[-1])
     for before, here, after in reversed(list(zip(points, points[1:], points[2:], strict=False))):
         way = tuple(after - before)
