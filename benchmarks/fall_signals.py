@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from benchmarks.harness import Case
 from bridge.closed_loop import ClosedLoop
+from bridge.loop_log import LoopLog
 from models.constants import GRAVITY
 from models.heading import heading
 from models.robot_model import RobotModel
@@ -28,6 +29,23 @@ SATURATED = 0.95
 
 
 def last_moments(loop: ClosedLoop, duration: float) -> Case:
+    """What led to the end of a run; see ``moments_since``.
+
+    Args:
+        loop: The robot, with a log.
+        duration: How much is kept of the time before the supervisor has given the robot up to damping, or before the
+            end of the log if it never has [s].
+    """
+    return moments_since(loop, _end(loop.log) - duration)
+
+
+def _end(log: LoopLog) -> float:
+    """When the robot was given up, or the last stamp [s]."""
+    given_up = log.t[[mode is Mode.DAMP for mode in log.modes]]
+    return float(given_up[0] if len(given_up) else log.t[-1])
+
+
+def moments_since(loop: ClosedLoop, begin: float) -> Case:
     """The end of a robot's log, places seen from its CoM and along its heading at each moment.
 
     What the laws see and command is in their own frame, which drifts: it is seen from the CoM and heading that they
@@ -35,7 +53,8 @@ def last_moments(loop: ClosedLoop, duration: float) -> Case:
 
     Args:
         loop: The robot, with a log.
-        duration: How much of it [s]; ends ``AFTER`` the supervisor has given the robot up to damping.
+        begin: Stamp of the first row [s], or when the robot was given up where that was before; the last row is
+            ``AFTER`` that.
 
     Returns:
         Lists of n rows: ``t`` [s]; forward and left of the CoM [m] ``dcm``, ``cop`` (null in flight), ``dcm_seen`` and
@@ -47,9 +66,8 @@ def last_moments(loop: ClosedLoop, duration: float) -> Case:
         [deg]. ``events``: stamp and text.
     """
     log, model = loop.log, loop.robot
-    given_up = log.t[[mode is Mode.DAMP for mode in log.modes]]
-    end = given_up[0] + AFTER if len(given_up) else log.t[-1]
-    recent = np.flatnonzero((log.t >= log.t[-1] - duration) & (log.t <= end))
+    end = _end(log)
+    recent = np.flatnonzero((log.t >= min(begin, end)) & (log.t <= end + AFTER))
     rows = recent[:: -max(-(-len(recent) // ROWS), 1)][::-1]
     true, weight = _true_signals(model, log.true_q[rows], log.true_v[rows], log.wrenches[rows]), model.mass * GRAVITY
     seen = np.array([_to_heading(q) for q in log.estimate_q[rows]])  # (n, 2, 2)
@@ -59,6 +77,7 @@ def last_moments(loop: ClosedLoop, duration: float) -> Case:
         aims[swings, foot] = log.footholds[rows][swings, 2 * foot : 2 * foot + 2]
     com, statuses, modes = log.com[rows, :2], log.statuses, log.modes
     acting = np.array([modes[row] is not Mode.DAMP for row in rows])  # what happens later explains nothing
+    acting |= not acting.any()  # ... unless there is nothing else
     names, joints = np.array(model.joint_names), log.true_q[rows, 7:]
     shares = np.abs(log.tau[rows]) / model.tau_max  # (n, nj)
     margins = np.degrees(np.minimum(joints - model.q_lower, model.q_upper - joints))  # (n, nj)

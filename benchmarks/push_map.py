@@ -75,9 +75,11 @@ def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
     def holds(dv: float) -> bool:
         # The moment that failed last is the likeliest to fail again.
         for trial in sorted(trials, key=lambda trial: trial.phase != failed["failed_phase"]):
-            reason = survives(trial, dv)
-            if reason:
-                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=reason, moments=moments(robot))
+            loop = prepare(trial)
+            outcome = survives(loop, trial, dv)
+            if outcome.reason:
+                failed.update(failed_dv=dv, failed_phase=trial.phase, reason=outcome.reason)
+                failed["moments"] = moments(loop, outcome)
                 return False
         return True
 

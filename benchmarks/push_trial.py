@@ -12,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.cli import PushMode
-from benchmarks.fall_signals import last_moments
+from benchmarks.fall_signals import moments_since
 from benchmarks.harness import Case
 from benchmarks.leg_clearance import LegClearance
 from benchmarks.push import stance
@@ -81,6 +81,19 @@ class Trial:
     angle: float
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How one push ended.
+
+    Attributes:
+        reason: Why it was not taken; empty when it was.
+        pushed: Simulated time of the push [s].
+    """
+
+    reason: str
+    pushed: float
+
+
 @cache
 def map_config() -> PushMapConfig:
     """The packaged push test."""
@@ -114,8 +127,7 @@ def prepare(trial: Trial) -> ClosedLoop:
         return loop
     loop.set_velocity(config.walk_speed, 0.0, 0.0)
     loop.run(config.walk_time)
-    timing = loop.gait.config.timing
-    stride = 2.0 * (timing.single + timing.double)
+    stride = 2.0 * loop.gait.config.period
     end, was = loop.t + 2.0 * stride, True
     while True:  # until the left foot lifts
         lifted = loop.gait.view.swinging and loop.gait.stance == 1
@@ -129,37 +141,32 @@ def prepare(trial: Trial) -> ClosedLoop:
     return loop
 
 
-def survives(trial: Trial, dv: float) -> str:
+def survives(loop: ClosedLoop, trial: Trial, dv: float) -> Outcome:
     """Push once.
 
     Args:
+        loop: The robot at the moment of its push, as ``prepare`` returns it.
         trial: Everything but the size of the push.
         dv: Impulse over mass [m/s].
-
-    Returns:
-        Why it did not take the push; empty when it did. ``moments`` then explains it.
     """
-    config, loop = map_config(), prepare(trial)
-    legs = legs_of(trial.robot)
+    config, legs, pushed = map_config(), legs_of(trial.robot), loop.t
     angle = heading(*loop.truth.q[3:7]) + trial.angle
     force = loop.robot.mass * dv / config.duration
     loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), config.duration, config.body)
-    end, places = loop.t + config.duration + config.recover_time, [loop.truth.q[:2].copy()]
+    end, places = pushed + config.duration + config.recover_time, [loop.truth.q[:2].copy()]
     while loop.t < end - 1e-9:  # 1e-9: rounding of the simulated time
         loop.run(config.check_period)
         if loop.fallen:
-            return loop.fall_reason
+            return Outcome(loop.fall_reason, pushed)
         if legs.distance(loop.truth.q) < -config.overlap_tolerance:
-            return "the legs run through each other"
+            return Outcome("the legs run through each other", pushed)
         places.append(loop.truth.q[:2].copy())
-    return _ending(trial, loop, places)
+    return Outcome(_ending(trial, loop, places), pushed)
 
 
-def moments(robot: str) -> Case:
-    """What explains the last trial of a robot, from shortly before its push on."""
-    loop = loop_of(robot)
-    pushed = max(t for t, text in loop.events if text.startswith("push"))
-    return last_moments(loop, loop.t - pushed + map_config().lead)
+def moments(loop: ClosedLoop, outcome: Outcome) -> Case:
+    """What explains how a push ended, from shortly before it on; see ``moments_since``."""
+    return moments_since(loop, outcome.pushed - map_config().lead)
 
 
 def _ending(trial: Trial, loop: ClosedLoop, places: list[Vector]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from typer.testing import CliRunner
 from benchmarks import fall_signals, push, push_map
 from benchmarks.cli import app
 from benchmarks.fall_plot import draw_fall
-from benchmarks.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments
+from benchmarks.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments, moments_since
 from benchmarks.harness import Case, Report, read_json, write_json
 from benchmarks.push_plot import direction_name
 from bridge.closed_loop import ClosedLoop
@@ -91,13 +92,34 @@ def test_what_happens_long_after_the_robot_was_given_up_is_left_out(moments: Cas
     assert any(text.startswith("mode damp") for _, text in moments["events"])
 
 
-def test_the_rows_are_the_last_ones_and_few(loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch) -> None:
-    given_up = next(t for t, mode in zip(loop.log.t, loop.log.modes, strict=True) if mode is Mode.DAMP)
-    few = last_moments(loop, float(loop.log.t[-1]) - given_up + 0.2)
-    assert few["t"][0] == pytest.approx(given_up - 0.2, abs=0.011)
+def given_up(loop: ClosedLoop) -> float:
+    return next(float(t) for t, mode in zip(loop.log.t, loop.log.modes, strict=True) if mode is Mode.DAMP)
+
+
+@pytest.mark.parametrize("duration", [0.2, 0.02])  # the robot lies on the floor for 0.3 s and longer
+def test_the_rows_are_the_last_ones_before_the_robot_was_given_up(loop: ClosedLoop, duration: float) -> None:
+    shown = last_moments(loop, duration)
+    assert shown["t"][0] == pytest.approx(given_up(loop) - duration, abs=0.011)
+    assert shown["mode"][0] == "walk" and shown["mode"][-1] == "damp"
+
+
+def test_a_robot_that_was_given_up_before_the_first_row_asked_for_is_shown_from_then_on(loop: ClosedLoop) -> None:
+    shown = moments_since(loop, loop.t)
+    assert shown["t"][0] == pytest.approx(given_up(loop), abs=1e-4)
+    assert set(shown["mode"]) == {"damp"}
+    assert len(shown["torques"]) == LEG_JOINTS + OTHER_JOINTS
+
+
+def test_a_robot_that_is_not_given_up_is_shown_to_the_end_of_its_log() -> None:
+    log = SimpleNamespace(t=np.array([0.0, 0.5, 1.0]), modes=[Mode.STAND, Mode.WALK, Mode.WALK])
+    assert fall_signals._end(log) == 1.0
+
+
+def test_the_rows_are_few(loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    last = last_moments(loop, 0.2)["t"][-1]
     monkeypatch.setattr(fall_signals, "ROWS", 20)
     thin = last_moments(loop, math.inf)["t"]
-    assert 10 <= len(thin) <= 20 and thin[-1] == few["t"][-1]
+    assert 10 <= len(thin) <= 20 and thin[-1] == last
 
 
 def case(k: int, moments: Case) -> Case:

@@ -13,7 +13,7 @@ from benchmarks.cli import PushMode
 from benchmarks.harness import Case, Options
 from benchmarks.leg_clearance import LegClearance
 from benchmarks.push_bounds import step_distance, step_length
-from benchmarks.push_trial import Trial, map_config
+from benchmarks.push_trial import Outcome, Trial, map_config, moments, prepare, survives
 from models.robot_model import RobotModel
 from planners.gait.scaling import load_gait_config
 
@@ -75,24 +75,39 @@ def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> No
 def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     limits = (1.3, 0.7, 1.0)
 
-    def survives(trial: Trial, dv: float) -> str:
-        return "" if dv <= limits[trial.phase] else "fell"
-
     class Loop:
         class robot:
             mass = 30.0
 
+    def survives(loop: type[Loop], trial: Trial, dv: float) -> Outcome:
+        assert loop is Loop
+        return Outcome("" if dv <= limits[trial.phase] else "fell", 10.0 + trial.phase)
+
     monkeypatch.setattr(push_map, "survives", survives)
     monkeypatch.setattr(push_map, "prepare", lambda trial: Loop)
-    monkeypatch.setattr(push_map, "moments", lambda robot: {"t": [1.0]})
+    monkeypatch.setattr(push_map, "moments", lambda loop, outcome: {"t": [outcome.pushed]})
     monkeypatch.setattr(
         push_map, "bounds", lambda trial: {"ankle_dv": 0.4 + trial.phase, "steps_dv": 2.0 - trial.phase}
     )
     found: dict[str, Any] = push_map.measure("g1", "walk", 0, 0.0)
     assert found["dv"] <= 0.7 < found["dv"] + map_config().resolution
     assert found["failed_phase"] == 1 and found["failed_dv"] > 0.7 and found["reason"] == "fell"
-    assert found["moments"] == {"t": [1.0]}
+    assert found["moments"] == {"t": [11.0]}
     assert (found["ankle_dv"], found["steps_dv"]) == (0.4, 0.0)
+
+
+def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_first() -> None:
+    trial = Trial("g1", PushMode.STEP, 0, 0, 0.5 * math.pi)
+    loop = prepare(trial)
+    loop.apply_push((0.0, 1.0, 0.0), 0.01)
+    loop.run(0.2)
+    pushed = loop.t
+    outcome = survives(loop, trial, 15.0)
+    assert outcome.reason == loop.fall_reason != ""
+    assert outcome.pushed == pushed
+    shown = moments(loop, outcome)
+    assert shown["t"][0] == pytest.approx(pushed - map_config().lead, abs=map_config().record_period + 1e-9)
+    assert shown["mode"][-1] == "damp"
 
 
 def test_an_unknown_mode_is_refused() -> None:
