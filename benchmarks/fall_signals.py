@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from benchmarks.harness import Case
 from bridge.closed_loop import ClosedLoop
 from bridge.loop_log import LoopLog
+from bridge.stability import balance
 from models.constants import GRAVITY
 from models.heading import heading
 from models.robot_model import RobotModel
@@ -120,39 +120,22 @@ def _to_heading(q: Vector) -> Matrix:
 
 
 def _true_signals(model: RobotModel, q: Matrix, v: Matrix, wrenches: Matrix) -> dict[str, Matrix]:
-    """Those of ``last_moments`` that take the true state (n, nq), (n, nv) and wrenches (n, 12)."""
-    data, n = model.data(), len(q)
-    dcm, cop, base_tilt, base_height = np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)), np.empty(n)
-    low, high = np.empty((n, 2, 2)), np.empty((n, 2, 2))
-    heights, tilts = np.empty((n, 2)), np.empty((n, 2))
-    for i in range(n):
-        com = pin.centerOfMass(model.pin, data, q[i], v[i])
-        pin.updateFramePlacements(model.pin, data)
-        turn, pressed = _to_heading(q[i]), np.zeros(3)
-        for k, foot in enumerate(model.feet):
-            sole = data.oMf[foot.frame_id]
-            corners = (sole.rotation @ foot.corners.T).T + sole.translation
-            seen = (corners[:, :2] - com[:2]) @ turn.T  # (4, 2)
-            low[i, k], high[i, k] = seen.min(axis=0), seen.max(axis=0)
-            heights[i, k] = corners[:, 2].min()
-            tilts[i, k] = np.degrees(np.arccos(np.clip(sole.rotation[2, 2], -1.0, 1.0)))
-            wrench = wrenches[i, 6 * k : 6 * k + 6]
-            if wrench[2] > 0.0:
-                centre = sole.act(np.array([-wrench[4], wrench[3], 0.0]) / wrench[2])
-                pressed += wrench[2] * np.array([*centre[:2], 1.0])
-        omega = np.sqrt(GRAVITY / max(com[2] - heights[i].min(), 0.1))  # 0.1 m: lies on the floor
-        dcm[i] = turn @ data.vcom[0][:2] / omega
-        cop[i] = turn @ (pressed[:2] / pressed[2] - com[:2]) if pressed[2] > 0.0 else np.nan
-        up = data.oMi[1].rotation[:, 2]
-        base_tilt[i] = np.degrees(np.arctan2(turn @ up[:2], up[2]))
-        base_height[i] = q[i, 2] - heights[i].min()
-    return {
-        "dcm": dcm,
-        "cop": cop,
-        "soles_low": low,
-        "soles_high": high,
-        "heights": heights,
-        "tilts": tilts,
-        "base_tilt": base_tilt,
-        "base_height": base_height,
-    }
+    """Those of ``moments_since`` that take the true state (n, nq), (n, nv) and wrenches (n, 12)."""
+    data, rows = model.data(), []
+    for i in range(len(q)):
+        now, turn = balance(model, data, q[i], v[i], wrenches[i].reshape(2, 6)), _to_heading(q[i])
+        com, heights, up = now.com[:2], now.corners[:, :, 2].min(axis=1), data.oMi[1].rotation[:, 2]
+        seen = (now.corners[:, :, :2] - com) @ turn.T  # (2, 4, 2)
+        rows.append(
+            {
+                "dcm": turn @ (now.dcm - com),
+                "cop": turn @ (now.cop - com),
+                "soles_low": seen.min(axis=1),
+                "soles_high": seen.max(axis=1),
+                "heights": heights,
+                "tilts": np.degrees(now.tilts),
+                "base_tilt": np.degrees(np.arctan2(turn @ up[:2], up[2])),
+                "base_height": q[i, 2] - heights.min(),
+            }
+        )
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}

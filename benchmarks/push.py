@@ -12,13 +12,12 @@ the support polygon in the direction of the push. What exceeds it comes from mov
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
@@ -28,10 +27,11 @@ from benchmarks.push_bounds import ankle_bound
 from benchmarks.push_plot import direction_name, draw_map
 from benchmarks.push_search import Search, largest
 from bridge.closed_loop import ClosedLoop
-from bridge.support_polygon import distance_along, support_polygon
+from bridge.stability import Balance, balance
+from bridge.support_polygon import distance_along
 from models.config import STRICT, default_config
 from models.robot_model import RobotModel
-from models.types import Matrix, RobotState, Vector
+from models.types import RobotState, Vector
 
 Positive = Annotated[float, Field(gt=0.0)]
 
@@ -58,25 +58,6 @@ class PushConfig:
     required_ratio: Positive
 
 
-@dataclass(frozen=True, slots=True)
-class Stance:
-    """What the robot's true state says about balance.
-
-    Attributes:
-        com: CoM in W (3,) [m].
-        com_velocity: CoM velocity in W (3,) [m/s].
-        cop: Centre of pressure of all contacts on the floor, x and y in W (2,) [m]; NaN in flight.
-        soles: Origin of each sole in W (2, 3) [m].
-        polygon: Support polygon of both soles, counter-clockwise (n, 2) [m].
-    """
-
-    com: Vector
-    com_velocity: Vector
-    cop: Vector
-    soles: Matrix
-    polygon: Matrix
-
-
 @cache
 def _loop(robot: str) -> ClosedLoop:
     """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
@@ -88,24 +69,14 @@ def _config() -> PushConfig:
     return default_config(PushConfig, "benchmarks", "push")
 
 
-def stance(model: RobotModel, truth: RobotState) -> Stance:
-    """Read CoM, centre of pressure and support polygon off the true state.
+def stance(model: RobotModel, truth: RobotState) -> Balance:
+    """The balance of a robot's true state.
 
     Args:
         model: The robot.
         truth: Its exact state, contact wrenches included.
     """
-    data = model.data()
-    pin.centerOfMass(model.pin, data, truth.q, truth.v)
-    pin.framesForwardKinematics(model.pin, data, truth.q)
-    total, soles, corners = np.zeros(6), np.empty((2, 3)), []
-    for k, foot in enumerate(model.feet):
-        placement = data.oMf[foot.frame_id]
-        total += placement.act(pin.Force(truth.contacts[k].wrench)).vector
-        soles[k] = placement.translation
-        corners.append((placement.rotation @ foot.corners.T).T + placement.translation)
-    cop = np.array([-total[4], total[3]]) / total[2] if total[2] > 0.0 else np.full(2, np.nan)
-    return Stance(data.com[0].copy(), data.vcom[0].copy(), cop, soles, support_polygon(corners))
+    return balance(model, model.data(), truth.q, truth.v, [contact.wrench for contact in truth.contacts])
 
 
 def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:

@@ -1,4 +1,4 @@
-"""How stable a run was: CoM, divergent component of motion, zero-moment point and capture margin of a recording."""
+"""Balance of one state, and how stable a run was: CoM, divergent component of motion, zero-moment point, margin."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from bridge.recording import Recording
 from bridge.support_polygon import margin, support_polygon
@@ -20,19 +21,80 @@ FLOOR_GAP = 0.005
 """A sole that is not farther above the lower one stands on the floor, loaded or not: it can take load at once [m]."""
 
 
+LEAST_HEIGHT = 0.1
+"""A CoM that is lower over the floor counts as at this height: the robot lies, and there is no pendulum [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """What one state says about balance; W is the world frame, the floor is at the height of the lower sole.
+
+    With ``w = sqrt(g / z)`` and the CoM at the height z over the floor, the divergent component of motion is
+    ``xi = c + cdot / w``; the centre of pressure is where the ground reaction F has no horizontal moment: with its
+    moment M about the origin of W and the floor at the height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
+
+    Attributes:
+        com: CoM in W (3,) [m].
+        com_velocity: CoM velocity in W (3,) [m/s].
+        dcm: Divergent component of motion in W (2,) [m].
+        cop: Centre of pressure of all contacts in W (2,) [m]; NaN in flight, see ``LOADED_FRACTION``.
+        soles: Origin of each sole in W (2, 3) [m].
+        corners: Corners of each sole in W (2, 4, 3) [m].
+        tilts: Angle of each sole to the horizontal (2,) [rad].
+    """
+
+    com: Vector
+    com_velocity: Vector
+    dcm: Vector
+    cop: Vector
+    soles: Matrix
+    corners: Matrix
+    tilts: Vector
+
+    @property
+    def polygon(self) -> Matrix:
+        """Support polygon of both soles, loaded or not, counter-clockwise (n, 2) [m]."""
+        return support_polygon(tuple(self.corners))
+
+
+def balance(model: RobotModel, data: pin.Data, q: Vector, v: Vector, wrenches: ArrayLike) -> Balance:
+    """Read the balance off one state.
+
+    Args:
+        model: The robot.
+        data: Work space, which then holds placements and velocities of the state.
+        q: Configuration (nq,).
+        v: Velocity (nv,).
+        wrenches: On each sole, in its frame (2, 6) [N, N.m].
+    """
+    pin.centerOfMass(model.pin, data, q, v)
+    pin.updateFramePlacements(model.pin, data)
+    com, velocity = data.com[0].copy(), data.vcom[0].copy()
+    total, soles, corners, tilts = np.zeros(6), np.empty((2, 3)), np.empty((2, 4, 3)), np.empty(2)
+    for k, (foot, wrench) in enumerate(zip(model.feet, np.asarray(wrenches), strict=True)):
+        placement = data.oMf[foot.frame_id]
+        total += placement.act(pin.Force(wrench)).vector
+        soles[k] = placement.translation
+        corners[k] = (placement.rotation @ foot.corners.T).T + placement.translation
+        tilts[k] = np.arccos(np.clip(placement.rotation[2, 2], -1.0, 1.0))
+    floor = soles[:, 2].min()
+    dcm = com[:2] + velocity[:2] / np.sqrt(GRAVITY / max(com[2] - floor, LEAST_HEIGHT))
+    cop = np.full(2, np.nan)
+    if total[2] > LOADED_FRACTION * model.mass * GRAVITY:
+        cop = np.array([floor * total[0] - total[4], floor * total[1] + total[3]]) / total[2]
+    return Balance(com, velocity, dcm, cop, soles, corners, tilts)
+
+
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """Time series of balance; W is the world frame, all horizontal quantities are x and y.
-
-    With ``w = sqrt(g / z)``, the divergent component of motion is ``xi = c + cdot / w`` and the zero-moment point
-    ``p = (-M_y / F_z, M_x / F_z)`` for the ground reaction ``F`` with moment ``M`` about the origin of the floor.
+    """Time series of balance; see ``Balance`` for what the quantities are, and for the frames.
 
     Attributes:
         t: Stamps (n,) [s].
         com: CoM in W (n, 3) [m].
         com_velocity: CoM velocity in W (n, 3) [m/s].
         dcm: Divergent component of motion (n, 2) [m].
-        zmp: Measured zero-moment point (n, 2) [m]; NaN in flight.
+        zmp: Measured zero-moment point, the centre of pressure (n, 2) [m]; NaN in flight.
         soles: Origin of each sole in W (n, 2, 3) [m].
         margin: Distance from the DCM to the edge of the support polygon of the soles on the floor (n,) [m]; negative
             outside of it, NaN in flight.
@@ -57,31 +119,28 @@ def analyse(model: RobotModel, recording: Recording) -> Stability:
     Returns:
         One row per sample.
     """
-    n = len(recording.t)
     data = model.data()
-    com, velocity = np.empty((n, 3)), np.empty((n, 3))
-    zmp, soles, margins = np.full((n, 2), np.nan), np.empty((n, 2, 3)), np.full(n, np.nan)
-    weight = model.mass * GRAVITY
-    for i in range(n):
-        pin.centerOfMass(model.pin, data, recording.q[i], recording.v[i])
-        pin.framesForwardKinematics(model.pin, data, recording.q[i])
-        com[i], velocity[i] = data.com[0], data.vcom[0]
-        total = np.zeros(6)
-        outlines = []
-        for k, foot in enumerate(model.feet):
-            placement = data.oMf[foot.frame_id]
-            soles[i, k] = placement.translation
-            total += placement.act(pin.Force(recording.wrenches[i, k])).vector
-            outlines.append((placement.rotation @ foot.corners.T).T + placement.translation)
-        if total[2] > LOADED_FRACTION * weight:
-            floor = soles[i, :, 2].min()
-            standing = [outline for k, outline in enumerate(outlines) if soles[i, k, 2] < floor + FLOOR_GAP]
-            omega = np.sqrt(GRAVITY / (com[i, 2] - floor))
-            zmp[i] = -total[4] / total[2], total[3] / total[2]
-            margins[i] = margin(support_polygon(standing), com[i, :2] + velocity[i, :2] / omega)
-    height = com[:, 2] - soles[:, :, 2].min(axis=1)
-    dcm = com[:, :2] + velocity[:, :2] / np.sqrt(GRAVITY / height)[:, None]
-    return Stability(recording.t, com, velocity, dcm, zmp, soles, margins)
+    rows = [
+        balance(model, data, q, v, wrenches)
+        for q, v, wrenches in zip(recording.q, recording.v, recording.wrenches, strict=True)
+    ]
+    return Stability(
+        t=recording.t,
+        com=np.array([row.com for row in rows]),
+        com_velocity=np.array([row.com_velocity for row in rows]),
+        dcm=np.array([row.dcm for row in rows]),
+        zmp=np.array([row.cop for row in rows]),
+        soles=np.array([row.soles for row in rows]),
+        margin=np.array([_margin(row) for row in rows]),
+    )
+
+
+def _margin(row: Balance) -> float:
+    """Distance from the DCM to the edge of the soles on the floor [m]; NaN in flight."""
+    if np.isnan(row.cop).any():
+        return np.nan
+    heights = row.soles[:, 2]
+    return margin(support_polygon(tuple(row.corners[heights < heights.min() + FLOOR_GAP])), row.dcm)
 
 
 def stability_figures(stability: Stability, rest_s: float = 1.0) -> dict[str, float]:

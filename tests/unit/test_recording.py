@@ -8,7 +8,7 @@ import pytest
 
 from bridge.recording import Recorder, Recording
 from bridge.render import frame_times
-from bridge.stability import GRAVITY, analyse, stability_figures
+from bridge.stability import GRAVITY, LEAST_HEIGHT, analyse, balance, stability_figures
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
@@ -85,6 +85,34 @@ def test_without_a_loaded_foot_there_is_no_margin(g1: RobotModel) -> None:
     stability = analyse(g1, recorder.recording())
     assert np.isnan(stability.margin[0]) and np.isnan(stability.zmp[0]).all()
     assert np.isnan(stability_figures(stability)["capture_margin_min_m"])
+
+
+def test_the_centre_of_pressure_is_where_the_floor_is(g1: RobotModel) -> None:
+    """Forces that pull sideways have no moment about the point of the floor where they act, however high that lies."""
+    state = _standing(g1, 0.0)
+    data = g1.data()
+    flat = balance(g1, data, state.q, state.v, np.zeros((2, 6)))
+    assert np.isnan(flat.cop).all()
+    force, raised = np.array([30.0, -40.0, 200.0]), state.q.copy()
+    raised[2] += 0.5
+    point = np.array([0.03, 0.01, 0.0])  # in each sole
+    wrench = np.concatenate([force, np.cross(point, force)])
+    found = balance(g1, data, raised, state.v, [wrench, wrench])
+    assert found.cop == pytest.approx(flat.soles.mean(axis=0)[:2] + point[:2], abs=1e-9)
+    assert found.corners[:, :, 2] == pytest.approx(np.full((2, 4), flat.soles[0, 2] + 0.5), abs=1e-9)
+    assert found.tilts == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert found.dcm == pytest.approx(flat.dcm)
+
+
+def test_a_robot_that_lies_on_the_floor_still_has_a_dcm(g1: RobotModel) -> None:
+    state = _standing(g1, 0.0)
+    q = state.q.copy()
+    q[3:7] = 0.0, np.sin(0.4 * np.pi), 0.0, np.cos(0.4 * np.pi)  # pitched so far that the feet are highest
+    v = np.zeros(g1.nv)
+    v[0] = 1.0
+    found = balance(g1, g1.data(), q, v, np.zeros((2, 6)))
+    assert found.com[2] < found.soles[:, 2].min() + LEAST_HEIGHT
+    assert found.dcm - found.com[:2] == pytest.approx(found.com_velocity[:2] / np.sqrt(GRAVITY / LEAST_HEIGHT))
 
 
 def test_film_strip_shows_the_height_of_every_part(g1: RobotModel) -> None:
