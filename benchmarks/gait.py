@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.commands import demand
 from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.timed_run import MICRO, QUANTILES, collector_off, plot_tails, run_seeds
@@ -69,9 +70,7 @@ def measure(robot: str, seed: int) -> Case:
     """
     config = _config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
-    reply = loop.command("walk")
-    if not reply.accepted:
-        raise PoiseError(f"walk: {reply.reason}")
+    demand(loop, "walk")
     loop.set_velocity(config.forward, config.left, config.turn)
     _walk(loop, config.warm_up)
     timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)

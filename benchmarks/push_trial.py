@@ -12,6 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.cli import PushMode
+from benchmarks.commands import demand
 from benchmarks.fall_signals import moments_since
 from benchmarks.harness import Case
 from benchmarks.leg_clearance import LegClearance
@@ -121,7 +122,7 @@ def prepare(trial: Trial) -> ClosedLoop:
     config, loop = map_config(), loop_of(trial.robot)
     standing = trial.mode is not PushMode.WALK
     loop.reset(trial.seed + (trial.phase if standing else 0))
-    loop.command("walk")
+    demand(loop, "walk")
     if standing:
         loop.run(config.stand_time)
         return loop

@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.commands import demand
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
@@ -90,9 +91,7 @@ def exercise(loop: ClosedLoop, duration: float, config: TickConfig) -> Iterator[
     start, pushes, second = loop.t, 0, 1
     while loop.t < start + duration - 1e-9:  # 1e-9: rounding of the simulated time
         if loop.mode is Mode.STAND:
-            reply = loop.command(config.motion)
-            if not reply.accepted:
-                raise PoiseError(f"{config.motion}: {reply.reason}")
+            demand(loop, config.motion)
         if loop.t - start >= config.push_period * (pushes + 0.5):
             force = forces[pushes % len(forces)]
             loop.apply_push((force[0], force[1], force[2]), config.push_duration, config.push_body)
@@ -138,7 +137,7 @@ def measure(robot: str, seed: int) -> Case:
         model, ticks=ticks, stage_period=config.stage_period, active_tolerance=config.active_tolerance
     )
     loop = ClosedLoop(robot=model, seed=seed, record=False, controller=timed)
-    loop.command(config.motion)
+    demand(loop, config.motion)
     loop.run(config.warm_up)
     blocks = []
     with collector_off():

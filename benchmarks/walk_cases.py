@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.commands import demand
 from benchmarks.fall_signals import last_moments
 from benchmarks.harness import Case
 from benchmarks.walk_config import WalkConfig, robot_walk, walk_config
@@ -70,10 +71,14 @@ def _run(loop: ClosedLoop, duration: float) -> None:
 
 
 def _begin(robot: str, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
-    """A robot that has walked at a velocity for ``start_time``."""
+    """A robot that has walked at a velocity for ``start_time``.
+
+    Raises:
+        PoiseError: It would not walk.
+    """
     loop = _loop(robot)
     loop.reset(seed)
-    loop.command("walk")
+    demand(loop, "walk")
     loop.set_velocity(*command)
     _run(loop, config.start_time)
     return loop
@@ -85,6 +90,9 @@ def steady(robot: str, seed: int, command: Velocity, duration: float) -> Case:
     Returns:
         ``fell``, ``reason``, ``velocity`` (3,) [m/s, m/s, rad/s], ``speed_error`` [-], ``tracking_error`` [m/s],
         ``cost_of_transport`` [-], ``foot_slip`` [m], ``moments``: the last ones when it fell.
+
+    Raises:
+        PoiseError: The robot would not walk.
     """
     config = walk_config()
     loop = _begin(robot, seed, command, config)
@@ -94,10 +102,14 @@ def steady(robot: str, seed: int, command: Velocity, duration: float) -> Case:
 
 
 def random_walk(robot: str, seed: int) -> Case:
-    """A new velocity every ``random_period``; scores as of ``steady``, without ``speed_error``."""
+    """A new velocity every ``random_period``; scores as of ``steady``, without ``speed_error``.
+
+    Raises:
+        PoiseError: The robot would not walk.
+    """
     config, loop = walk_config(), _loop(robot)
     loop.reset(seed)
-    loop.command("walk")
+    demand(loop, "walk")
     limits = _limits(robot)
     low = config.random_share * np.array([-limits.backward, -limits.lateral, -limits.turn])
     high = config.random_share * np.array([limits.forward, limits.lateral, limits.turn])
@@ -105,11 +117,11 @@ def random_walk(robot: str, seed: int) -> Case:
     parts, commands = [], []
     for _ in range(max(round(config.duration / config.random_period), 1)):
         command = rng.uniform(low, high)
-        if loop.fallen or loop.mode is not Mode.WALK:
-            break
         loop.set_velocity(*command)
         parts.append(watch(loop, config.random_period, config.chunk))
         commands.append(np.tile(command, (len(parts[-1].velocities), 1)))
+        if loop.fallen or loop.mode is not Mode.WALK:
+            break
     walked = Walked(
         np.vstack([part.velocities for part in parts]),
         sum(part.distance for part in parts),
@@ -124,6 +136,9 @@ def stop(robot: str, seed: int) -> Case:
     Returns:
         ``fell``, ``reason``, ``steps`` after the command, ``stood`` in time, ``drift`` [m] of the base while standing,
         ``ok``, ``moments``: the last ones when it is not.
+
+    Raises:
+        PoiseError: The robot would not walk.
     """
     config = walk_config()
     loop = _begin(robot, seed, (config.stop_speed, 0.0, 0.0), config)

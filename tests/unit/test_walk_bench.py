@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,8 @@ import pytest
 from benchmarks import walk, walk_cases
 from benchmarks.harness import Report
 from benchmarks.walk_measure import speed_error, tracking_error
-from models.errors import ConfigError
+from models.errors import ConfigError, PoiseError
+from models.types import CommandReply, Mode
 
 
 def good() -> list[dict[str, Any]]:
@@ -95,6 +98,52 @@ def test_a_speed_that_is_not_held_without_a_fall_is_explained_too(monkeypatch: p
     monkeypatch.setattr(walk_cases, "last_moments", lambda loop, duration: {"t": [duration]})
     case = walk_cases.top_speed("g1", 0)
     assert case == {"top_speed": 0.6, "reason": "0.7 m/s: mean 0.62 m/s", "moments": {"t": [walk.walk_config().shown]}}
+
+
+class Robot:
+    """A closed loop that does not move."""
+
+    robot = SimpleNamespace(mass=30.0)
+    fall_reason, faults, t, foot_slip = "base tilted", (), 0.0, np.zeros(2)
+    truth = SimpleNamespace(q=np.array([0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0]))
+
+    def __init__(self, reply: CommandReply, *, fallen: bool) -> None:
+        self.reply, self.fallen, self.mode = reply, fallen, Mode.DAMP
+        self.velocities: list[tuple[float, ...]] = []
+
+    def reset(self, seed: int) -> None:
+        pass
+
+    def command(self, text: str) -> CommandReply:
+        return self.reply
+
+    def set_velocity(self, *velocity: float) -> None:
+        self.velocities.append(velocity)
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [
+        lambda: walk_cases.steady("g1", 0, (0.3, 0.0, 0.0), 5.0),
+        lambda: walk_cases.random_walk("g1", 0),
+        lambda: walk_cases.stop("g1", 0),
+    ],
+)
+def test_a_robot_that_would_not_walk_is_no_result(measure: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot(CommandReply(False, "mode damp is latched"), fallen=False)
+    monkeypatch.setattr(walk_cases, "_loop", lambda name: robot)
+    with pytest.raises(PoiseError, match="walk: mode damp is latched"):
+        measure()
+
+
+def test_a_robot_that_falls_at_once_has_fallen(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot(CommandReply(True, ""), fallen=True)
+    monkeypatch.setattr(walk_cases, "_loop", lambda name: robot)
+    monkeypatch.setattr(walk_cases, "last_moments", lambda loop, duration: {"t": [duration]})
+    case = walk_cases.random_walk("g1", 0)
+    assert case["fell"] and case["reason"] == "base tilted at 0.0 s"
+    assert case["velocity"] == [0.0, 0.0, 0.0] and math.isnan(case["tracking_error"])
+    assert len(robot.velocities) == 1
 
 
 def test_a_stop_that_fails_is_told_in_words() -> None:
