@@ -23,6 +23,7 @@ from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 from models.urdf import read_urdf
+from planners.placo_robot import printed
 
 CONTACT_FRAMES = ("tick/left", "tick/right")
 """Frames in placo's model at the middle of each contact rectangle: placo's contacts are centred on their frame."""
@@ -192,13 +193,9 @@ def _add_frame(root: ET.Element, model: RobotModel, frame_id: int, name: str, of
     joint = ET.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
     ET.SubElement(joint, "parent", link=parent.name)
     ET.SubElement(joint, "child", link=name)
-    ET.SubElement(joint, "origin", xyz=_printed(placement.translation), rpy=_printed(_angles(placement.rotation)))
+    ET.SubElement(joint, "origin", xyz=printed(placement.translation), rpy=printed(_angles(placement.rotation)))
 
 
 def _angles(rotation: Matrix) -> Vector:
     """Roll, pitch and yaw of a rotation (3, 3) [rad]."""
     return np.asarray(pin.rpy.matrixToRpy(rotation))
-
-
-def _printed(values: Vector) -> str:
-    return " ".join(f"{value:.17g}" for value in values)

@@ -10,6 +10,7 @@ import placo
 
 from models.errors import RobotModelError
 from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import Vector
 from models.urdf import read_urdf
 from planners.goals import TARGET_FRAMES
 
@@ -65,9 +66,10 @@ def _kinematic_urdf(model: RobotModel) -> str:
         ET.SubElement(joint, "parent", link=parent.name)
         ET.SubElement(joint, "child", link=PREFIX + name)
         xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
-        ET.SubElement(joint, "origin", xyz=_printed(xyz), rpy=_printed(rpy))
+        ET.SubElement(joint, "origin", xyz=printed(xyz), rpy=printed(rpy))
     return ET.tostring(root, encoding="unicode")
 
 
-def _printed(values: np.ndarray) -> str:
+def printed(values: Vector) -> str:
+    """Numbers as a URDF has them, exact to the last bit."""
     return " ".join(f"{value:.17g}" for value in values)
