@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.loop_log import LoopLog
 from bridge.stability import balance
 from models.constants import GRAVITY
-from models.heading import heading
+from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, Vector
 
@@ -70,7 +71,7 @@ def moments_since(loop: ClosedLoop, begin: float) -> Case:
     recent = np.flatnonzero((log.t >= min(begin, end)) & (log.t <= end + AFTER))
     rows = recent[:: -max(-(-len(recent) // ROWS), 1)][::-1]
     true, weight = _true_signals(model, log.true_q[rows], log.true_v[rows], log.wrenches[rows]), model.mass * GRAVITY
-    seen = np.array([_to_heading(q) for q in log.estimate_q[rows]])  # (n, 2, 2)
+    yaws = [heading(*q[3:7]) for q in log.estimate_q[rows]]
     aims = np.full((len(rows), 2, 2), np.nan)
     for foot in range(2):
         swings = log.swing[rows] == foot
@@ -83,21 +84,21 @@ def moments_since(loop: ClosedLoop, begin: float) -> Case:
     margins = np.degrees(np.minimum(joints - model.q_lower, model.q_upper - joints))  # (n, nj)
     strained = _first(model, -shares[acting].max(axis=0) - (shares[acting] > SATURATED).mean(axis=0))
     nearest = _first(model, margins[acting].min(axis=0))
-    numbers = {
+    signals = {
         "t": log.t[rows],
         **true,
-        "dcm_seen": np.einsum("nij,nj->ni", seen, log.dcm[rows] - com),
-        "cmp": np.einsum("nij,nj->ni", seen, log.zmp[rows] - com),
-        "aims": np.einsum("nij,nfj->nfi", seen, aims - com[:, None]),
+        "dcm_seen": _seen(log.dcm[rows], com, yaws),
+        "cmp": _seen(log.zmp[rows], com, yaws),
+        "aims": _seen(aims, com, yaws),
         "loads": log.wrenches[rows][:, [2, 8]] / weight,
         "planned_loads": log.planned_wrenches[rows][:, [2, 8]] / weight,
     }
     return {
-        **{name: _numbers(values) for name, values in numbers.items()},
+        **{name: _rounded(values) for name, values in signals.items()},
         "status": [statuses[row].value for row in rows],
         "mode": [modes[row].value for row in rows],
-        "torques": {names[i]: _numbers(shares[:, i]) for i in strained},
-        "margins": {names[i]: _numbers(margins[:, i]) for i in nearest},
+        "torques": {names[i]: _rounded(shares[:, i]) for i in strained},
+        "margins": {names[i]: _rounded(margins[:, i]) for i in nearest},
         "events": [[t, text] for t, text in loop.events if t >= log.t[rows[0]]],
     }
 
@@ -109,32 +110,32 @@ def _first(model: RobotModel, score: Vector) -> list[int]:
     return [i for i in order if i in legs][:LEG_JOINTS] + [i for i in order if i not in legs][:OTHER_JOINTS]
 
 
-def _numbers(values: Matrix) -> Any:
+def _rounded(values: Matrix) -> Any:
     return values.round(4).tolist()
 
 
-def _to_heading(q: Vector) -> Matrix:
-    """Rotation that turns a vector of W into the heading of a configuration (2, 2)."""
-    yaw = heading(*q[3:7])
-    return np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+def _seen(points: Matrix, com: Matrix, yaws: Sequence[float]) -> Matrix:
+    """Points (n, ..., 2) from a CoM (n, 2), along a heading a row."""
+    places = com.reshape(len(com), *[1] * (points.ndim - 2), 2)
+    return np.array([turned(row, -yaw) for row, yaw in zip(points - places, yaws, strict=True)])
 
 
 def _true_signals(model: RobotModel, q: Matrix, v: Matrix, wrenches: Matrix) -> dict[str, Matrix]:
     """Those of ``moments_since`` that take the true state (n, nq), (n, nv) and wrenches (n, 12)."""
     data, rows = model.data(), []
     for i in range(len(q)):
-        now, turn = balance(model, data, q[i], v[i], wrenches[i].reshape(2, 6)), _to_heading(q[i])
+        now, yaw = balance(model, data, q[i], v[i], wrenches[i].reshape(2, 6)), heading(*q[i, 3:7])
         com, heights, up = now.com[:2], now.corners[:, :, 2].min(axis=1), data.oMi[1].rotation[:, 2]
-        seen = (now.corners[:, :, :2] - com) @ turn.T  # (2, 4, 2)
+        seen = turned(now.corners[:, :, :2] - com, -yaw)  # (2, 4, 2)
         rows.append(
             {
-                "dcm": turn @ (now.dcm - com),
-                "cop": turn @ (now.cop - com),
+                "dcm": turned(now.dcm - com, -yaw),
+                "cop": turned(now.cop - com, -yaw),
                 "soles_low": seen.min(axis=1),
                 "soles_high": seen.max(axis=1),
                 "heights": heights,
                 "tilts": np.degrees(now.tilts),
-                "base_tilt": np.degrees(np.arctan2(turn @ up[:2], up[2])),
+                "base_tilt": np.degrees(np.arctan2(turned(up[:2], -yaw), up[2])),
                 "base_height": q[i, 2] - heights.min(),
             }
         )

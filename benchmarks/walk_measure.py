@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.closed_loop import ClosedLoop
-from models.heading import heading
+from models.heading import heading, turned
 from models.types import Matrix, Vector
 
 Velocity = tuple[float, float, float]
@@ -54,11 +54,10 @@ def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
         loop.run(chunk)
         now = loop.truth.q[:7].copy()
         first, last = heading(*before[3:]), heading(*now[3:])
-        turned = (last - first + math.pi) % (2.0 * math.pi) - math.pi
-        c, s = math.cos(first + 0.5 * turned), math.sin(first + 0.5 * turned)
-        x, y = now[:2] - before[:2]
-        velocities.append(np.array([c * x + s * y, c * y - s * x, turned]) / chunk)
-        distance += math.hypot(x, y)
+        turn = (last - first + math.pi) % (2.0 * math.pi) - math.pi
+        moved = now[:2] - before[:2]
+        velocities.append(np.array([*turned(moved, -(first + 0.5 * turn)), turn]) / chunk)
+        distance += math.hypot(*moved)
         power = np.abs(loop.log.tau[rows:] * loop.log.true_v[rows:, 6:]).sum(axis=1)  # (n,)
         energy += float(power.mean()) * chunk
         before = now

@@ -12,6 +12,8 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
 from models.types import Mode
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import pose_message
 
 CORNERS = ((1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
 """Corners of the square in the order in which they are walked to, in sides."""
@@ -50,8 +52,7 @@ class SquareWalk:
             PoiseError: A goal is refused or not reached, or the robot gives up.
         """
         stage, config = self._stage, self._stage.config
-        x, y, yaw = stage.observer.place
-        c, s = math.cos(yaw), math.sin(yaw)
+        start = Foothold(*stage.observer.place)
         stage.note(f"{WALK} a square of {config.square_side:g} m")
         stage.graph.send("walk")
         self._playing = True
@@ -59,25 +60,20 @@ class SquareWalk:
         stage.graph.node.destroy_subscription(self._margin)  # 50 of them a second would only delay the other messages
         stage.graph.send("wave")
         for side, (along, left) in enumerate(CORNERS):
-            ahead, out = config.square_side * along, config.square_side * left
-            heading = yaw + 0.5 * math.pi * (side + 1)
-            self._go(side, (x + c * ahead - s * out, y + s * ahead + c * out, heading))
+            corner = start.moved(config.square_side * along, config.square_side * left)
+            self._go(side, Foothold(*corner, start.yaw + 0.5 * math.pi * (side + 1)))
         stage.watch(lambda: self._waved == topics.MOTION_DONE, config.motion_limit, "the wave did not end")
         stage.note(STOP)
         stage.graph.send("stop")
         stage.watch(lambda: stage.graph.mode == Mode.STAND.value, config.walk_limit, "it does not stop")
         stage.pause(config.recover_time)
 
-    def _go(self, side: int, goal: tuple[float, float, float]) -> None:
+    def _go(self, side: int, goal: Foothold) -> None:
         """One side of the square and the turn at its end."""
         stage, config = self._stage, self._stage.config
-        message = PoseStamped()
-        message.header.frame_id = topics.ODOM_FRAME
-        message.pose.position.x, message.pose.position.y = goal[0], goal[1]
-        message.pose.orientation.z, message.pose.orientation.w = math.sin(0.5 * goal[2]), math.cos(0.5 * goal[2])
         self._words.clear()
         stage.note(f"side {side + 1}")
-        self._goals.publish(message)
+        self._goals.publish(pose_message(goal, topics.ODOM_FRAME))
         stage.watch(lambda: bool(self._words), config.pause + 5.0, "no answer to a goal")
         if side == PUSH_SIDE:
             stage.pause(config.walk_push_after)

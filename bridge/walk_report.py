@@ -11,7 +11,7 @@ from bridge.render import DONE
 from bridge.report import Check, fell, hand_travel
 from bridge.stability import analyse
 from models.constants import GRAVITY
-from models.heading import heading
+from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -31,19 +31,19 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
     data = model.data()
     places = np.array([sole_middle(model, data, q) for q in recording.q])  # (n, 3)
     figures = _distances(recording, places)
-    turned = float(np.unwrap(places[:, 2])[-1] - places[0, 2])
+    turn = float(np.unwrap(places[:, 2])[-1] - places[0, 2])
     size = np.ptp(_seen_from(places[0], places), axis=0)
     walked, closure = figures["walked_m"], figures["closure_m"]
     square = (
         closure < config.closure_limit
-        and abs(turned - 2.0 * np.pi) < config.turn_tolerance
+        and abs(turn - 2.0 * np.pi) < config.turn_tolerance
         and bool((size > 0.8 * config.square_side).all())  # 0.8: rounded corners, but all four sides
     )
-    detail = f"{walked:.2f} m and {np.degrees(turned):.0f} deg; ends {100 * closure:.1f} cm from where it began"
+    detail = f"{walked:.2f} m and {np.degrees(turn):.0f} deg; ends {100 * closure:.1f} cm from where it began"
     checks = [Check(WALK, square and not fell(recording.q, recording.q[0, 2]), detail)]
     checks.append(_judge_wave(model, recording, config))
     checks.append(_judge_push(model, recording, config))
-    checks.append(_judge_stop(model, recording, places, config))
+    checks.append(_judge_stop(recording, places, config))
     drift, share = figures["drift_m"], figures["drift_percent"]
     told = f"estimate {100 * drift:.1f} cm off after {walked:.2f} m: {share:.2f} %"
     checks.append(Check("drift", share < 100.0 * config.drift_limit, told))
@@ -69,9 +69,7 @@ def _distances(recording: Recording, places: Matrix) -> dict[str, float]:
 
 def _seen_from(place: Vector, points: Matrix) -> Matrix:
     """Points (n, >= 2) in the frame of a place (x, y, heading) (n, 2) [m]."""
-    c, s = np.cos(place[2]), np.sin(place[2])
-    seen: Matrix = (points[:, :2] - place[:2]) @ np.array([[c, -s], [s, c]])
-    return seen
+    return turned(points[:, :2] - place[:2], -place[2])
 
 
 def _part(recording: Recording, name: str) -> Recording | None:
@@ -107,7 +105,7 @@ def _judge_push(model: RobotModel, recording: Recording, config: DemoConfig) -> 
     return Check(PUSH, not fell(part.q, recording.q[0, 2]) and rise > 0.3 * abs(config.walk_push), told)
 
 
-def _judge_stop(model: RobotModel, recording: Recording, places: Matrix, config: DemoConfig) -> Check:
+def _judge_stop(recording: Recording, places: Matrix, config: DemoConfig) -> Check:
     part = _part(recording, STOP)
     if part is None:
         return Check(STOP, False, "did not happen")

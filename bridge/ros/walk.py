@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 from geometry_msgs.msg import PoseStamped, Twist
@@ -14,6 +13,8 @@ from models.nodes import topics
 from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.velocity import Velocity, velocity_from_twist, velocity_to_twist
 from models.types import CommandReply, Mode
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import pose_message
 
 PERIOD = 0.05
 """Time between two velocities: ten fit into the time after which the robot stops [s]."""
@@ -81,11 +82,7 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
     if not reply.accepted:
         return reply
     publisher = client.publisher(PoseStamped, topics.GOAL_POSE, EVENT)
-    message = PoseStamped()
-    message.header.frame_id = topics.ODOM_FRAME
-    message.pose.position.x, message.pose.position.y = goal[0], goal[1]
-    message.pose.orientation.z, message.pose.orientation.w = math.sin(0.5 * goal[2]), math.cos(0.5 * goal[2])
-
+    message = pose_message(Foothold(*goal), topics.ODOM_FRAME)
     margins.clear()
 
     def begun() -> bool:  # the planner tells its margin once it has taken over the robot
