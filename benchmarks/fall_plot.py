@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from benchmarks.fall_signals import LEG_JOINTS
 from benchmarks.harness import Case, Report
@@ -25,6 +24,12 @@ _MOST_LOAD = 3.0
 
 _BORNE = 0.05
 """Share of the weight from which on a sole is drawn as bearing [-]."""
+
+_SIGNALS = (
+    "t", "dcm", "cop", "dcm_seen", "cmp", "soles_low", "soles_high", "aims",
+    "loads", "planned_loads", "heights", "tilts", "base_tilt", "base_height",
+)  # fmt: skip
+"""What ``moments_since`` gives as lists of numbers by time."""
 
 
 def draw_failures(report: Report, folder: Path) -> list[Path]:
@@ -57,7 +62,7 @@ def draw_fall(moments: Case, title: str, file: Path) -> Path:
     Returns:
         The file.
     """
-    signals = {name: np.array(values, dtype=float) for name, values in moments.items() if name in _NUMBERS}
+    signals = {name: np.array(values, dtype=float) for name, values in moments.items() if name in _SIGNALS}
     figure = new_figure(15.0, 10.0)
     grid = figure.add_gridspec(5, 2, height_ratios=[1.7, 1.7, 1.0, 1.0, 1.0])
     left = [figure.add_subplot(grid[i, 0]) for i in range(5)]
@@ -79,17 +84,11 @@ def draw_fall(moments: Case, title: str, file: Path) -> Path:
     _draw_lines(right[2], t, {"to the front": tilt[:, 0], "to the left": tilt[:, 1]}, "tilt of the base [deg]")
     _draw_lines(right[3], t, {"base": signals["base_height"]}, "base over the\nlower sole [m]")
     _draw_status(right[4], t, moments)
-    _finish(figure, left, right, moments)
+    _finish(left, right, moments)
     events = [f"{i + 1}: {t:.2f} s {text}" for i, (t, text) in enumerate(moments["events"])]
     figure.suptitle("\n".join([title, *(textwrap.shorten(event, 160) for event in events)]), fontsize=9)
     figure.savefig(file, dpi=100)
     return file
-
-
-_NUMBERS = (
-    "t", "dcm", "cop", "dcm_seen", "cmp", "soles_low", "soles_high", "aims",
-    "loads", "planned_loads", "heights", "tilts", "base_tilt", "base_height",
-)  # fmt: skip
 
 
 def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
@@ -141,7 +140,7 @@ def _draw_status(axes: Axes, t: Matrix, moments: Case) -> None:
         axes.text(t[i], -0.3, f" mode {modes[i]} ", fontsize=7, color="0.3", ha="right" if late else "left")
 
 
-def _finish(figure: Figure, left: list[Axes], right: list[Axes], moments: Case) -> None:
+def _finish(left: list[Axes], right: list[Axes], moments: Case) -> None:
     """Events, legends beside the data, grids and the common time."""
     for axes in (*left, *right):
         for t, _ in moments["events"]:
@@ -152,15 +151,15 @@ def _finish(figure: Figure, left: list[Axes], right: list[Axes], moments: Case) 
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
     for axes in (left[0], right[0]):
-        for t, numbers in _numbered(moments).items():
-            axes.annotate(numbers, (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2),
+        for t, label in _event_labels(moments).items():
+            axes.annotate(label, (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2),
                           textcoords="offset points", fontsize=8, ha="center")  # fmt: skip
     for axes in (left[-1], right[-1]):
         axes.set_xlabel("time [s]")
 
 
-def _numbered(moments: Case) -> dict[float, str]:
-    """Numbers of the events at each time."""
+def _event_labels(moments: Case) -> dict[float, str]:
+    """Which events happened at each time, by their places in the title: '1, 2'."""
     found: dict[float, str] = {}
     for i, (t, _) in enumerate(moments["events"]):
         found[t] = f"{found[t]}, {i + 1}" if t in found else f"{i + 1}"

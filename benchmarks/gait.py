@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
@@ -33,8 +34,6 @@ class GaitBenchConfig:
     """The walk and its bounds; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
 
     forward: float
-    left: float
-    turn: float
     warm_up: Positive
     duration: Positive
     gait_max: Positive
@@ -71,7 +70,7 @@ def measure(robot: str, seed: int) -> Case:
     config = _config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     demand(loop, "walk")
-    loop.set_velocity(config.forward, config.left, config.turn)
+    loop.set_velocity(config.forward, 0.0, 0.0)
     _walk(loop, config.warm_up)
     timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)
     with collector_off(), timed.recording():
@@ -84,7 +83,7 @@ def measure(robot: str, seed: int) -> Case:
     return {"figures": summarise(timed), "quantiles": quantiles}
 
 
-def _rows(timed: TimedWalk) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def _rows(timed: TimedWalk) -> NDArray[np.bool_]:
     """The ticks that count for each subject, pre-empted or not (ticks, 4)."""
     rows = np.zeros(timed.watch.wall.shape, dtype=bool)
     n = timed.count

@@ -221,19 +221,19 @@ def read_json(path: Path) -> Report:
         ConfigError: The file is not a report.
     """
     try:
-        found = _numbers(json.loads(path.read_text(encoding="utf-8")))
+        found = _with_nan(json.loads(path.read_text(encoding="utf-8")))
         kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
         return Report(**{name: found[name] for name in kept})
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path}: not a report of a benchmark: {error!r}") from error
 
 
-def _numbers(value: Any) -> Any:
+def _with_nan(value: Any) -> Any:
     """The value with NaN where JSON had no word for it."""
     if isinstance(value, dict):
-        return {key: _numbers(entry) for key, entry in value.items()}
+        return {key: _with_nan(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_numbers(entry) for entry in value]
+        return [_with_nan(entry) for entry in value]
     return math.nan if value is None else value
 
 
