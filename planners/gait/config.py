@@ -205,6 +205,7 @@ class FootingConfig:
         still: Angular velocity below which it lies still [rad/s].
         regain: Speed at which it is then believed in again [m/s].
         strip: Width that is left at least of what bears [m].
+        grain: Steps in which the areas are told: each change costs the QP a new wrench cone [m].
     """
 
     load: Share
@@ -214,6 +215,7 @@ class FootingConfig:
     still: Positive
     regain: Positive
     strip: Positive
+    grain: Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -12,10 +12,7 @@ from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
 from planners.gait.measurement import GaitMeasurement
 
-GRAIN = 0.002
-"""Areas are told in steps of this: each change costs the QP a new wrench cone [m]."""
-
-_LOAD, _TURNING, _TURNED, _FORGET_TIME, _STILL, _REGAIN, _STRIP = range(7)  # fields of FootingConfig
+_LOAD, _TURNING, _TURNED, _FORGET_TIME, _STILL, _REGAIN, _STRIP, _GRAIN = range(8)  # fields of FootingConfig
 
 
 class Footing:
@@ -129,10 +126,10 @@ def _look(
         turning: Angular velocity of each sole about its own x and y (2, 2) [rad/s].
         cops: Centre of pressure of each sole, in its frame (2, 2) [m].
         whole: The whole soles.
-        limits: Of ``FootingConfig``, in the order of its fields (7,).
+        limits: Of ``FootingConfig``, in the order of its fields (8,).
         turned: In and out: by how much each sole has turned of late (2, 2) [rad].
         bounds: In and out: what bears.
-        areas: Out: what bears, in steps of ``GRAIN``.
+        areas: Out: what bears, in steps of ``grain``.
     """
     for about in range(2):
         speed = turning[foot, about]
@@ -161,4 +158,4 @@ def _look(
             bounds[foot, high] = min(bounds[foot, high] + way, whole[foot, high])
     for i in range(4):
         bound = bounds[foot, i]
-        areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / GRAIN) * GRAIN
+        areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / limits[_GRAIN]) * limits[_GRAIN]

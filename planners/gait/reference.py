@@ -10,9 +10,8 @@ import pinocchio as pin
 from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold
+from planners.gait.footsteps import Foothold, middle
 from planners.gait.kernels_reference import place_bodies
-from planners.gait.kernels_steps import wrap
 from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 
@@ -92,7 +91,7 @@ class ReferenceBuilder:
         config = self._config
         wanted = self._standing_height - (0.0 if upright else config.crouch)
         left, right = footholds
-        yaw = left.yaw + 0.5 * wrap(right.yaw - left.yaw)
+        yaw = middle(footholds).yaw
         wanted = min(wanted, self._in_reach(footholds, None if swing is None else foot, com, lean, yaw))
         step = config.height_rate * dt
         change = min(max(wanted - self.height, -config.drop_rate * dt), step)

@@ -13,7 +13,7 @@ from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
 from planners.gait.config import GaitConfig
-from planners.gait.footing import GRAIN, Footing
+from planners.gait.footing import Footing
 from planners.gait.gait import GaitPlanner
 from planners.gait.measurement import GaitMeasurement
 from planners.gait.phase import GaitPhase
@@ -52,7 +52,7 @@ def test_the_side_that_goes_down_is_taken_off(footing: Footing, turning: tuple[f
     whole = footing.areas.copy()
     edge = (0.03, 0.004)
     area = turn(footing, measured(turning, edge))
-    assert area[side] == pytest.approx(edge[side // 2], abs=0.5 * GRAIN + 1e-9)
+    assert area[side] == pytest.approx(edge[side // 2], abs=0.5 * CONFIG.grain + 1e-9)
     others = [i for i in range(4) if i != side]
     np.testing.assert_array_equal(area[others], whole[0, others])
     np.testing.assert_array_equal(footing.areas[1], whole[1])
@@ -69,7 +69,7 @@ def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Footing) -> Non
 
 def test_a_strip_is_left(footing: Footing) -> None:
     area = turn(footing, measured((TURN, 0.0), (0.0, 0.024)))
-    assert area[3] - area[2] == pytest.approx(CONFIG.strip, abs=0.5 * GRAIN + 1e-9)
+    assert area[3] - area[2] == pytest.approx(CONFIG.strip, abs=0.5 * CONFIG.grain + 1e-9)
 
 
 def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: Footing) -> None:
@@ -77,7 +77,7 @@ def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: F
     cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
     still = measured((0.0, 0.0), (0.0, 0.01))
     later = turn(footing, still, round(0.01 / CONFIG.regain / DT))
-    assert cut[2] - later[2] == pytest.approx(0.01, abs=GRAIN)
+    assert cut[2] - later[2] == pytest.approx(0.01, abs=CONFIG.grain)
     turn(footing, still, round(0.1 / CONFIG.regain / DT))
     np.testing.assert_array_equal(footing.areas, whole)
 
@@ -152,12 +152,12 @@ def test_a_gait_counts_on_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> 
         reference = planner.step(turning_over(planner), DT)
     assert planner.stance == 0 and reference.sole_areas is not None
     cut = reference.sole_areas - whole
-    assert cut[:, 2] == pytest.approx(COP - whole[:, 2], abs=0.5 * GRAIN + 1e-9)
+    assert cut[:, 2] == pytest.approx(COP - whole[:, 2], abs=0.5 * CONFIG.grain + 1e-9)
     cut[:, 2] = 0.0
     assert not cut.any()
     reference = planner.step(turning_over(planner), DT)
     assert planner.phase is GaitPhase.SINGLE and reference.sole_areas is not None
-    assert reference.sole_areas[0, 2] == pytest.approx(COP, abs=0.5 * GRAIN + 1e-9)
+    assert reference.sole_areas[0, 2] == pytest.approx(COP, abs=0.5 * CONFIG.grain + 1e-9)
     np.testing.assert_array_equal(reference.sole_areas[1], whole[1])
 
 
