@@ -173,9 +173,10 @@ class WholeBodyController:
         if told == self._told:  # looked at in every tick: comparing arrays would take 20 us
             return False
         self._told, self._contacts = told, None
-        self.areas[:] = self._whole if areas is None else areas
-        for foot in range(2):
-            self.builder.set_area(foot, self.areas[foot])
+        for foot, area in enumerate(self._whole if areas is None else areas):
+            if (area != self.areas[foot]).any():
+                self.areas[foot] = area
+                self.builder.set_area(foot, area)
         return True
 
     def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
