@@ -1,4 +1,4 @@
-"""The balance law's part of one tick as one compiled call."""
+"""The balance law's and the walking law's part of one tick, each as one compiled call."""
 
 from __future__ import annotations
 
@@ -32,6 +32,14 @@ BALANCE = (
 
 _CORNERS, _GAINS, _ROTATIONS, _POSITIONS, _ANCHOR_ROTATION, _ANCHOR = range(6)
 _DCM, _CMP, _ACCELERATION, _POSTURE_COM, _POSTURE_BASE, _POSTURE_TORSO = range(6, 12)
+
+WALKING = ("corners", "gains", "dcm", "cmp", "acceleration")
+"""Parts of the block of ``WalkingController``."""
+
+_REACH = 7
+"""Which of its gains bounds the shift of the CMP [m]; the ones before are those of ``balance_feedback``."""
+
+_WALKING_DCM, _WALKING_CMP, _WALKING_ACCELERATION = range(2, 5)
 
 
 @njit(cache=True)
@@ -131,4 +139,75 @@ def balance_tick(
         part_1(balance, layout, _DCM),
         part_1(balance, layout, _CMP),
         part_1(balance, layout, _ACCELERATION),
+    )
+
+
+@njit(cache=True)
+def walking_tick(
+    left: bool,
+    right: bool,
+    com: Array,
+    com_velocity: Array,
+    dcm: Array,
+    dcm_velocity: Array,
+    sole_positions: Array,
+    shift: Array,
+    gravity: float,
+    terms: Array,
+    terms_layout: Index,
+    walking: Array,
+    layout: Index,
+) -> float:
+    """DCM feedback of ``WalkingController``.
+
+    Args:
+        left: Whether the left foot is planned to bear load.
+        right: Whether the right one is; both count where neither is.
+        com: Wanted, in W (3,); its height counts.
+        com_velocity: Wanted (3,); likewise.
+        dcm: Wanted (2,).
+        dcm_velocity: Wanted (2,).
+        sole_positions: Footholds in W (2, 3).
+        shift: Of the CMP, by the planned reaction of the swing leg in single support (2,) [m].
+        gravity: [m/s^2].
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        walking: Block with the parts ``WALKING``.
+        layout: Its layout.
+
+    Returns:
+        Capture margin [m].
+    """
+    pose, measured = part_3(terms, terms_layout, POSE), part_1(terms, terms_layout, COM)
+    soles, corners = pose[:2].copy(), part_3(walking, layout, _CORNERS).copy()
+    if left == right:
+        ground = 0.5 * (sole_positions[0, 2] + sole_positions[1, 2])
+    else:
+        stance = 0 if left else 1
+        ground = sole_positions[stance, 2]
+        # Where the stance sole would be for the CMP to be inside it just when the CoP is inside the real one.
+        reach = part_1(walking, layout, _GAINS)[_REACH]
+        for i in range(2):
+            soles[stance, i, 3] += min(max(shift[i], -reach), reach)
+        soles[1 - stance], corners[1 - stance] = soles[stance], corners[stance]
+    omega = np.sqrt(gravity / max(measured[2] - ground, 0.1))
+    # The feedback speaks of CoM references: this one has the wanted DCM and drift.
+    position, velocity = com.copy(), com_velocity.copy()
+    for i in range(2):
+        velocity[i] = dcm_velocity[i]
+        position[i] = dcm[i] - velocity[i] / omega
+    return balance_feedback(
+        measured,
+        part_1(terms, terms_layout, COM_VELOCITY),
+        position,
+        velocity,
+        ground,
+        gravity,
+        soles[0],
+        soles[1],
+        corners,
+        part_1(walking, layout, _GAINS),
+        part_1(walking, layout, _WALKING_DCM),
+        part_1(walking, layout, _WALKING_CMP),
+        part_1(walking, layout, _WALKING_ACCELERATION),
     )

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from controllers.kernels_balance import balance_feedback
+from controllers.kernels_tick import WALKING, walking_tick
+from controllers.memory import Block
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
@@ -70,23 +71,22 @@ class WalkingController:
             model, whole_body or default_config(WholeBodyConfig, "controllers", "whole_body_walking")
         )
         com = self.whole_body.config.com
-        self._corners = np.array([foot.corners for foot in model.feet])  # (2, 4, 3)
-        self._one_sole = [np.array([foot.corners, foot.corners]) for foot in model.feet]
-        self._gains = np.array(
-            [
-                config.dcm_gain,
-                config.polygon_margin,
-                config.momentum_margin,
-                config.momentum_gain,
-                config.momentum_reach_max,
-                com.kp,
-                com.kd,
-            ]
-        )
-        self._dcm, self._cmp = np.zeros(2), np.zeros(2)
-        self._position, self._velocity = np.zeros(3), np.zeros(3)
-        self._acceleration = np.zeros(3)
-        self._pose = np.eye(4)
+        self._block = block = Block(dict(zip(WALKING, ((2, 4, 3), (8,), (2,), (2,), (3,)), strict=True)))
+        self._corners, self._dcm, self._cmp = block["corners"], block["dcm"], block["cmp"]
+        self._shape(self.whole_body.areas)
+        block["gains"][:] = [
+            config.dcm_gain,
+            config.polygon_margin,
+            config.momentum_margin,
+            config.momentum_gain,
+            config.momentum_reach_max,
+            com.kp,
+            com.kd,
+            config.reaction_reach_max,
+        ]
+        terms = self.whole_body.terms.block
+        self._arguments: tuple[Any, ...] = GRAVITY, terms.data, terms.layout, block.data, block.layout
+        self._no_shift = np.zeros(2)
         self._data = model.data()
         self.reference: Reference
         self.capture_margin = 0.0
@@ -115,8 +115,8 @@ class WalkingController:
             command=command,
             status=status,
             residual=self.whole_body.solution.residual,
-            acceleration=self.whole_body.acceleration.copy(),
-            wrenches=self.whole_body.wrenches.copy(),
+            acceleration=self.whole_body.acceleration,
+            wrenches=self.whole_body.wrenches,
             com=terms.com.copy(),
             dcm=self._dcm.copy(),
             zmp=self._cmp.copy(),
@@ -139,56 +139,25 @@ class WalkingController:
             zmp=terms.com[:2].copy(),
         )
 
-    def _support_pose(self, sole: Matrix, reference: Reference) -> Matrix:
-        """Where the stance sole would be for the CMP to be inside it just when the CoP is inside the real one."""
-        if reference.cmp_offset is None:
-            return sole
-        shift, reach = reference.cmp_offset, self.config.reaction_reach_max
-        self._pose[:] = sole
-        self._pose[0, 3] += min(max(float(shift[0]), -reach), reach)
-        self._pose[1, 3] += min(max(float(shift[1]), -reach), reach)
-        return self._pose
-
     def _shape(self, areas: Matrix) -> None:
         """Corners of what bears of the soles."""
         for foot in range(2):
-            self._corners[foot] = self._one_sole[foot][:] = corners_of(areas[foot])
+            self._corners[foot] = corners_of(areas[foot])
 
     def _feed_back(self, reference: Reference) -> None:
-        terms = self.whole_body.terms
-        left, right = terms.soles
-        contacts = reference.contacts
         if self.whole_body.rely_on(reference.sole_areas):
             self._shape(self.whole_body.areas)
-        if contacts[0] == contacts[1]:
-            first, second, corners = left.pose, right.pose, self._corners
-        else:
-            stance = 0 if contacts[0] else 1
-            first = second = self._support_pose(terms.soles[stance].pose, reference)
-            corners = self._one_sole[stance]
-        bearing = [i for i in range(2) if contacts[i]] or [0, 1]
-        ground = sum(float(reference.sole_positions[i, 2]) for i in bearing) / len(bearing)
-        omega = np.sqrt(GRAVITY / max(terms.com[2] - ground, 0.1))
-        # The kernel speaks of CoM references: this one has the wanted DCM and drift.
-        self._velocity[:2] = reference.dcm_velocity
-        self._position[:2] = reference.dcm - self._velocity[:2] / omega
-        self._position[2], self._velocity[2] = reference.com[2], reference.com_velocity[2]
-        self.capture_margin = balance_feedback(
-            terms.com,
-            terms.com_velocity,
-            self._position,
-            self._velocity,
-            ground,
-            GRAVITY,
-            first,
-            second,
-            corners,
-            self._gains,
-            self._dcm,
-            self._cmp,
-            self._acceleration,
+        self.capture_margin = walking_tick(
+            *reference.contacts,
+            reference.com,
+            reference.com_velocity,
+            reference.dcm,  # type: ignore[arg-type]  # a gait gives both
+            reference.dcm_velocity,  # type: ignore[arg-type]
+            reference.sole_positions,
+            self._no_shift if reference.cmp_offset is None else reference.cmp_offset,
+            *self._arguments,
         )
-        self.whole_body.com_task.override = self._acceleration
+        self.whole_body.com_task.override = self._block["acceleration"]
 
     def _warm_up(self) -> None:
         """Compile at construction what each contact mode needs: the loop itself never waits for a compiler."""

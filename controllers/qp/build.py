@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.memory import Block
-from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, STACK, fill_problem, recover
+from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_problem, recover
 from controllers.qp.kernels_feedback import LIMITS
+from controllers.qp.kernels_stack import ACTIVE, COM_TASK, PLAN, PYTHON_TASK, STACK
 from controllers.qp.terms import Terms
 from controllers.qp.wrench_cone import wrench_cone
 from controllers.tasks.base import Task
@@ -103,6 +104,12 @@ class QPBuilder:
         sole_margin: Taken off every side of the contact rectangles [m].
         regularisation: Added to the Hessian's diagonal.
 
+    Attributes:
+        tasks: Those that are stacked, in the order of their rows.
+        posture: The posture task.
+        robot: What hardly ever changes: wrench cones and scales.
+        stacked: Gains and rows of all tasks on the last tick.
+
     Raises:
         ConfigError: Two tasks share a name, there is no posture task, or a leg has not six joints of its own.
     """
@@ -145,13 +152,32 @@ class QPBuilder:
         self.robot["row_scale"][:] = ROW_SCALE
         self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6, cone_rows) for mode in range(4)]
         self._active = self._reductions[0]
+        self.stacked = stack = self._make_stack()
+        self._stack = stack.data, stack.layout
+        self._com = next((task for task in self.tasks if task.kind == COM_TASK), None)
+        self._no_com = np.zeros(3)
+
+    def _make_stack(self) -> Block:
+        """Memory of the stacked tasks, and the table of them; gains and weights of the tasks move into it."""
         dimensions = [task.weight.shape[0] for task in self.tasks]
-        total = sum(dimensions)
-        self._stack = stack = Block(dict(zip(STACK, ((total, model.nv), (total,), (total,)), strict=True)))
-        self._rows: list[tuple[Task, Matrix, Vector, Vector]] = []
-        for task, end, size in zip(self.tasks, np.cumsum(dimensions), dimensions, strict=True):
-            span = slice(int(end) - size, int(end))
-            self._rows.append((task, stack["jacobian"][span], stack["target"][span], stack["weight"][span]))
+        total, nj = sum(dimensions), self.model.nv - 6
+        shapes = ((total, self.model.nv), (total,), (total,), (total,), (total,), (total,), (nj,), (nj,), (nj,), (nj,))
+        stack = Block(dict(zip(STACK, shapes, strict=True)))
+        self._plan = np.zeros((len(self.tasks), len(PLAN)), dtype=np.int64)
+        self._acting = [False] * len(self.tasks)
+        self._others: list[tuple[Task, Matrix, Vector]] = []
+        first = 0
+        for index, (task, size) in enumerate(zip(self.tasks, dimensions, strict=True)):
+            span = slice(first, first + size)
+            for name, part in (("kp", "kp"), ("kd", "kd"), ("weight", "full_weight")):
+                _move(task, name, stack[part][span])
+            self._plan[index] = task.kind, task.which, first, False
+            if task.kind == PYTHON_TASK:
+                self._others.append((task, stack["jacobian"][span], stack["target"][span]))
+            first += size
+        for name in ("kp", "kd", "weight"):
+            _move(self.posture, name, stack[f"posture_{name}"])
+        return stack
 
     def set_area(self, foot: int, rectangle: Sequence[float]) -> None:
         """Part of a sole that bears from now on: x_min, x_max, y_min, y_max in its frame [m]."""
@@ -183,15 +209,16 @@ class QPBuilder:
         Returns:
             The QP, in arrays that the next call with the same contacts overwrites.
         """
-        for task, jacobian, target, weight in self._rows:
+        for index, task in enumerate(self.tasks):
+            if task.active != self._acting[index]:
+                self._acting[index] = task.active
+                self._plan[index, ACTIVE] = task.active
+        for task, jacobian, target in self._others:
             if task.active:
-                weight[:] = task.weight
                 task.stack(terms, reference, jacobian, target)
-            else:
-                weight[:] = 0.0
+        com = self._no_com if self._com is None else self._com.acceleration(terms, reference)
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)
         self._active = reduction = self._reductions[mode]
-        posture = self.posture
         qp = reduction.qp
         qp.finite = fill_problem(
             mode,
@@ -202,10 +229,17 @@ class QPBuilder:
             self._indices,
             self.robot.data,
             self.robot.layout,
-            self._stack.data,
-            self._stack.layout,
-            posture.acceleration(terms, reference),
-            posture.weight,
+            self._plan,
+            com,
+            reference.base_orientation,
+            reference.torso_orientation,
+            reference.heading_rate,
+            reference.sole_velocities,
+            reference.sole_accelerations,
+            reference.posture,
+            reference.posture_velocity,
+            reference.posture_acceleration,
+            *self._stack,
             limits.block.data,
             limits.block.layout,
             reference.sole_rotations,
@@ -252,3 +286,11 @@ class QPBuilder:
             command,
         )
         return command
+
+
+def _move(task: Task, name: str, memory: Vector) -> None:
+    """Have an array of a task, where it has one, live in the memory of the stack: what is changed there counts."""
+    values = getattr(task, name, None)
+    if values is not None:
+        memory[:] = values
+        setattr(task, name, memory)

@@ -22,6 +22,14 @@ from controllers.qp.kernels_feedback import (
 )
 from controllers.qp.kernels_read import DRIFT, JACOBIAN, Q, V
 from controllers.qp.kernels_reduce import reduce_accelerations
+from controllers.qp.kernels_stack import (
+    POSTURE_TARGET,
+    POSTURE_WEIGHT,
+    TASK_JACOBIAN,
+    TASK_TARGET,
+    TASK_WEIGHT,
+    stack_tasks,
+)
 from controllers.qp.kernels_wrenches import reduce_wrenches
 from models.compiled import njit
 
@@ -31,9 +39,6 @@ Index = NDArray[np.int64]
 ROBOT = ("cone", "cone_lower", "cone_upper", "row_scale")
 """Parts of the block of ``QPBuilder`` that never changes."""
 
-STACK = ("jacobian", "target", "weight")
-"""Parts of the block of stacked tasks: (m, nv), (m,), (m,)."""
-
 REDUCTION = ("basis", "start", "inverse", "maps", "offsets", "hessian", "gradient", "matrix", "lower", "upper")
 """Parts of the block of one contact mode."""
 
@@ -41,7 +46,6 @@ CORE = 18
 """Velocities of the base and of two legs of six joints."""
 
 _CONE, _CONE_LOWER, _CONE_UPPER, _ROW_SCALE = range(4)
-_TASK_JACOBIAN, _TASK_TARGET, _TASK_WEIGHT = range(3)
 _BASIS, _START, _INVERSE, _MAPS, _OFFSETS, _HESSIAN, _GRADIENT, _MATRIX, _LOWER, _UPPER = range(10)
 
 
@@ -55,10 +59,18 @@ def fill_problem(
     indices: Index,
     robot: Array,
     robot_layout: Index,
+    plan: Index,
+    com: Array,
+    base: Array,
+    torso: Array,
+    heading_rate: float,
+    sole_velocities: Array,
+    sole_accelerations: Array,
+    posture: Array,
+    posture_velocity: Array,
+    posture_acceleration: Array,
     stack: Array,
     stack_layout: Index,
-    posture_target: Array,
-    posture_weight: Array,
     limits: Array,
     limits_layout: Index,
     sole_rotations: Array,
@@ -80,10 +92,18 @@ def fill_problem(
         indices: Velocities of the base, of the first and of the second leg, then of the rest of the body (nv,).
         robot: Block with the parts ``ROBOT``.
         robot_layout: Its layout.
+        plan: See ``stack_tasks``, as all up to ``stack_layout``.
+        com: (3,).
+        base: (3, 3).
+        torso: (3, 3).
+        heading_rate: [rad/s].
+        sole_velocities: (2, 6).
+        sole_accelerations: (2, 6).
+        posture: (nj,).
+        posture_velocity: (nj,).
+        posture_acceleration: (nj,).
         stack: Block with the parts ``STACK``.
         stack_layout: Its layout.
-        posture_target: (nj,).
-        posture_weight: (nj,).
         limits: Block of ``QPLimits``.
         limits_layout: Its layout.
         sole_rotations: Rotation of each foothold in W (2, 3, 3).
@@ -97,6 +117,24 @@ def fill_problem(
     Returns:
         Whether the problem holds neither NaN nor infinity.
     """
+    stack_tasks(
+        plan,
+        terms,
+        terms_layout,
+        com,
+        base,
+        torso,
+        heading_rate,
+        sole_rotations,
+        sole_positions,
+        sole_velocities,
+        sole_accelerations,
+        posture,
+        posture_velocity,
+        posture_acceleration,
+        stack,
+        stack_layout,
+    )
     update_limits(sole_rotations, sole_positions, terms, terms_layout, limits, limits_layout)
     jacobian, drift = part_3(terms, terms_layout, JACOBIAN), part_2(terms, terms_layout, DRIFT)
     core, leg_1, leg_2, upper = indices[:CORE], indices[6:12], indices[12:CORE], indices[CORE:]
@@ -132,11 +170,11 @@ def fill_problem(
     )
     assemble_cost(
         mode,
-        part_2(stack, stack_layout, _TASK_JACOBIAN),
-        part_1(stack, stack_layout, _TASK_TARGET),
-        part_1(stack, stack_layout, _TASK_WEIGHT),
-        posture_target,
-        posture_weight,
+        part_2(stack, stack_layout, TASK_JACOBIAN),
+        part_1(stack, stack_layout, TASK_TARGET),
+        part_1(stack, stack_layout, TASK_WEIGHT),
+        part_1(stack, stack_layout, POSTURE_TARGET),
+        part_1(stack, stack_layout, POSTURE_WEIGHT),
         upper,
         core,
         basis,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.memory import part_1, part_2, part_3
-from controllers.qp.kernels_read import BASE_ROTATION, COM_DRIFT, COM_JACOBIAN, DRIFT, JACOBIAN, POSE, TWIST, Q, V
+from controllers.qp.kernels_read import POSE, TWIST, Q, V
 from controllers.qp.kernels_terms import rotation_error
 from models.compiled import njit
 
@@ -67,64 +67,6 @@ def orientation_feedback(
     rotation_error(rotation, wanted, error)
     for i in range(3):
         out[i] = kp[i] * error[i] - kd[i] * rate[i]
-
-
-@njit(cache=True)
-def com_rows(terms: Array, layout: Index, wanted: Array, jacobian: Array, target: Array) -> None:
-    """Jacobian and wanted acceleration less drift of the CoM.
-
-    Args:
-        terms: Block of ``Terms``.
-        layout: Its layout.
-        wanted: Wanted acceleration in W (3,).
-        jacobian: Out (3, nv).
-        target: Out (3,).
-    """
-    source, drift = part_2(terms, layout, COM_JACOBIAN), part_1(terms, layout, COM_DRIFT)
-    for i in range(3):
-        target[i] = wanted[i] - drift[i]
-        for j in range(source.shape[1]):
-            jacobian[i, j] = source[i, j]
-
-
-@njit(cache=True)
-def orientation_rows(
-    is_base: bool,
-    terms: Array,
-    layout: Index,
-    wanted: Array,
-    kp: Array,
-    kd: Array,
-    jacobian: Array,
-    target: Array,
-) -> None:
-    """Jacobian and wanted angular acceleration less drift of the base's or the torso's orientation.
-
-    Args:
-        is_base: Base, else torso.
-        terms: Block of ``Terms``.
-        layout: Its layout.
-        wanted: R_ref (3, 3).
-        kp: Gains (3,).
-        kd: Gains (3,).
-        jacobian: Out (3, nv).
-        target: Out (3,).
-    """
-    error = np.empty(3)
-    if is_base:
-        rate = part_1(terms, layout, V)[3:6]
-        orientation_feedback(part_2(terms, layout, BASE_ROTATION), wanted, rate, kp, kd, error, target)
-        jacobian[:, :] = 0.0
-        for i in range(3):
-            jacobian[i, 3 + i] = 1.0
-        return
-    rate = part_2(terms, layout, TWIST)[2, 3:]
-    orientation_feedback(part_3(terms, layout, POSE)[2], wanted, rate, kp, kd, error, target)
-    drift, source = part_2(terms, layout, DRIFT)[2], part_3(terms, layout, JACOBIAN)[2]
-    for i in range(3):
-        target[i] -= drift[3 + i]
-        for j in range(source.shape[1]):
-            jacobian[i, j] = source[3 + i, j]
 
 
 @njit(cache=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from controllers.qp.kernels_stack import MOMENTUM_TASK
 from controllers.qp.terms import Terms
 from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
@@ -23,6 +24,7 @@ class AngularMomentumTask(Task):
     """
 
     name = "angular_momentum"
+    kind = MOMENTUM_TASK
 
     def __init__(self, kd: Vector, weight: Vector) -> None:
         self.kd, self.weight = kd, weight

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from controllers.qp.kernels_feedback import com_rows
+from controllers.qp.kernels_stack import COM_TASK
 from controllers.qp.terms import Terms
 from controllers.tasks.base import Task
 from models.types import Matrix, Reference, Vector
@@ -25,6 +25,7 @@ class CoMTask(Task):
     """
 
     name = "com"
+    kind = COM_TASK
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector) -> None:
         self.kp, self.kd, self.weight = kp, kd, weight
@@ -52,7 +53,3 @@ class CoMTask(Task):
             + self.kp * self.error(terms, reference)
             + self.kd * (reference.com_velocity - terms.com_velocity)
         )
-
-    def stack(self, terms: Terms, reference: Reference, jacobian: Matrix, target: Vector) -> None:
-        """Rows of the stack, in one compiled call."""
-        com_rows(terms.block.data, terms.block.layout, self.acceleration(terms, reference), jacobian, target)

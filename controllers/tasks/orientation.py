@@ -6,7 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from controllers.qp.kernels_feedback import orientation_feedback, orientation_rows
+from controllers.qp.kernels_feedback import orientation_feedback
+from controllers.qp.kernels_stack import BASE, ORIENTATION_TASK, TORSO
 from controllers.qp.kernels_terms import rotation_error
 from controllers.qp.terms import Terms
 from controllers.tasks.base import Task
@@ -26,8 +27,11 @@ class OrientationTask(Task):
         weight: (3,).
     """
 
+    kind = ORIENTATION_TASK
+
     def __init__(self, body: Literal["base", "torso"], kp: Vector, kd: Vector, weight: Vector) -> None:
         self.name = f"{body}_orientation"
+        self.which = BASE if body == "base" else TORSO
         self._is_base = body == "base"
         self.kp, self.kd, self.weight = kp, kd, weight
         self.active = bool(weight.any())
@@ -67,11 +71,3 @@ class OrientationTask(Task):
             rate = rate - reference.heading_rate * rotation[2, :3]
         orientation_feedback(rotation, wanted, rate, self.kp, self.kd, self._error, self._acceleration)
         return self._acceleration
-
-    def stack(self, terms: Terms, reference: Reference, jacobian: Matrix, target: Vector) -> None:
-        """Rows of the stack, in one compiled call."""
-        block, wanted = terms.block, reference.base_orientation if self._is_base else reference.torso_orientation
-        orientation_rows(self._is_base, block.data, block.layout, wanted, self.kp, self.kd, jacobian, target)
-        if reference.heading_rate != 0.0:
-            rotation = terms.base_rotation if self._is_base else terms.torso.pose
-            target += self.kd * reference.heading_rate * rotation[2, :3]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,9 +11,12 @@ import pytest
 from controllers.qp.kernels_terms import rotation_error
 from controllers.qp.terms import Terms
 from controllers.qp.wrench_cone import wrench_cone
-from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask
+from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
+from controllers.whole_body import WholeBodyController
+from controllers.whole_body_config import WholeBodyConfig
+from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import Reference, RobotState
+from models.types import Matrix, Reference, RobotState, Vector
 from tests.support import standing
 
 ROBOTS = ("g1", "talos")
@@ -188,3 +193,77 @@ def test_every_wrench_in_the_cone_is_a_sum_of_corner_forces() -> None:
         inside += slack < 0
         outside += slack > 0
     assert inside > 20 and outside > 20
+
+
+@pytest.mark.parametrize("contacts", [(True, True), (True, False), (False, True)])
+def test_compiled_rows_are_those_of_the_tasks(model: RobotModel, contacts: tuple[bool, bool]) -> None:
+    """``stack_tasks`` never calls the tasks; what it writes is what they say."""
+    controller = WholeBodyController(model, default_config(WholeBodyConfig, "controllers", "whole_body_walking"))
+    rng, state = np.random.default_rng(5), random_state(model, 5)
+    for task in controller.tasks.values():
+        for gains in (getattr(task, name, None) for name in ("kp", "kd", "weight")):
+            if gains is not None:
+                gains[:] = rng.uniform(1.0, 9.0, size=gains.shape)  # changed in place, as by a user who tunes
+    reference = replace(some_reference(model, state), contacts=contacts, heading_rate=0.4)
+    controller.com_task.override = rng.normal(size=3)
+    controller.terms.update(state)
+    controller.step(state, reference)
+    builder, terms, first = controller.builder, controller.terms, 0
+    found = builder.stacked
+    for task in builder.tasks:
+        span = slice(first, first + task.weight.shape[0])
+        first = span.stop
+        if not task.active:
+            assert (found["weight"][span] == 0.0).all()
+            continue
+        np.testing.assert_array_equal(found["weight"][span], task.weight)
+        np.testing.assert_allclose(found["jacobian"][span], task.jacobian(terms), atol=1e-14)
+        target = task.acceleration(terms, reference) - task.drift(terms)
+        np.testing.assert_allclose(found["target"][span], target, rtol=1e-12, atol=1e-12)
+    assert [task.active for task in builder.tasks if isinstance(task, FootTask)] == [not foot for foot in contacts]
+    wanted = builder.posture.acceleration(terms, reference)
+    np.testing.assert_allclose(found["posture_target"], wanted, rtol=1e-12)
+    np.testing.assert_array_equal(found["posture_weight"], builder.posture.weight)
+
+
+class LastJoint(Task):
+    """A task as a user writes it: the last joint at a wanted acceleration."""
+
+    name = "last_joint"
+
+    def __init__(self, wanted: float) -> None:
+        self.active, self.weight, self.wanted = True, np.array([1e5]), wanted
+
+    def error(self, terms: Terms, reference: Reference) -> Vector:
+        return np.zeros(1)
+
+    def jacobian(self, terms: Terms) -> Matrix:
+        return np.eye(terms.v.shape[0])[-1:]
+
+    def drift(self, terms: Terms) -> Vector:
+        return np.zeros(1)
+
+    def acceleration(self, terms: Terms, reference: Reference) -> Vector:
+        return np.array([self.wanted])
+
+
+def test_a_task_of_the_users_own_is_served(model: RobotModel) -> None:
+    state = standing(model)
+    task = LastJoint(1.5)
+    controller = WholeBodyController(model, extra_tasks=[task])
+    controller.terms.update(state)
+    soles = controller.terms.soles
+    reference = replace(
+        some_reference(model, state),
+        contacts=(True, True),
+        posture=state.q[7:],
+        sole_rotations=np.array([sole.rotation for sole in soles]),
+        sole_positions=np.array([sole.position for sole in soles]),
+    )
+    for wanted in (1.5, -0.7):
+        task.wanted = wanted
+        controller.step(state, reference)
+        np.testing.assert_allclose(controller.acceleration[-1], wanted, atol=0.02)
+    task.active = False
+    controller.step(state, reference)
+    assert abs(controller.acceleration[-1] + 0.7) > 0.1
