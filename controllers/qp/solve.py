@@ -1,4 +1,4 @@
-"""Solves the reduced QP: daqp first, quadprog as the checked fallback, a softened problem when infeasible."""
+"""Solves the reduced QP: few rows in compiled code, daqp, quadprog as the checked fallback, a softened problem."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import quadprog
 
 from controllers.qp.build import QP
 from controllers.qp.kernels_check import all_finite, kkt_residual
-from controllers.qp.kernels_whiten import free_minimum, judge, whiten
+from controllers.qp.kernels_few_rows import solve_few
 from models.types import SolveStatus, Vector
 
 _HARD = 0
@@ -19,11 +19,11 @@ _SOFT = 8
 _OPTIMAL = (1, 2)
 """daqp exit flags: optimal, optimal with soft constraints in use."""
 
-_ROUNDS = 5
-"""Times that rows are added to the small problem before daqp is given the whole one."""
-
 _BROKEN = 1e-9
-"""By how much, of its size, the small problem's answer may break a row that it does not hold [-]."""
+"""By how much, of its size, the answer for few rows may break a row that it does not hold [-]."""
+
+_EXACT = 1e-9
+"""Largest KKT residual of an answer for few rows; rows that all but depend on each other are left to daqp [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +52,25 @@ class _Workspace:
     """
 
     def __init__(self, nz: int, rows: int) -> None:
-        self.identity = np.eye(nz)
-        self.factor, self.shift = np.zeros((nz, nz)), np.zeros(nz)
         self.marks = np.zeros(rows, dtype=bool)  # rows to hold: those active in the last answer, and those broken
-        self.rows = np.zeros(rows, dtype=np.int64)
-        self.whitened, self.bounds = np.zeros((rows, nz)), np.zeros((2, rows))
+        self.arrays = (
+            np.zeros((nz, nz)),
+            np.zeros(nz),
+            self.marks,
+            np.zeros(rows, dtype=np.int64),
+            np.zeros((rows, nz)),
+            np.zeros((2, rows)),
+            np.zeros(rows),
+        )  # as ``solve_few`` wants them
         self.sense = np.zeros(rows, dtype=np.int32)
-        self.multipliers = np.zeros(rows)
 
 
 class QPSolver:
     """Solve, check the KKT conditions, fall back in order.
 
     1. The minimum without rows, where it breaks none.
-    2. daqp with the rows that were active on the last tick, those that this minimum breaks, and those that its answers
-       break, in coordinates where H is the identity: what daqp prepares for every row is most of its time, and few of
-       a hundred rows are ever active.
+    2. That with the rows that were active on the last tick, those that this minimum breaks, and those that its answers
+       break (``kernels_few_rows.py``): few of a hundred rows are ever active.
     3. daqp with all rows, quadprog with all rows, daqp with soft rows.
 
     Each answer is judged by its KKT residual in the whole problem.
@@ -128,32 +131,14 @@ class QPSolver:
         return work
 
     def _few_rows(self, qp: QP) -> tuple[Vector | None, float]:
-        problem = qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper
         work = self._workspace(qp)
         z: Vector = np.empty(qp.gradient.shape[0])
-        residual = free_minimum(*problem, work.factor, work.shift, z, work.marks)
-        if residual < self._residual_max:
-            work.marks[:] = False
+        accepted = min(self._residual_max, _EXACT)
+        residual = solve_few(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, *work.arrays, _BROKEN, accepted, z)
+        if residual < accepted:
             return z, residual
-        if residual != np.inf:
-            return None, residual
-        for _ in range(_ROUNDS):
-            k = whiten(work.factor, *problem[2:], work.marks, work.rows, work.whitened, work.bounds)
-            lower, upper = work.bounds[:, :k]
-            z, _, flag, info = daqp.solve(
-                work.identity, work.shift, work.whitened[:k], upper, lower, work.sense[:k], iter_limit=self._iterations
-            )
-            if flag not in _OPTIMAL:
-                break
-            residual = judge(
-                *problem, work.factor, z, work.rows[:k], info["lam"], _BROKEN, work.marks, work.multipliers
-            )
-            if residual < self._residual_max:
-                return z, residual
-            if residual != np.inf:
-                break
         work.marks[:] = False
-        return None, float("nan")
+        return None, residual
 
     def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
         sense = self._workspace(qp).sense

@@ -13,6 +13,7 @@ from controllers.memory import Block, part_1, part_2, part_3
 from controllers.posture_reference import PostureReference
 from controllers.qp.build import QP
 from controllers.qp.kernels_check import all_finite, kkt_residual
+from controllers.qp.kernels_few_rows import MANY
 from controllers.qp.kernels_reduce import solve_base
 from controllers.qp.kernels_whiten import free_minimum
 from controllers.qp.solve import QPSolver
@@ -109,19 +110,10 @@ def test_few_rows_give_the_answer_of_all_rows(seeds: list[int], bound: float) ->
     np.testing.assert_array_equal(solver.solve(last).z, QPSolver(1e-6, 100, 1e-6).solve(last).z)
 
 
-def test_daqp_is_given_few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_rows_need_no_general_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those that the free minimum breaks, then those that the answer breaks; on the next tick all of them at once."""
-    given: list[int] = []
-    solve = daqp.solve
-
-    def counted(
-        hessian: np.ndarray, gradient: np.ndarray, matrix: np.ndarray, *rest: object, **named: object
-    ) -> object:
-        given.append(matrix.shape[0])
-        return solve(hessian, gradient, matrix, *rest, **named)
-
-    monkeypatch.setattr("controllers.qp.solve.daqp.solve", counted)
-    solver = QPSolver(1e-6, 100, 1e-6)
+    solver, rounds = QPSolver(1e-6, 100, 1e-6), []
+    monkeypatch.setattr("controllers.qp.solve.daqp.solve", None)
     qp = QP(  # about (3, 0.9): that breaks z_0 <= 1, and (1, 0.9) breaks 2 z_1 - z_0 <= 0.2; the rest is far away
         np.eye(2),
         np.array([-3.0, -0.9]),
@@ -130,12 +122,44 @@ def test_daqp_is_given_few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
         np.array([1.0, 0.2, 20.0, 20.0, 20.0]),
         np.zeros(5, dtype=bool),
     )
-    given.clear()
-    expected = solver.solve(qp).z
-    assert given == [1, 2]
-    given.clear()
-    np.testing.assert_allclose(solver.solve(qp).z, expected, atol=1e-12)
-    assert given == [2]
+    for upper in (1.0, 0.9, 50.0):
+        qp.upper[0] = upper
+        answer = solver.solve(qp)
+        rounds.append(answer.status)
+        expected = [min(upper, 1.6), 0.5 * (0.2 + min(upper, 1.6))] if upper < 3.0 else answer.z
+        np.testing.assert_allclose(answer.z, expected, atol=1e-12)
+        assert answer.residual < 1e-14
+    assert rounds == [SolveStatus.OPTIMAL] * 3
+
+
+def test_many_rows_are_left_to_a_general_solver() -> None:
+    count = MANY + 6
+    qp = QP(
+        np.eye(count),
+        np.full(count, -3.0),
+        np.ones((1, count)),
+        np.full(count + 1, -100.0),
+        np.array([*np.full(count, 1.0), 100.0]),
+        np.zeros(count + 1, dtype=bool),
+    )
+    answer = QPSolver(1e-6, 100, 1e-6).solve(qp)
+    assert answer.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(answer.z, 1.0, atol=1e-9)
+
+
+def test_dependent_rows_are_left_to_a_general_solver() -> None:
+    """Three rows through one point of the plane, two of them enough."""
+    qp = QP(
+        np.eye(2),
+        np.array([-3.0, -3.0]),
+        np.array([[1.0, 1.0], [1.0, 2.0]]),
+        np.full(3, -100.0),
+        np.array([1.0, 2.0, 3.0]),
+        np.zeros(3, dtype=bool),
+    )
+    answer = QPSolver(1e-6, 100, 1e-6).solve(qp)
+    assert answer.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(answer.z, [1.0, 1.0], atol=1e-9)
 
 
 def test_the_free_minimum_needs_a_positive_definite_cost() -> None:

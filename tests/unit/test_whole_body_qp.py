@@ -90,6 +90,8 @@ def full_solution(
     n = nv + 6 * len(active)
     hessian, gradient = 1e-13 * np.eye(n), np.zeros(n)
     for task in controller.tasks.values():
+        if not task.active:
+            continue
         jacobian = np.hstack([task.jacobian(terms), np.zeros((len(task.weight), n - nv))])
         target = task.acceleration(terms, reference) - task.drift(terms)
         hessian += jacobian.T @ (task.weight[:, None] * jacobian)
@@ -220,8 +222,13 @@ def test_wrong_answer_of_the_first_solver_is_caught(monkeypatch: pytest.MonkeyPa
     def wrong(*args: object, **kwargs: object) -> tuple[np.ndarray, float, int, dict[str, np.ndarray]]:
         return np.array([0.5, 0.5]), 0.0, 1, {"lam": np.zeros(2)}
 
+    def misled(*arguments: np.ndarray) -> float:
+        arguments[-1][:] = 0.5
+        return 0.1
+
     one = solver()
     monkeypatch.setattr(module.daqp, "solve", wrong)
+    monkeypatch.setattr(module, "solve_few", misled)
     solution = one.solve(toy())
     assert solution.status is SolveStatus.FALLBACK_SOLVER
     np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-9)
