@@ -1,13 +1,16 @@
 """Time of the gait planner, of one step adjustment, and of the whole-body tick in single support.
 
 The robot walks in lockstep at one velocity, estimator and sensor noise included. The whole-body tick (walking
-controller with its QP) runs beside the bare Pinocchio calls at the same state and is judged like the standing one
-(``benchmarks/tick.py``). As there, samples during which the scheduler took the core away are left out and counted, and
-the garbage collector is off.
+controller with its QP) runs beside placo's dynamics solver and the bare Pinocchio calls at the same state
+(``benchmarks/tick_peers.py``) and is judged like the standing one (``benchmarks/tick.py``). placo runs in every other
+second only, and only the ratio to it is taken from those: it empties the caches, and the planner would be timed
+beside something that no robot runs. As there, samples during which the scheduler took the core away are left out and
+counted, and the garbage collector is off.
 """
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -18,9 +21,18 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.commands import demand
-from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
+from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Case, Options, Report, percentiles
-from benchmarks.timed_run import MICRO, QUANTILES, collector_off, plot_tails, run_seeds
+from benchmarks.tick_timing import STATUSES
+from benchmarks.timed_run import (
+    MICRO,
+    QUANTILES,
+    blocks_growth,
+    collector_off,
+    plot_tails,
+    resident_growth,
+    run_seeds,
+)
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
@@ -38,8 +50,13 @@ class GaitBenchConfig:
     duration: Positive
     gait_max: Positive
     adjustment_max: Positive
+    placo_ratio_max: Positive
     pinocchio_ratio_max: Positive
     tail_ratio_max: Positive
+    residual_max: Positive
+    memory_time: Positive
+    growth_max: Positive
+    resident_max: Positive
 
 
 @cache
@@ -73,23 +90,32 @@ def measure(robot: str, seed: int) -> Case:
     loop.set_velocity(config.forward, 0.0, 0.0)
     _walk(loop, config.warm_up)
     timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)
+    blocks = []
     with collector_off(), timed.recording():
-        _walk(loop, config.duration)
+        for second in range(round(config.duration)):
+            timed.with_placo = second % 2 == 1
+            _walk(loop, 1.0)
+            blocks.append(sys.getallocatedblocks())
+    figures = summarise(timed)
+    figures["allocated_blocks_growth"] = blocks_growth(blocks, loop.plant.period)
+    figures["resident_growth_kib"] = resident_growth(lambda time: _walk(loop, time), 1.0, config.memory_time)
     rows = _rows(timed)
     quantiles = {
         name: np.percentile(timed.watch.wall[rows[:, i], i] * MICRO, QUANTILES).tolist()
         for i, name in enumerate(SUBJECTS)
     }
-    return {"figures": summarise(timed), "quantiles": quantiles}
+    return {"figures": figures, "quantiles": quantiles}
 
 
 def _rows(timed: TimedWalk) -> NDArray[np.bool_]:
-    """The ticks that count for each subject, pre-empted or not (ticks, 4)."""
+    """The ticks that count for each subject, pre-empted or not (ticks, 5)."""
     rows = np.zeros(timed.watch.wall.shape, dtype=bool)
     n = timed.count
-    rows[:n, GAIT] = True
-    rows[:n, ADJUSTMENT] = timed.adjusted[:n]
-    rows[:n, TICK] = rows[:n, PINOCCHIO] = timed.single[:n]
+    alone, single = ~timed.beside[:n], timed.single[:n]
+    rows[:n, GAIT] = alone
+    rows[:n, ADJUSTMENT] = alone & timed.adjusted[:n]
+    rows[:n, TICK] = rows[:n, PINOCCHIO] = alone & single
+    rows[:n, PLACO] = ~alone & single
     return rows
 
 
@@ -99,18 +125,28 @@ def summarise(timed: TimedWalk) -> dict[str, float]:
     Raises:
         ValueError: There is no tick of some kind.
     """
-    rows, wall = _rows(timed), timed.watch.wall * MICRO
+    rows, wall, preempted = _rows(timed), timed.watch.wall * MICRO, timed.watch.preempted
     figures: dict[str, float] = {}
-    kept = rows & ~timed.watch.preempted
+    kept = rows & ~preempted
     for i, name in enumerate(SUBJECTS):
         figures |= percentiles(wall[kept[:, i], i], f"{name}_us")
         figures[f"{name}_ungated_us_p99"] = float(np.percentile(wall[rows[:, i], i], 99.0))
+    beside = rows[:, PLACO] & ~preempted[:, TICK]
+    figures["tick_beside_placo_us_p50"] = float(np.median(wall[beside, TICK]))
+    figures["ratio_to_placo"] = figures["tick_beside_placo_us_p50"] / figures["placo_us_p50"]
     figures["ratio_to_pinocchio_calls"] = figures["tick_us_p50"] / figures["pinocchio_calls_us_p50"]
     figures["p99_over_median"] = figures["tick_us_p99"] / figures["tick_us_p50"]
     figures["pinocchio_calls_p99_over_median"] = figures["pinocchio_calls_us_p99"] / figures["pinocchio_calls_us_p50"]
     figures["preempted_fraction"] = 1.0 - float(kept[:, GAIT].sum() / rows[:, GAIT].sum())
-    for name, column in (("ticks", GAIT), ("adjustments", ADJUSTMENT), ("ticks_single_support", TICK)):
-        figures[name] = float(rows[:, column].sum())
+    n = timed.count
+    counted = {"ticks": rows[:, GAIT], "adjustments": rows[:, ADJUSTMENT], "ticks_single_support": rows[:, TICK]}
+    figures |= {name: float(chosen.sum()) for name, chosen in counted.items()}
+    figures["kkt_residual_max"] = float(timed.residual[:n].max())
+    for index, status in enumerate(STATUSES):
+        figures[f"ticks_{status.value}"] = float(np.count_nonzero(timed.status[:n] == index))
+    certified = figures["ticks_optimal"] + figures["ticks_fallback_solver"]
+    figures["ticks_uncertified"] = n - certified
+    figures["placo_failed"] = float(timed.placo_failed)
     return figures
 
 
@@ -120,8 +156,13 @@ def limits(config: GaitBenchConfig) -> dict[str, float]:
         "gait_us_p99": config.gait_max,
         "adjustment_us_p50": config.adjustment_max,
         "adjustment_us_p99": config.adjustment_max,
+        "ratio_to_placo": config.placo_ratio_max,
         "ratio_to_pinocchio_calls": config.pinocchio_ratio_max,
         "p99_over_median": config.tail_ratio_max,
+        "kkt_residual_max": config.residual_max,
+        "ticks_uncertified": 0.0,
+        "allocated_blocks_growth": config.growth_max,
+        "resident_growth_kib": config.resident_max,
     }
 
 

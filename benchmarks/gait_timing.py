@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import permutations
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.tick_peers import PinocchioCalls
-from benchmarks.tick_timing import Stopwatch
+from benchmarks.tick_peers import PinocchioCalls, PlacoTick
+from benchmarks.tick_timing import STATUSES, Stopwatch
 from controllers.walker import Walker
 from models.types import ControlResult, Reference, RobotState
 from planners.gait.gait import GaitPlanner
 from planners.gait.plan import StepPlan
 
-SUBJECTS = ("gait", "adjustment", "tick", "pinocchio_calls")
+SUBJECTS = ("gait", "adjustment", "tick", "placo", "pinocchio_calls")
 """What is timed: the planner's tick; in it one step adjustment with its preview; the walking controller's tick with its
-QP; beside it, at the same state, the bare Pinocchio calls."""
+QP; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls."""
 
-GAIT, ADJUSTMENT, TICK, PINOCCHIO = range(len(SUBJECTS))
+GAIT, ADJUSTMENT, TICK, PLACO, PINOCCHIO = range(len(SUBJECTS))
+
+ORDERS = tuple(permutations((TICK, PLACO, PINOCCHIO)))
+"""Orders that the ticks go through in turn: what ran before decides what the caches hold."""
 
 
 class TimedWalk:
@@ -34,7 +38,12 @@ class TimedWalk:
         watch: Times of each of ``SUBJECTS``, one row a tick.
         count: Ticks recorded.
         adjusted: Whether the step was adjusted on the tick (ticks,).
-        single: Whether the tick was one of single support (ticks,).
+        single: Whether the tick was one of single support, for placo too (ticks,).
+        beside: Whether placo ran beside it (ticks,).
+        with_placo: Whether placo runs beside the ticks to come.
+        residual: KKT residual of the walking controller's QP (ticks,) [-].
+        status: Index into ``STATUSES`` (ticks,).
+        placo_failed: Ticks on which placo found no solution.
     """
 
     def __init__(self, walker: Walker[GaitPlanner], ticks: int) -> None:
@@ -42,9 +51,13 @@ class TimedWalk:
         self._plan_step, self._adjust_step = self._planner.step, StepPlan.adjust
         self._track = self._controller.step
         self._pinocchio = PinocchioCalls(self._planner.model)
+        self._placo = PlacoTick(self._planner.model, self._controller.whole_body.config)
         self.watch = Stopwatch(ticks, len(SUBJECTS))
         self.count = 0
         self.adjusted, self.single = np.zeros(ticks, dtype=bool), np.zeros(ticks, dtype=bool)
+        self.beside, self.with_placo = np.zeros(ticks, dtype=bool), False
+        self.residual, self.status = np.zeros(ticks), np.zeros(ticks, dtype=np.int64)
+        self.placo_failed = 0
 
     @contextmanager
     def recording(self) -> Iterator[None]:
@@ -66,13 +79,21 @@ class TimedWalk:
         return reference
 
     def _tick(self, state: RobotState, reference: Reference, dt: float) -> ControlResult:
-        """The controller and its peer, in changing order: what ran before decides what the caches hold."""
-        row, watch = self.count, self.watch
-        if row % 2:
-            watch.measure(row, PINOCCHIO, self._pinocchio.step, state.q, state.v)
-        result: ControlResult = watch.measure(row, TICK, self._track, state, reference, dt)
-        if not row % 2:
-            watch.measure(row, PINOCCHIO, self._pinocchio.step, state.q, state.v)
-        self.single[row] = reference.contacts[0] != reference.contacts[1]
+        """The controller and its peers, in changing order. placo gets the references of the tick before."""
+        row, before = self.count, self._controller.reference.contacts
+        calls: dict[int, Callable[[], Any]] = {
+            TICK: lambda: self._track(state, reference, dt),
+            PINOCCHIO: lambda: self._pinocchio.step(state.q, state.v),
+        }
+        if self.with_placo:
+            self._placo.prepare(state, self._controller)
+            calls[PLACO] = self._placo.step
+        order = [subject for subject in ORDERS[row % len(ORDERS)] if subject in calls]
+        done = {subject: self.watch.measure(row, subject, calls[subject]) for subject in order}
+        result: ControlResult = done[TICK]
+        self.single[row] = before == reference.contacts and before[0] != before[1]
+        self.beside[row] = self.with_placo
+        self.residual[row], self.status[row] = result.residual, STATUSES.index(result.status)
+        self.placo_failed += self.with_placo and not self._placo.success
         self.count += 1
         return result

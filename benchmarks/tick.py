@@ -10,7 +10,6 @@ Medians make the ratios. The garbage collector is off while it is timed: what th
 from __future__ import annotations
 
 import math
-import resource
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -26,7 +25,15 @@ from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
-from benchmarks.timed_run import MICRO, QUANTILES, collector_off, plot_tails, run_seeds
+from benchmarks.timed_run import (
+    MICRO,
+    QUANTILES,
+    blocks_growth,
+    collector_off,
+    plot_tails,
+    resident_growth,
+    run_seeds,
+)
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.support_polygon import distance_along
@@ -104,22 +111,6 @@ def exercise(loop: ClosedLoop, duration: float, config: TickConfig) -> Iterator[
             yield
 
 
-def resident_growth(loop: ClosedLoop, timed: TimedController, config: TickConfig) -> float:
-    """Memory that the process grows by while nothing is measured, large arrays and compiled code included [KiB]."""
-    timed.recording = timed.peers = False
-    with collector_off():
-        loop.run(config.push_period)  # what the last pushes left behind
-        before = _resident()
-        loop.run(config.memory_time)
-        return _resident() - before
-
-
-def _resident() -> float:
-    """Resident memory of this process [KiB]."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 1024.0
-
-
 def measure(robot: str, seed: int) -> Case:
     """Time the ticks of one run.
 
@@ -145,8 +136,9 @@ def measure(robot: str, seed: int) -> Case:
         for _ in exercise(loop, config.duration, config):
             blocks.append(sys.getallocatedblocks())
     figures = summarise(timed)
-    figures["allocated_blocks_growth"] = float(np.median(np.diff(blocks))) * loop.plant.period
-    figures["resident_growth_kib"] = resident_growth(loop, timed, config)
+    figures["allocated_blocks_growth"] = blocks_growth(blocks, loop.plant.period)
+    timed.recording = timed.peers = False
+    figures["resident_growth_kib"] = resident_growth(loop.run, config.push_period, config.memory_time)
     kept = timed.wall[: timed.count] * MICRO
     quantiles = {name: np.percentile(kept[:, i], QUANTILES).tolist() for i, name in enumerate(SUBJECTS)}
     return {"figures": figures, "quantiles": quantiles, "blocks": blocks}

@@ -1,11 +1,12 @@
 """What the tick is measured against: placo's dynamics solver on the same task, and bare Pinocchio calls.
 
 What placo's problem shares with ours: model with rotor inertia, state, references, wanted accelerations, task weights
-(CoM, base and torso orientation, upper-body and leg posture), soles held by the same feedback as hard constraints,
-contact rectangles, friction pyramid, limits on torque, joint position and joint velocity. What differs, each time in
-placo's favour where it costs time: its CoM task has one weight for all axes; it has no yaw-moment rows (9 rows a foot,
-ours 17) and no upper bound on the normal force; it draws wrenches to zero, ours to an even share of the weight; it
-reports no KKT residual, ours is checked on every tick. Copying state and references into placo is not timed.
+(CoM, base and torso orientation, swing foot, upper-body and leg posture), soles held by the same feedback as hard
+constraints, contact rectangles, friction pyramid, limits on torque, joint position and joint velocity. What differs,
+each time in placo's favour where it costs time: its CoM task has one weight for all axes, and so has each half of its
+task of the swing foot; it has no angular momentum task; it has no yaw-moment rows (9 rows a foot, ours 17) and no
+upper bound on the normal force; it draws wrenches to zero, ours to the planned share of the weight; it reports no KKT
+residual, ours is checked on every tick. Copying state and references into placo is not timed.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import pinocchio as pin
 import placo
 
 from controllers.balance import BalanceController
+from controllers.walking import WalkingController
 from controllers.whole_body_config import WholeBodyConfig
 from models.constants import GRAVITY
 from models.errors import RobotModelError
@@ -30,7 +32,7 @@ CONTACT_FRAMES = ("tick/left", "tick/right")
 
 
 class PlacoTick:
-    """placo's ``DynamicsSolver`` on the task of the whole-body controller, both feet on the floor.
+    """placo's ``DynamicsSolver`` on the task of the whole-body controller, with both feet on the floor or one.
 
     Args:
         model: The robot.
@@ -74,12 +76,11 @@ class PlacoTick:
         self._joint_task = [self._joint_tasks[int(index in legs)] for index in range(model.nj)]
         self._centres: list[Vector] = []
         self._soles: list[placo.DynamicsFrameTask] = []
+        self._contacts: list[placo.DynamicsContact] = []
+        self._gains = config.contact, config.foot
         wrench_weight = config.contact.wrench_weight / (model.mass * GRAVITY) ** 2
         for foot, frame in zip(model.feet, CONTACT_FRAMES, strict=True):
             sole = solver.add_frame_task(frame, np.eye(4))
-            sole.configure(frame, "hard")
-            for part in (sole.position(), sole.orientation()):
-                part.kp, part.kd = config.contact.stiffness, config.contact.damping
             contact = solver.add_planar_contact(sole)
             x_min, x_max, y_min, y_max = foot.rectangle
             margin = 2.0 * config.contact.sole_margin
@@ -89,6 +90,8 @@ class PlacoTick:
             contact.weight_moments = wrench_weight / config.contact.moment_arm**2
             self._centres.append(_centre(foot.rectangle))
             self._soles.append(sole)
+            self._contacts.append(contact)
+            self._bear(len(self._soles) - 1, True)
         self.success = False
         self.acceleration = np.zeros(model.nv)
         self.torque = np.zeros(model.nj)
@@ -99,7 +102,18 @@ class PlacoTick:
         task.kp, task.kd = kp, kd
         return task
 
-    def prepare(self, state: RobotState, controller: BalanceController) -> None:
+    def _bear(self, foot: int, bears: bool) -> None:
+        """Whether a foot stands, held where it is, or swings, drawn along its reference."""
+        standing, swinging = self._gains
+        sole, self._contacts[foot].active = self._soles[foot], bears
+        if bears:
+            sole.configure(CONTACT_FRAMES[foot], "hard")
+        else:
+            sole.configure(CONTACT_FRAMES[foot], "soft", swinging.weight, swinging.weight)
+        for part in (sole.position(), sole.orientation()):
+            part.kp, part.kd = (standing.stiffness, standing.damping) if bears else (swinging.kp, swinging.kd)
+
+    def prepare(self, state: RobotState, controller: BalanceController | WalkingController) -> None:
         """Copy the state and what the controller tracked last into placo; not part of its tick."""
         reference = controller.reference
         self._robot.state.q, self._robot.state.qd = state.q, state.v
@@ -117,9 +131,15 @@ class PlacoTick:
         ):
             task.set_joint(name, q, v, a)
         for foot, sole in enumerate(self._soles):
+            if reference.contacts[foot] != self._contacts[foot].active:
+                self._bear(foot, reference.contacts[foot])
             rotation, position = reference.sole_rotations[foot], reference.sole_positions[foot]
-            sole.position().target_world = position + rotation @ self._centres[foot]
-            sole.orientation().R_world_frame = rotation
+            velocity, acceleration = reference.sole_velocities[foot], reference.sole_accelerations[foot]
+            place, turn = sole.position(), sole.orientation()
+            place.target_world = position + rotation @ self._centres[foot]
+            place.dtarget_world, place.ddtarget_world = velocity[:3], acceleration[:3]
+            turn.R_world_frame = rotation
+            turn.omega_world, turn.domega_world = velocity[3:], acceleration[3:]
 
     def step(self) -> None:
         """One whole tick of placo: model terms, problem, solution, torques."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import resource
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,6 +31,37 @@ def collector_off() -> Iterator[None]:
     finally:
         gc.enable()
         gc.unfreeze()
+
+
+def blocks_growth(seconds: Sequence[int], period: float) -> float:
+    """Growth of the process' allocated blocks a tick [1/tick].
+
+    Args:
+        seconds: Allocated blocks (``sys.getallocatedblocks``) after every second.
+        period: Length of a tick [s].
+    """
+    return float(np.median(np.diff(seconds))) * period
+
+
+def resident_growth(run: Callable[[float], None], settle: float, time: float) -> float:
+    """Memory that the process grows by, large arrays and compiled code included [KiB].
+
+    Args:
+        run: Runs for a simulated time [s], nothing measured.
+        settle: Run before that, for what the measurement left behind [s].
+        time: Over which the growth is taken [s].
+    """
+    with collector_off():
+        run(settle)
+        before = _resident()
+        run(time)
+        return _resident() - before
+
+
+def _resident() -> float:
+    """Resident memory of this process [KiB]."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 1024.0
 
 
 def run_seeds(bench: str, options: Options, measure: Callable[[str, int], Case], limits: Mapping[str, float]) -> Report:

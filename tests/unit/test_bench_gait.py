@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from benchmarks.gait import GaitBenchConfig, _walk, limits, plot, summarise
-from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, SUBJECTS, TICK, TimedWalk
+from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Report
+from benchmarks.tick_timing import STATUSES
 from benchmarks.timed_run import QUANTILES
 from controllers.walker import Walker
 from controllers.walking import WalkingController
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import RobotState
+from models.types import RobotState, SolveStatus
 from planners.gait.gait import GaitPlanner
 from planners.gait.phase import GaitPhase
 from planners.gait.plan import StepPlan
@@ -46,9 +47,11 @@ def walker(model: RobotModel) -> Walker[GaitPlanner]:
     return made
 
 
-def torques(made: Walker[GaitPlanner], ticks: int) -> np.ndarray:
+def torques(made: Walker[GaitPlanner], ticks: int, first: int = 0) -> np.ndarray:
     model = made.planner.model
-    return np.array([made.step(state(model, made.planner, k * DT), DT).command.tau for k in range(ticks)])
+    return np.array(
+        [made.step(state(model, made.planner, k * DT), DT).command.tau for k in range(first, first + ticks)]
+    )
 
 
 def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
@@ -57,14 +60,19 @@ def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
     made = walker(model)
     timed = TimedWalk(made, ticks)
     with timed.recording():
-        found = torques(made, ticks)
+        found = [torques(made, ticks - 20)]
+        timed.with_placo = True
+        found.append(torques(made, 20, ticks - 20))
+    found = np.concatenate(found)
     np.testing.assert_array_equal(found, expected)
     assert timed.count == ticks
     assert made.planner.phase is GaitPhase.SINGLE  # so both kinds of support have been seen
     assert 0 < timed.adjusted.sum() < timed.single.sum() < ticks
-    assert timed.single[timed.adjusted].all()
     wall = timed.watch.wall
     assert (wall[:, [GAIT, TICK, PINOCCHIO]] > 0).all()
+    np.testing.assert_array_equal(wall[:, PLACO] > 0, timed.beside)
+    assert timed.beside.sum() == 20 and timed.single[timed.beside].any() and timed.placo_failed == 0
+    assert 0.0 < timed.residual.max() < CONFIG.residual_max
     np.testing.assert_array_equal(wall[:, ADJUSTMENT] > 0, timed.adjusted)
     assert (wall[timed.adjusted, ADJUSTMENT] < wall[timed.adjusted, GAIT]).all()  # one is part of the other
     assert StepPlan.adjust is plain_adjust
@@ -72,24 +80,30 @@ def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
 
 
 def recorded(model: RobotModel) -> TimedWalk:
-    """Six ticks; the first is one of double support, the third and fifth adjust the step."""
-    timed = TimedWalk(walker(model), 6)
-    timed.count = 6
-    timed.single[1:], timed.adjusted[[2, 4]] = True, True
-    timed.watch.wall[:] = [200_000, 60_000, 120_000, 40_000]
+    """Eight ticks; the first is one of double support, the third and fifth adjust the step, the last two have placo."""
+    timed = TimedWalk(walker(model), 8)
+    timed.count = 8
+    timed.single[1:], timed.adjusted[[2, 4]], timed.beside[6:] = True, True, True
+    timed.watch.wall[:] = [200_000, 60_000, 120_000, 0, 40_000]
     timed.watch.wall[~timed.adjusted, ADJUSTMENT] = 0
+    timed.watch.wall[6:, [TICK, PLACO]] = 150_000, 300_000
     timed.watch.wall[0, TICK] = 900_000  # in double support: no matter here
     return timed
 
 
 def test_figures_count_single_support_and_adjustments_only(model: RobotModel) -> None:
-    figures = summarise(recorded(model))
+    timed = recorded(model)
+    timed.status[3], timed.residual[4] = STATUSES.index(SolveStatus.RELAXED), 1e-9
+    figures = summarise(timed)
     assert (figures["ticks"], figures["adjustments"], figures["ticks_single_support"]) == (6.0, 2.0, 5.0)
     assert figures["gait_us_p50"] == pytest.approx(200.0)
     assert figures["adjustment_us_p50"] == pytest.approx(60.0)
     assert figures["tick_us_max"] == pytest.approx(120.0)
     assert figures["ratio_to_pinocchio_calls"] == pytest.approx(3.0)
+    assert figures["ratio_to_placo"] == pytest.approx(0.5)  # of the ticks beside it
     assert figures["p99_over_median"] == pytest.approx(1.0)
+    assert figures["kkt_residual_max"] == 1e-9
+    assert (figures["ticks_uncertified"], figures["ticks_relaxed"]) == (1.0, 1.0)
 
 
 def test_preempted_samples_are_left_out_and_counted(model: RobotModel) -> None:
@@ -99,7 +113,7 @@ def test_preempted_samples_are_left_out_and_counted(model: RobotModel) -> None:
         timed.watch.preempted[row, subject] = True
     figures = summarise(timed)
     maxima = [figures[f"{name}_us_max"] for name in SUBJECTS]
-    assert maxima == pytest.approx([200.0, 60.0, 120.0, 40.0])
+    assert maxima == pytest.approx([200.0, 60.0, 120.0, 300.0, 40.0])
     assert figures["preempted_fraction"] == pytest.approx(1 / 6)
     assert figures["tick_ungated_us_p99"] > 5000.0
 
@@ -119,7 +133,10 @@ def test_a_fall_is_no_figure() -> None:
 
 def test_every_limit_is_one_of_a_figure(model: RobotModel) -> None:
     bounded = limits(CONFIG)
-    assert len(bounded) == 5 and bounded.keys() <= summarise(recorded(model)).keys()
+    assert len(bounded) == 10
+    assert bounded.keys() - summarise(recorded(model)).keys() == {"allocated_blocks_growth", "resident_growth_kib"}
+    assert bounded["ratio_to_placo"] == CONFIG.placo_ratio_max != CONFIG.pinocchio_ratio_max
+    assert bounded["kkt_residual_max"] == CONFIG.residual_max and bounded["ticks_uncertified"] == 0.0
     assert bounded["gait_us_p99"] == CONFIG.gait_max
     assert bounded["adjustment_us_p50"] == bounded["adjustment_us_p99"] == CONFIG.adjustment_max
     assert bounded["ratio_to_pinocchio_calls"] == CONFIG.pinocchio_ratio_max
