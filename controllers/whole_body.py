@@ -73,7 +73,7 @@ class WholeBodyController:
         momentum = config.angular_momentum
         base, torso, foot, posture = config.base_orientation, config.torso_orientation, config.foot, config.posture
         foot_weight = rows(foot.weight, 6)
-        foot_weight[4] *= config.foot_pitch_scale
+        foot_weight[3:5] *= config.foot_roll_scale, config.foot_pitch_scale
         self._feet = tuple(FootTask(i, rows(foot.kp, 6), rows(foot.kd, 6), foot_weight) for i in range(2))
         momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
         posture_weight = rows(posture.weight, nj)
@@ -187,7 +187,7 @@ class WholeBodyController:
         total = max(sum(bearing), 1e-6)
         weight = self.model.mass * GRAVITY
         for foot, task in enumerate(self._feet):
-            task.set_active(not contacts[foot])
+            task.active = not contacts[foot]
             x_min, x_max, y_min, y_max = self.areas[foot]
             force = weight * (bearing[foot] / total)
             moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)

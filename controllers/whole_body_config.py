@@ -124,8 +124,9 @@ class WholeBodyConfig:
     Attributes:
         com, angular_momentum, base_orientation, torso_orientation, foot, posture: Tasks.
         posture_leg_scale: Factor on the posture weight of the leg joints [-].
-        foot_pitch_scale: Factor on the weight of a swing foot's pitch: rather than the body, the foot tips where its
-            ankle is at a limit [-].
+        foot_roll_scale: Factor on the weight of a swing foot's roll: where its ankle is at a limit the foot rolls,
+            rather than to fall short of its place [-].
+        foot_pitch_scale: Likewise of its pitch: rather than the body, the foot tips [-].
         contact: Contacts.
         limits: Joint limits.
         solver: Solver.
@@ -139,6 +140,7 @@ class WholeBodyConfig:
     foot: Gains
     posture: Gains
     posture_leg_scale: NonNegative
+    foot_roll_scale: NonNegative
     foot_pitch_scale: NonNegative
     contact: ContactConfig
     limits: LimitConfig

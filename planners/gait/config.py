@@ -136,7 +136,8 @@ class AdjustmentConfig:
 
     Attributes:
         position: Weight of the foothold's distance from the nominal one [1/m^2].
-        time: Weight of ``exp(omega T)``'s distance from the nominal one [-].
+        time: Weight of ``exp(omega T)``'s distance from the nominal one, of a walk that goes on [-].
+        time_ending: The same of one that comes to an end, as when a standing robot catches itself [-].
         offset: Weight of the DCM offset's distance from the nominal one [1/m^2].
         cop: Weight of the CoP offset over the rest of the step [1/m^2].
         cop_share: Share of the sole that the CoP offset may use [-].
@@ -145,6 +146,7 @@ class AdjustmentConfig:
 
     position: Positive
     time: Positive
+    time_ending: Positive
     offset: Positive
     cop: Positive
     cop_share: NonNegative

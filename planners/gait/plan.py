@@ -139,7 +139,14 @@ class StepPlan:
         place, seen = self._swing.position, self._seen
         shift = seen_from_stance(poses, foot, centres, offset, measured, used, place, lower, upper, seen)
         adjusted = self._adjustment.solve(
-            self._free, elapsed, self.omega, self._wanted, planned, self._step_bounds(elapsed), coupling
+            self._free,
+            elapsed,
+            self.omega,
+            self._wanted,
+            planned,
+            self._step_bounds(elapsed),
+            coupling,
+            ending=self.steps_left is not None,
         )
         self.unsolved += not adjusted.solved
         (x, y), end = seen_from_world(poses, foot, centres, adjusted.step, seen, shift, offset, coupling)

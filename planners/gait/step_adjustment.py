@@ -82,7 +82,8 @@ class StepAdjustment:
     """
 
     def __init__(self, config: AdjustmentConfig) -> None:
-        self._weights = np.array([config.position, config.time, config.offset, config.cop])
+        self._going_on = np.array([config.position, config.time, config.offset, config.cop])
+        self._ending = np.array([config.position, config.time_ending, config.offset, config.cop])
         self._nowhere = np.zeros(2)
         self._lower, self._upper = np.zeros(9), np.zeros(9)
         self._hessian = np.zeros((5, 5))
@@ -101,6 +102,8 @@ class StepAdjustment:
         planned_time: float,
         bounds: StepBounds,
         coupling: float = 0.0,
+        *,
+        ending: bool = False,
     ) -> Step:
         """Adjust the step.
 
@@ -112,6 +115,7 @@ class StepAdjustment:
             planned_time: Touchdown time of the last adjustment [s].
             bounds: Limits.
             coupling: Change of the wanted offset per change of the foothold [-].
+            ending: Whether the walk comes to an end.
         """
         hessian, gradient, rows = self._hessian, self._gradient, self._rows
         lower, upper = self._lower, self._upper
@@ -124,7 +128,7 @@ class StepAdjustment:
             nominal.offset,
             planned_time,
             coupling,
-            self._weights,
+            self._ending if ending else self._going_on,
             hessian,
             gradient,
         )
