@@ -24,17 +24,17 @@ def undisturbed() -> np.ndarray:
     return (NOMINAL.step + NOMINAL.offset) * math.exp(-OMEGA * (NOMINAL.time - ELAPSED))
 
 
-def solve(dcm: np.ndarray, bounds: StepBounds = BOUNDS) -> Step:
-    return StepAdjustment(CONFIG).solve(dcm, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, bounds)
+def solve(dcm: np.ndarray, bounds: StepBounds = BOUNDS, *, ending: bool = False) -> Step:
+    return StepAdjustment(CONFIG).solve(dcm, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, bounds, ending=ending)
 
 
-def cost(z: np.ndarray, dcm: np.ndarray) -> float:
+def cost(z: np.ndarray, dcm: np.ndarray, ending: bool) -> float:
     """The objective written out, in the variables (u, tau, delta)."""
     ahead = math.exp(OMEGA * (NOMINAL.time - ELAPSED)) - 1.0
     offset = math.exp(-OMEGA * ELAPSED) * z[2] * dcm - ahead * z[3:] - z[:2]
     return float(
         CONFIG.position * np.sum((z[:2] - NOMINAL.step) ** 2)
-        + CONFIG.time * (z[2] - math.exp(OMEGA * NOMINAL.time)) ** 2
+        + (CONFIG.time_ending if ending else CONFIG.time) * (z[2] - math.exp(OMEGA * NOMINAL.time)) ** 2
         + CONFIG.offset * np.sum((offset - NOMINAL.offset) ** 2)
         + CONFIG.cop * np.sum(z[3:] ** 2)
     )
@@ -50,16 +50,17 @@ def test_an_undisturbed_step_is_the_nominal_one() -> None:
 
 
 @pytest.mark.parametrize("error", [(0.01, 0.0), (-0.02, 0.01), (0.05, 0.03), (0.0, -0.02), (0.2, 0.1), (-0.2, -0.2)])
-def test_it_is_the_minimum_inside_the_bounds(error: tuple[float, float]) -> None:
+@pytest.mark.parametrize("ending", [False, True])
+def test_it_is_the_minimum_inside_the_bounds(error: tuple[float, float], ending: bool) -> None:
     dcm = undisturbed() + error
-    step = solve(dcm)
+    step = solve(dcm, ending=ending)
     z = np.array([*step.step, math.exp(OMEGA * step.time), *step.cop])
     lower = np.array([*BOUNDS.step_lower, math.exp(OMEGA * BOUNDS.time_lower), *(-BOUNDS.cop)])
     upper = np.array([*BOUNDS.step_upper, math.exp(OMEGA * BOUNDS.time_upper), *BOUNDS.cop])
     assert (z >= lower - 1e-7).all() and (z <= upper + 1e-7).all()
     # KKT: the gradient vanishes inside, and points outwards of the bound where one is active.
     h = 1e-6
-    gradient = np.array([(cost(z + h * e, dcm) - cost(z - h * e, dcm)) / (2.0 * h) for e in np.eye(5)])
+    gradient = np.array([(cost(z + h * e, dcm, ending) - cost(z - h * e, dcm, ending)) / (2.0 * h) for e in np.eye(5)])
     scale = 1.0 + np.abs(gradient).max()
     for value, low, high, slope in zip(z, lower, upper, gradient, strict=True):
         if value <= low + 1e-7:
@@ -69,8 +70,8 @@ def test_it_is_the_minimum_inside_the_bounds(error: tuple[float, float]) -> None
         else:
             assert abs(slope) < 1e-4 * scale
     start = np.clip(np.array([*NOMINAL.step, math.exp(OMEGA * NOMINAL.time), 0.0, 0.0]), lower, upper)
-    other = minimize(cost, start, args=(dcm,), bounds=list(zip(lower, upper, strict=True)), method="L-BFGS-B")
-    assert cost(z, dcm) <= other.fun + 1e-6
+    other = minimize(cost, start, args=(dcm, ending), bounds=list(zip(lower, upper, strict=True)), method="L-BFGS-B")
+    assert cost(z, dcm, ending) <= other.fun + 1e-6
 
 
 def test_a_push_moves_the_foot_along() -> None:

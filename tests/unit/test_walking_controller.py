@@ -104,6 +104,30 @@ def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
     assert tilts[1] < 0.5 * tilts[0]
 
 
+def test_a_foot_rolls_rather_than_fall_short_where_its_ankle_is_at_a_limit(
+    case: tuple[WalkingController, RobotState, Reference],
+) -> None:
+    """In a wide step: the leg moves out, and the ankle cannot keep the sole level any more."""
+    controller, state, ahead = case
+    model = controller.model
+    q, v = state.q.copy(), state.v.copy()
+    hip, ankle = model.feet[1].joint_ids_v[1], model.feet[1].joint_ids_v[5]
+    q[hip + 1] -= 0.3
+    q[ankle + 1] = model.q_upper[ankle - 6] - 0.03
+    v[hip], v[ankle] = -2.0, 1.0
+    near = replace(state, q=q, v=v)
+    terms = controller.whole_body.terms
+    terms.update(near)
+    sole = terms.soles[1]
+    velocities, positions = np.zeros((2, 6)), ahead.sole_positions.copy()
+    positions[1] = sole.position + np.array([0.0, -0.1, 0.0])
+    velocities[1, 1] = -2.0
+    wide = replace(ahead, sole_velocities=velocities, sole_positions=positions)
+    jacobian, drift = sole.jacobian.copy(), sole.drift.copy()
+    out = [-(jacobian @ acceleration(wide, near, foot_roll_scale=scale) + drift)[1] for scale in (1.0, 0.05)]
+    assert out[1] > out[0] + 5.0  # [m/s^2]
+
+
 def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingController, RobotState, Reference]) -> None:
     controller, state, reference = case
     areas = np.array([foot.rectangle for foot in controller.model.feet])
