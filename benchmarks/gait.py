@@ -13,36 +13,35 @@ from __future__ import annotations
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.commands import demand
 from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Case, Options, Report, percentiles
-from benchmarks.tick_timing import STATUSES
+from benchmarks.tick_timing import solution_figures
 from benchmarks.timed_run import (
     MICRO,
     QUANTILES,
+    Positive,
+    TickBounds,
     blocks_growth,
     collector_off,
     plot_tails,
     resident_growth,
     run_seeds,
+    tick_limits,
 )
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
 from models.errors import PoiseError
 
-Positive = Annotated[float, Field(gt=0.0)]
-
 
 @schema(frozen=True, slots=True, config=STRICT)
-class GaitBenchConfig:
+class GaitBenchConfig(TickBounds):
     """The walk and its bounds; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
 
     forward: float
@@ -50,13 +49,6 @@ class GaitBenchConfig:
     duration: Positive
     gait_max: Positive
     adjustment_max: Positive
-    placo_ratio_max: Positive
-    pinocchio_ratio_max: Positive
-    tail_ratio_max: Positive
-    residual_max: Positive
-    memory_time: Positive
-    growth_max: Positive
-    resident_max: Positive
 
 
 @cache
@@ -138,14 +130,9 @@ def summarise(timed: TimedWalk) -> dict[str, float]:
     figures["p99_over_median"] = figures["tick_us_p99"] / figures["tick_us_p50"]
     figures["pinocchio_calls_p99_over_median"] = figures["pinocchio_calls_us_p99"] / figures["pinocchio_calls_us_p50"]
     figures["preempted_fraction"] = 1.0 - float(kept[:, GAIT].sum() / rows[:, GAIT].sum())
-    n = timed.count
     counted = {"ticks": rows[:, GAIT], "adjustments": rows[:, ADJUSTMENT], "ticks_single_support": rows[:, TICK]}
     figures |= {name: float(chosen.sum()) for name, chosen in counted.items()}
-    figures["kkt_residual_max"] = float(timed.residual[:n].max())
-    for index, status in enumerate(STATUSES):
-        figures[f"ticks_{status.value}"] = float(np.count_nonzero(timed.status[:n] == index))
-    certified = figures["ticks_optimal"] + figures["ticks_fallback_solver"]
-    figures["ticks_uncertified"] = n - certified
+    figures |= solution_figures(timed.residual[: timed.count], timed.status[: timed.count])
     figures["placo_failed"] = float(timed.placo_failed)
     return figures
 
@@ -156,13 +143,7 @@ def limits(config: GaitBenchConfig) -> dict[str, float]:
         "gait_us_p99": config.gait_max,
         "adjustment_us_p50": config.adjustment_max,
         "adjustment_us_p99": config.adjustment_max,
-        "ratio_to_placo": config.placo_ratio_max,
-        "ratio_to_pinocchio_calls": config.pinocchio_ratio_max,
-        "p99_over_median": config.tail_ratio_max,
-        "kkt_residual_max": config.residual_max,
-        "ticks_uncertified": 0.0,
-        "allocated_blocks_growth": config.growth_max,
-        "resident_growth_kib": config.resident_max,
+        **tick_limits(config),
     }
 
 

@@ -24,15 +24,18 @@ from benchmarks.commands import demand
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
-from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, TimedController
+from benchmarks.tick_timing import STAGES, SUBJECTS, TimedController, solution_figures
 from benchmarks.timed_run import (
     MICRO,
     QUANTILES,
+    Positive,
+    TickBounds,
     blocks_growth,
     collector_off,
     plot_tails,
     resident_growth,
     run_seeds,
+    tick_limits,
 )
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
@@ -40,14 +43,13 @@ from bridge.support_polygon import distance_along
 from models.config import STRICT, default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import Mode, SolveStatus, Vector
+from models.types import Mode, Vector
 
-Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
-class TickConfig:
+class TickConfig(TickBounds):
     """The tick test; the unit of every value stands in ``benchmarks/config/tick.yaml``."""
 
     warm_up: Positive
@@ -60,13 +62,6 @@ class TickConfig:
     directions: Count
     stage_period: Annotated[int, Field(ge=2)]
     active_tolerance: Positive
-    memory_time: Positive
-    placo_ratio_max: Positive
-    pinocchio_ratio_max: Positive
-    tail_ratio_max: Positive
-    residual_max: Positive
-    growth_max: Positive
-    resident_max: Positive
 
 
 @cache
@@ -166,29 +161,12 @@ def summarise(timed: TimedController) -> dict[str, float]:
     figures["ratio_to_placo_cpu"] = float(np.median(cpu[whole, 0]) / np.median(cpu[:, 1]))
     figures["preempted_fraction"] = float(timed.preempted[:n][whole, 0].mean())
     figures["ticks"] = float(n)
-    figures["kkt_residual_max"] = float(timed.residual[:n].max())
+    figures |= solution_figures(timed.residual[:n], timed.status[:n])
     figures["active_set_changes"] = float(np.count_nonzero(timed.changed[:n]))
     figures["active_rows_mean"] = float(timed.active[:n].mean())
     figures["active_rows_max"] = float(timed.active[:n].max())
-    for index, status in enumerate(STATUSES):
-        figures[f"ticks_{status.value}"] = float(np.count_nonzero(timed.status[:n] == index))
-    certified = (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
-    figures["ticks_uncertified"] = n - sum(figures[f"ticks_{status.value}"] for status in certified)
     figures["placo_failed"] = float(timed.placo_failed)
     return figures
-
-
-def limits(config: TickConfig) -> dict[str, float]:
-    """Largest value of each figure that passes."""
-    return {
-        "ratio_to_placo": config.placo_ratio_max,
-        "ratio_to_pinocchio_calls": config.pinocchio_ratio_max,
-        "p99_over_median": config.tail_ratio_max,
-        "kkt_residual_max": config.residual_max,
-        "ticks_uncertified": 0.0,
-        "allocated_blocks_growth": config.growth_max,
-        "resident_growth_kib": config.resident_max,
-    }
 
 
 def run(options: Options) -> Report:
@@ -197,7 +175,7 @@ def run(options: Options) -> Report:
     Args:
         options: Robot and seeds.
     """
-    return run_seeds("tick", options, measure, limits(_config()))
+    return run_seeds("tick", options, measure, tick_limits(_config()))
 
 
 def plot(report: Report, folder: Path) -> list[Path]:

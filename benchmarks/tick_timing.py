@@ -60,6 +60,21 @@ class Stopwatch:
         return result
 
 
+def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -> dict[str, float]:
+    """How the QPs of all ticks ended.
+
+    Args:
+        residual: KKT residuals (ticks,) [-].
+        status: Indices into ``STATUSES`` (ticks,).
+    """
+    figures = {"kkt_residual_max": float(residual.max())}
+    for index, name in enumerate(STATUSES):
+        figures[f"ticks_{name.value}"] = float(np.count_nonzero(status == index))
+    certified = (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
+    figures["ticks_uncertified"] = len(status) - sum(figures[f"ticks_{name.value}"] for name in certified)
+    return figures
+
+
 class StageProbe:
     """Notes when each stage of a tick begins and ends, on the ticks on which it is attached.
 

@@ -7,17 +7,49 @@ import resource
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from matplotlib.axes import Axes
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.harness import Case, LoadMeter, Options, Report
+from models.config import STRICT
+
+Positive = Annotated[float, Field(gt=0.0)]
 
 MICRO = 1e-3
 """Nanoseconds to microseconds."""
 
 QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
 """Percentiles that a case keeps of every subject, for the plot [%]."""
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class TickBounds:
+    """What a whole-body tick is held to; the unit of every value stands in the benchmark's YAML."""
+
+    placo_ratio_max: Positive
+    pinocchio_ratio_max: Positive
+    tail_ratio_max: Positive
+    residual_max: Positive
+    memory_time: Positive
+    growth_max: Positive
+    resident_max: Positive
+
+
+def tick_limits(bounds: TickBounds) -> dict[str, float]:
+    """Largest value of each figure of a whole-body tick that passes."""
+    return {
+        "ratio_to_placo": bounds.placo_ratio_max,
+        "ratio_to_pinocchio_calls": bounds.pinocchio_ratio_max,
+        "p99_over_median": bounds.tail_ratio_max,
+        "kkt_residual_max": bounds.residual_max,
+        "ticks_uncertified": 0.0,
+        "allocated_blocks_growth": bounds.growth_max,
+        "resident_growth_kib": bounds.resident_max,
+    }
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from controllers.kernels_balance import feedback_gains
 from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
@@ -58,16 +59,7 @@ class BalanceController:
         shapes = ((2, 4, 3), (7,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
         self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))
         block["corners"][:] = [foot.corners for foot in model.feet]
-        com = self.whole_body.config.com
-        block["gains"][:] = [
-            config.dcm_gain,
-            config.polygon_margin,
-            config.momentum_margin,
-            config.momentum_gain,
-            config.momentum_reach_max,
-            com.kp,
-            com.kd,
-        ]
+        block["gains"][:] = feedback_gains(config, self.whole_body.config.com)
         self._rotations, self._positions = block["rotations"], block["positions"]
         self._anchor_rotation, self._anchor = block["anchor_rotation"], block["anchor"]
         self._dcm, self._cmp = block["dcm"], block["cmp"]

@@ -10,6 +10,7 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from controllers.kernels_balance import feedback_gains
 from controllers.kernels_tick import WALKING, walking_tick
 from controllers.memory import Block
 from controllers.whole_body import WholeBodyController
@@ -70,20 +71,10 @@ class WalkingController:
         self.whole_body = WholeBodyController(
             model, whole_body or default_config(WholeBodyConfig, "controllers", "whole_body_walking")
         )
-        com = self.whole_body.config.com
         self._block = block = Block(dict(zip(WALKING, ((2, 4, 3), (8,), (2,), (2,), (3,)), strict=True)))
         self._corners, self._dcm, self._cmp = block["corners"], block["dcm"], block["cmp"]
         self._shape(self.whole_body.areas)
-        block["gains"][:] = [
-            config.dcm_gain,
-            config.polygon_margin,
-            config.momentum_margin,
-            config.momentum_gain,
-            config.momentum_reach_max,
-            com.kp,
-            com.kd,
-            config.reaction_reach_max,
-        ]
+        block["gains"][:] = *feedback_gains(config, self.whole_body.config.com), config.reaction_reach_max
         terms = self.whole_body.terms.block
         self._arguments: tuple[Any, ...] = GRAVITY, terms.data, terms.layout, block.data, block.layout
         self._no_shift = np.zeros(2)

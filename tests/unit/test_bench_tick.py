@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.tick import TickConfig, limits, summarise
+from benchmarks.tick import TickConfig, summarise
 from benchmarks.tick_peers import PlacoTick
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, StageProbe, TimedController
+from benchmarks.timed_run import tick_limits
 from controllers.balance import BalanceController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
@@ -117,7 +118,7 @@ def test_figures_leave_out_preempted_and_split_ticks() -> None:
     assert [figures[f"{stage}_us_p50"] for stage in STAGES] == [pytest.approx(18.0)] * len(STAGES)
     assert figures["active_set_changes"] == 1.0
     assert figures["ticks_uncertified"] == 2.0
-    bounded = limits(CONFIG)
+    bounded = tick_limits(CONFIG)
     assert len(bounded) == 7 and bounded["ticks_uncertified"] == 0.0
     assert bounded.keys() - figures.keys() == {"allocated_blocks_growth", "resident_growth_kib"}  # of ``measure``
     assert bounded["ratio_to_placo"] == CONFIG.placo_ratio_max != CONFIG.pinocchio_ratio_max
