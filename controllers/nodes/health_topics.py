@@ -73,6 +73,11 @@ class HealthTopics:
         """Whether there is somebody who can walk."""
         return self._gait != topics.GAIT_ABSENT
 
+    @property
+    def heard(self) -> bool:
+        """Whether the clock, a state and a command have arrived: before that, their ages mean nothing."""
+        return bool(self._now and self._odom_stamp and self._command_stamp)
+
     def walk(self) -> None:
         """A walk begins: until the gait planner has said so itself, it has not come to a standstill."""
         self._gait = ""

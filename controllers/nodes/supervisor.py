@@ -50,6 +50,10 @@ class SupervisorNode(PoiseNode):
         self._sensor_rate = float(get("sensor_rate", 1000.0, text).value)
         text = describe("Silence of /clock after which the robot is damped [s]", low=0.01, high=60.0)
         self._clock_timeout = float(get("clock_timeout", 0.5, text).value)
+        text = describe(
+            "How long a supervisor that starts beside a standing robot waits to hear of it [s]", low=0.1, high=10.0
+        )
+        self._adoption_time = float(get("adoption_time", 1.0, text).value)
 
     def configure(self) -> None:
         """Build the law and the topics."""
@@ -58,7 +62,7 @@ class SupervisorNode(PoiseNode):
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
         self._driver_state = self._published = self._requested = ""
         self._requests = 0
-        self._probe_until = time.monotonic()
+        self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
         self._velocity = self.announce(Twist, topics.GAIT_VELOCITY, EVENT)
@@ -116,6 +120,8 @@ class SupervisorNode(PoiseNode):
         return ("the robot hangs in the air: let it down first",) if self._driver_state == topics.HANGING else ()
 
     def _watch(self) -> None:
+        if not self._reports.heard and time.monotonic() < self._adopting_until:
+            return
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
@@ -127,7 +133,7 @@ class SupervisorNode(PoiseNode):
         if not self._driver_state:
             return
         if self._published != self._law.mode.value:
-            if self._law.mode in ACTIVE_MODES and self._published not in _ACTIVE_NAMES:
+            if self._law.mode in ACTIVE_MODES and self._published and self._published not in _ACTIVE_NAMES:
                 self._reports.start()
             if self._law.mode is Mode.WALK:
                 self._reports.walk()
@@ -196,7 +202,7 @@ class SupervisorNode(PoiseNode):
         elif message.data == topics.ACTIVE and before == "":
             self._law.reset(Mode.STAND)
             self._law.set_preflight(())
-            self._reports.start()
+            self._adopting_until = time.monotonic() + self._adoption_time
         elif message.data == topics.DAMPED and before == "":
             self._law.reset(Mode.DAMP)
             self._law.fault("the drivers were damped when the supervisor started")

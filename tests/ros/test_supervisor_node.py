@@ -31,14 +31,17 @@ class World:
     def __init__(self, bench: Any) -> None:
         self.bench = bench
         self.modes: list[str] = []
-        self.roll, self.tick = 0.0, 0
+        self.roll, self.tick, self.silent = 0.0, 0, False
         node = bench.world
         node.create_subscription(String, topics.MODE, lambda message: self.modes.append(message.data), LATCHED)
         self._drivers = node.create_publisher(String, topics.DRIVER_STATE, LATCHED)
         self._clients: dict[str, Any] = {}
 
     def robot(self, g1: RobotModel) -> None:
-        """Publish what an upright robot publishes, a hundred times a second; ``roll`` lays it down."""
+        """Publish what an upright robot publishes, a hundred times a second; ``roll`` lays it down.
+
+        ``silent`` leaves out all but the clock, as for one who has not found the other topics yet.
+        """
         node, joints, odom = self.bench.world, JointStateCodec(g1), OdometryCodec()
         description = node.create_publisher(String, topics.ROBOT_DESCRIPTION, LATCHED)
         description.publish(String(data=g1.urdf.read_text(encoding="utf-8")))
@@ -55,6 +58,8 @@ class World:
             time = Clock()
             set_stamp(time.clock, stamp)
             clock.publish(time)
+            if self.silent:
+                return
             odometry.publish(odom.encode(stamp, standing(g1, q=q)))
             for publisher in (topic, command):
                 publisher.publish(joints.encode(stamp, q[7:], zero, zero))
@@ -216,6 +221,27 @@ def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, wo
     assert node.counters["refused /diagnostics"] == 0
     report("a while ago")
     bench.wait(lambda: node.counters["refused /diagnostics"] == 1)
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_a_standing_robot_is_adopted_however_late_its_topics_are_found(
+    bench: Any, world: World, g1: RobotModel, heard: bool
+) -> None:
+    world.robot(g1)
+    world.silent, world.tick = True, 6500  # it has stood for a minute
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True, adoption_time=1.0)
+    bench.wait(lambda: world.modes)
+    bench.spin(0.5)
+    assert world.modes == ["stand"]
+    world.silent = not heard
+    if heard:
+        bench.spin(1.0)
+        assert world.modes == ["stand"]
+    else:
+        bench.wait(lambda: world.modes[-1] == "damp")
+        assert "state estimate older than" in world.call("mode/stand")[1]
+    assert node.active
 
 
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
