@@ -82,15 +82,21 @@ def measure(robot: str, seed: int) -> Case:
     loop.set_velocity(config.forward, 0.0, 0.0)
     _walk(loop, config.warm_up)
     timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)
-    blocks = []
     with collector_off(), timed.recording():
         for second in range(round(config.duration)):
             timed.with_placo = second % 2 == 1
             _walk(loop, 1.0)
+    blocks: list[int] = []
+
+    def walk_alone(time: float) -> None:
+        """Nothing beside the robot allocates now."""
+        for _ in range(round(time)):
+            _walk(loop, 1.0)
             blocks.append(sys.getallocatedblocks())
+
     figures = summarise(timed)
-    figures["allocated_blocks_growth"] = blocks_growth(blocks, loop.plant.period)
-    figures["resident_growth_kib"] = resident_growth(lambda time: _walk(loop, time), 1.0, config.memory_time)
+    figures["resident_growth_kib"] = resident_growth(walk_alone, 2.0, config.memory_time)
+    figures["allocated_blocks_growth"] = blocks_growth(blocks[2:], loop.plant.period)
     rows = _rows(timed)
     quantiles = {
         name: np.percentile(timed.watch.wall[rows[:, i], i] * MICRO, QUANTILES).tolist()

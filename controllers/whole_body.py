@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.qp.build import QP, QPBuilder, QPLimits
+from controllers.qp.kernels_cone import share_weight
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import Terms
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
@@ -173,25 +174,19 @@ class WholeBodyController:
         if told == self._told:  # looked at in every tick: comparing arrays would take 20 us
             return False
         self._told, self._contacts = told, None
-        for foot, area in enumerate(self._whole if areas is None else areas):
-            if (area != self.areas[foot]).any():
-                self.areas[foot] = area
-                self.builder.set_area(foot, area)
+        self.areas[:] = self._whole if areas is None else areas
+        for foot in range(2):
+            self.builder.set_area(foot, self.areas[foot])
         return True
 
     def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
         """Feet that swing get their task; those that bear load their planned share, in the middle of what bears."""
         self._contacts = contacts, load
         self.builder.set_load(load)
-        bearing = [load[foot] if contacts[foot] else 0.0 for foot in range(2)]
-        total = max(sum(bearing), 1e-6)
-        weight = self.model.mass * GRAVITY
         for foot, task in enumerate(self._feet):
             task.active = not contacts[foot]
-            x_min, x_max, y_min, y_max = self.areas[foot]
-            force = weight * (bearing[foot] / total)
-            moments = force * 0.5 * (y_min + y_max), -force * 0.5 * (x_min + x_max)
-            self.limits.wrench_target[foot] = 0.0, 0.0, force, *moments, 0.0
+        left, right = (load[foot] if contacts[foot] else 0.0 for foot in range(2))
+        share_weight(self.model.mass * GRAVITY, left, right, self.areas, self.limits.wrench_target)
 
     def fall_back(self) -> tuple[JointCommand, SolveStatus]:
         """Command of a tick without a usable state or solution: the last one once more, then damping where it was."""

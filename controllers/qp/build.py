@@ -9,10 +9,11 @@ import numpy as np
 
 from controllers.memory import Block
 from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_problem, recover
+from controllers.qp.kernels_cone import fill_cone
 from controllers.qp.kernels_feedback import LIMITS
 from controllers.qp.kernels_stack import ACTIVE, COM_TASK, PLAN, PYTHON_TASK, STACK
 from controllers.qp.terms import Terms
-from controllers.qp.wrench_cone import wrench_cone
+from controllers.qp.wrench_cone import ROWS
 from controllers.tasks.base import Task
 from controllers.tasks.posture import PostureTask
 from models.constants import GRAVITY
@@ -77,18 +78,18 @@ class QPLimits:
 class _Reduction:
     """Preallocated arrays of one contact mode (0 none, 1 left, 2 right, 3 both)."""
 
-    def __init__(self, mode: int, nv: int, n_upper: int, n_legs: int, cone_rows: int) -> None:
+    def __init__(self, mode: int, nv: int, n_upper: int, n_legs: int) -> None:
         feet = (0, 1, 1, 2)[mode]
         self.mode = mode
         self.na = nv - 6 if mode != 3 else nv - 12
         self.nz = self.na + (6 if mode == 3 else 0)
-        rows = feet * cone_rows + (nv - 6) + n_legs
+        rows = feet * ROWS + (nv - 6) + n_legs
         na, nz, bounds = self.na, self.nz, n_upper + rows
         shapes = ((nv, na), (nv,), (2, 6, 6), (2, 6, nz), (2, 6), (nz, nz), (nz,), (rows, nz), (bounds,), (bounds,))
         self.block = block = Block(dict(zip(REDUCTION, shapes, strict=True)))
         soft = np.zeros(n_upper + rows, dtype=bool)
         soft[:n_upper] = True
-        soft[n_upper + feet * cone_rows + nv - 6 :] = True
+        soft[n_upper + feet * ROWS + nv - 6 :] = True
         self.qp = QP(block["hessian"], block["gradient"], block["matrix"], block["lower"], block["upper"], soft)
 
 
@@ -144,13 +145,13 @@ class QPBuilder:
         self._force_min, self._force_max = force_min, force_max
         self._wrench_scale = model.mass * GRAVITY
         self._friction, self._margin = friction, sole_margin
-        cone_rows = len(wrench_cone(model.feet[0].rectangle, friction, force_min, force_max)[1])
-        shapes = ((2, cone_rows, 6), (2, cone_rows), (2, cone_rows), (2,))
-        self.robot = Block(dict(zip(ROBOT, shapes, strict=True)))
+        self.robot = Block(dict(zip(ROBOT, ((2, ROWS, 6), (2, ROWS), (2, ROWS), (2,)), strict=True)))
+        self._cones = self.robot["cone"], self.robot["cone_lower"], self.robot["cone_upper"]
+        self._shrunk = np.empty(4)
         for foot in range(2):
             self.set_area(foot, model.feet[foot].rectangle)
         self.robot["row_scale"][:] = ROW_SCALE
-        self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6, cone_rows) for mode in range(4)]
+        self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6) for mode in range(4)]
         self._active = self._reductions[0]
         self.stacked = stack = self._make_stack()
         self._stack = stack.data, stack.layout
@@ -181,22 +182,20 @@ class QPBuilder:
 
     def set_area(self, foot: int, rectangle: Sequence[float]) -> None:
         """Part of a sole that bears from now on: x_min, x_max, y_min, y_max in its frame [m]."""
-        x_min, x_max, y_min, y_max = (float(value) for value in rectangle)
+        x_min, x_max, y_min, y_max = rectangle
         margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))  # a strip keeps half its width
-        shrunk = (x_min + margin, x_max - margin, y_min + margin, y_max - margin)
+        self._shrunk[:] = x_min + margin, x_max - margin, y_min + margin, y_max - margin
         friction = min(self._friction, self.model.feet[foot].friction)
-        matrix, lower, upper = wrench_cone(shrunk, friction, self._force_min, self._force_max)
         # Rows are divided by the robot's weight: solvers' absolute tolerances then mean the same for every robot.
-        scale = self._wrench_scale
-        for name, rows in (("cone", matrix), ("cone_lower", lower), ("cone_upper", upper)):
-            self.robot[name][foot] = rows / scale
+        forces = self._force_min, self._force_max, self._wrench_scale
+        fill_cone(self._shrunk, friction, *forces, *(rows[foot] for rows in self._cones))
 
     def set_load(self, load: tuple[float, float]) -> None:
         """Share of its largest normal force that each sole may bear from now on (2,) [-]."""
         for foot in range(2):
             # The normal force is the cone's last row; twice the least force keeps a foot that is let go feasible.
             force = max(load[foot] * self._force_max, 2.0 * self._force_min)
-            self.robot["cone_upper"][foot, -1] = force / self._wrench_scale
+            self._cones[2][foot, -1] = force / self._wrench_scale
 
     def build(self, terms: Terms, reference: Reference, limits: QPLimits) -> QP:
         """Fill the QP of this tick.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from controllers.qp.kernels_cone import fill_cone
 from models.types import Matrix, Vector
 
-UNBOUNDED = 1e30
-"""Bound that the solvers take as none."""
+ROWS = 17
+"""Rows of a cone."""
 
 
 def wrench_cone(
@@ -30,42 +31,6 @@ def wrench_cone(
     References:
         Caron, Pham, Nakamura: Stability of surface contacts for humanoid robots (ICRA 2015), eq. 19-28.
     """
-    x_min, x_max, y_min, y_max = rectangle
-    centre_x, centre_y = 0.5 * (x_min + x_max), 0.5 * (y_min + y_max)
-    half_x, half_y = 0.5 * (x_max - x_min), 0.5 * (y_max - y_min)
-    mu = friction / np.sqrt(2.0)
-    centred = [
-        [1.0, 0.0, -mu, 0.0, 0.0, 0.0],
-        [-1.0, 0.0, -mu, 0.0, 0.0, 0.0],
-        [0.0, 1.0, -mu, 0.0, 0.0, 0.0],
-        [0.0, -1.0, -mu, 0.0, 0.0, 0.0],
-        [0.0, 0.0, -half_y, 1.0, 0.0, 0.0],
-        [0.0, 0.0, -half_y, -1.0, 0.0, 0.0],
-        [0.0, 0.0, -half_x, 0.0, 1.0, 0.0],
-        [0.0, 0.0, -half_x, 0.0, -1.0, 0.0],
-    ]
-    for sign_x in (1.0, -1.0):
-        for sign_y in (1.0, -1.0):
-            for sign in (1.0, -1.0):
-                # sign tau_z + |Y f_x + sign mu tau_x| + |X f_y + sign mu tau_y| <= mu (X + Y) f_z
-                centred.append(
-                    [
-                        sign_x * half_y,
-                        sign_y * half_x,
-                        -mu * (half_x + half_y),
-                        sign * sign_x * mu,
-                        sign * sign_y * mu,
-                        sign,
-                    ]
-                )
-    shift = np.eye(6)  # wrench at the rectangle's centre from the wrench at the sole origin
-    shift[3, 2] = -centre_y
-    shift[4, 2] = centre_x
-    shift[5, 0] = centre_y
-    shift[5, 1] = -centre_x
-    rows = np.array(centred) @ shift  # (16, 6)
-    normal = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
-    matrix = np.vstack([rows, normal])  # (17, 6)
-    lower = np.append(np.full(16, -UNBOUNDED), force_min)
-    upper = np.append(np.zeros(16), force_max)
+    matrix, lower, upper = np.empty((ROWS, 6)), np.empty(ROWS), np.empty(ROWS)
+    fill_cone(np.array(rectangle, dtype=float), friction, force_min, force_max, 1.0, matrix, lower, upper)
     return matrix, lower, upper
