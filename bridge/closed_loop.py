@@ -8,6 +8,7 @@ from typing import Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
+from bridge.fault_plan import Faults
 from bridge.lockstep import Controller, Lockstep
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
@@ -62,6 +63,7 @@ class ClosedLoop:
         config: Start-up, scoring and log settings; the packaged ones when None.
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
         calibration: Corrects the sensors; None for none.
+        faults: Faults of sensors and motors, from the moment on when the robot is let go; see ``docs/faults.md``.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
 
     Attributes:
@@ -97,6 +99,7 @@ class ClosedLoop:
         config: LoopConfig | None = None,
         sensor_errors: SensorErrors | None = None,
         calibration: Calibration | None = None,
+        faults: Faults | None = None,
         start: Literal["stand", "hang"] = "stand",
     ) -> None:
         if start not in ("stand", "hang"):
@@ -115,7 +118,9 @@ class ClosedLoop:
             timestep=timestep,
             visuals=visuals,
             sensor_errors=sensor_errors,
+            faults=faults,
         )
+        self.plant.faults.note = self._note
         latency = self.robot.profile.sensors.latency
         delay_ticks = self._ticks("delay_s", latency.sensors + latency.commands if delay_s is None else delay_s)
         control_ticks = self._ticks("control_period_s", control_period_s)
@@ -297,6 +302,18 @@ class ClosedLoop:
         """
         self.plant.apply_push(force, duration, body)
         self._note(f"push ({force[0]:g}, {force[1]:g}, {force[2]:g}) N for {duration:g} s on {body}")
+
+    def inject(self, faults: Faults) -> str:
+        """Inject faults into sensors and motors, their times counted from the next tick; returns them in words.
+
+        Raises:
+            ConfigError: They cannot be read or do not fit the robot; nothing is injected then.
+        """
+        return self.plant.faults.inject(faults)
+
+    def clear_faults(self) -> str:
+        """End every injected fault; returns which. What the supervisor has latched stays."""
+        return self.plant.faults.clear()
 
     def step(self) -> None:
         """Run one tick."""

@@ -114,7 +114,7 @@ class Lockstep:
         self.supervisor = Supervisor(plant.robot, gait=True)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
-        self.tick = 0
+        self.tick = self._unheard = 0
         self.calibration, self._applied = calibration, calibration
         self.listener: Callable[[SensorData], None] | None = None
         self.hanging = False
@@ -147,7 +147,7 @@ class Lockstep:
         sensors = self._hang_and_average()
         self.servo.blend()
         state = self.estimator.reset(sensors)
-        self.tick = 0
+        self.tick = self._unheard = 0
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
         self.laws.reset(self.state)
@@ -226,7 +226,11 @@ class Lockstep:
             self.tick += 1
             return
         if self.tick % self._control_ticks == 0:
-            self._control(sensors)
+            self._unheard += 1
+            heard = self.plant.heard(sensors) if self.tick else sensors  # the estimator has started from the first one
+            if heard is not None:
+                self._control(heard, self._unheard * self._control_dt)
+                self._unheard = 0
         if self.tick % self._supervise_ticks == 0:
             self._supervise()
         while self._queue and self._queue[0][0] <= self.tick:
@@ -235,16 +239,16 @@ class Lockstep:
         self.tick += 1
         self._after_tick()
 
-    def _control(self, sensors: SensorData) -> None:
-        """Estimator and controller; the command enters the delay line."""
+    def _control(self, sensors: SensorData, dt: float) -> None:
+        """Estimator and controller, a time [s] after the last sample; the command enters the delay line."""
         if self._use_truth:
             self.state = self.plant.truth
         else:
-            self.state = self.estimator.step(sensors, self._control_dt, self._scheduled)
+            self.state = self.estimator.step(sensors, dt, self._scheduled)
         self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
             return
-        self.result = self.laws.step(self.state, self._control_dt)
+        self.result = self.laws.step(self.state, dt)
         self._scheduled = self.laws.reference.contacts
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from bridge.fault_plan import Faults
+from bridge.fault_proxy import FaultProxy
 from bridge.plant import Plant
 from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
@@ -35,6 +37,7 @@ class MujocoPlant(Plant):
         timestep: Physics step [s].
         visuals: Load meshes for pictures; no effect on the dynamics.
         sensor_errors: Errors of the sensors on top of those that profile and seed give.
+        faults: Faults of sensors and motors from the start or the release on.
 
     Attributes:
         model: The compiled MuJoCo model.
@@ -43,6 +46,7 @@ class MujocoPlant(Plant):
         ground: Height of the ground; for scoring only.
         noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
+        faults: Injects faults into sensors and motors.
 
     Raises:
         ConfigError: An argument is out of range.
@@ -61,6 +65,7 @@ class MujocoPlant(Plant):
         timestep: float = 0.001,
         visuals: bool = False,
         sensor_errors: SensorErrors | None = None,
+        faults: Faults | None = None,
     ) -> None:
         self.robot = model
         self.ground = Ground(terrain_named(terrain))
@@ -71,8 +76,10 @@ class MujocoPlant(Plant):
         self.data = mujoco.MjData(self.model)
         self._period = float(self.model.opt.timestep)
         self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
+        self.faults = FaultProxy(model, period=timestep, seed=seed, plan=faults)
         self._index_channels()
         self._read: SensorData | None = None
+        self._values: Vector | None = None  # channels of the newest sample
         self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
         self._tick = 0
         self._held = True
@@ -113,7 +120,8 @@ class MujocoPlant(Plant):
         self._pushes.clear()
         self._tick = 0
         self.noise.reset(seed)
-        self._read = None
+        self.faults.reset(seed)
+        self._read = self._values = None
         mujoco.mj_forward(self.model, self.data)
 
     def hold(self, on: bool) -> None:
@@ -122,6 +130,8 @@ class MujocoPlant(Plant):
             self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
         else:
             self.mujoco.release(self.data)
+            if self._held:
+                self.faults.release()
         self._held = on
 
     def hoist(self, height: float) -> None:
@@ -153,10 +163,19 @@ class MujocoPlant(Plant):
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
             self._read = self.noise.measure(self.t, values)
+            if self.faults.active:
+                self.faults.sense(self._tick, values, self._values)
+            self._values = values
         return self._read
+
+    def heard(self, sensors: SensorData) -> SensorData | None:
+        """What reaches the laws of a sample of this tick; None when its joints do not."""
+        return self.faults.heard(self._tick, sensors)
 
     def write(self, tau: Vector) -> None:
         """Set the joint torques (nj,) [N.m] of the coming steps; MuJoCo clamps them to the torque limits."""
+        if self.faults.active:
+            tau = self.faults.drive(self._tick, tau, self._ctrl[self.mujoco.actuator])
         self._ctrl[self.mujoco.actuator] = tau
 
     def step(self) -> None:
