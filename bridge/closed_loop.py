@@ -10,6 +10,7 @@ import mujoco
 from bridge.calibrating import Calibrator
 from bridge.fault_plan import Faults
 from bridge.lockstep import Controller, Lockstep
+from bridge.loop_black_box import LoopBlackBox
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
@@ -65,12 +66,14 @@ class ClosedLoop:
         calibration: Corrects the sensors; None for none.
         faults: Faults of sensors and motors, from the moment on when the robot is let go; see ``docs/faults.md``.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
+        black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
 
     Attributes:
         robot: The robot.
         plant: The simulated robot; no law may see it.
         log: What was recorded.
         events: Stamp [s] and text of commands, pushes and changes of mode.
+        black_box: The black box and the files that it has written; None without.
 
     Raises:
         ConfigError: An argument is out of range.
@@ -101,6 +104,7 @@ class ClosedLoop:
         calibration: Calibration | None = None,
         faults: Faults | None = None,
         start: Literal["stand", "hang"] = "stand",
+        black_box: Path | None = None,
     ) -> None:
         if start not in ("stand", "hang"):
             raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
@@ -142,6 +146,7 @@ class ClosedLoop:
         )
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
+        self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
         self._text = TextCommands(self.robot, self._lockstep)
         (self.hang if start == "hang" else self.reset)()
@@ -322,6 +327,8 @@ class ClosedLoop:
     def _record(self) -> None:
         """Row of the log after a tick, when one is due."""
         lockstep = self._lockstep
+        if self.black_box is not None:
+            self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
             self.log.add(self.plant.truth, self.plant.com, lockstep.state, lockstep.result, self.mode, self.gait)
 

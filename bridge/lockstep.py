@@ -88,6 +88,7 @@ class Lockstep:
         estimator: The state estimator.
         monitor: Fall and slip of the true robot.
         servo: Drivers.
+        sensors: Last sample, as the laws got it.
         state: Last estimate.
         result: Last tick of the controller.
         tick: Ticks since the controller took over.
@@ -118,6 +119,7 @@ class Lockstep:
         self.calibration, self._applied = calibration, calibration
         self.listener: Callable[[SensorData], None] | None = None
         self.hanging = False
+        self.sensors: SensorData
         self.state: RobotState
         self.result: ControlResult
         self._gait = gait
@@ -217,7 +219,7 @@ class Lockstep:
 
     def step(self) -> None:
         """Run one tick."""
-        sensors = self._sense()
+        self.sensors = sensors = self._sense()
         if self.listener is not None:
             self.listener(self.plant.read())
         if self.hanging:

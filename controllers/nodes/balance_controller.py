@@ -13,6 +13,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
 from controllers.law_switch import LawSwitch
+from controllers.nodes.black_box_keeper import BlackBoxKeeper
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
@@ -28,7 +29,7 @@ from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import LATCHED, SENSOR, command
 from models.nodes.spin import run
 from models.nodes.tick_timer import TickTimer
-from models.types import ControlResult, Mode, RobotState, SolveStatus
+from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
 
 MODES = {mode.value: mode for mode in Mode}
 
@@ -76,6 +77,7 @@ class BalanceControllerNode(PoiseNode):
         self._last_command = b""
         self.scheduled: tuple[bool, bool] | None = None
         self._timer = TickTimer()
+        self._black_box = BlackBoxKeeper(self)
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
@@ -87,8 +89,9 @@ class BalanceControllerNode(PoiseNode):
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
         self._motions = MotionTopics(self, self._laws, lambda: self._mode)
+        self._black_box.configure()
         if not self._local:
-            self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
+            self._topics = StateTopics(self, self._on_topics, reliable=self._lockstep)
 
     def _make_walker(self) -> Callable[[], Walker[Gait]] | None:
         if self._gait is None:
@@ -106,6 +109,21 @@ class BalanceControllerNode(PoiseNode):
     def deactivate(self) -> None:
         """Forget the motion."""
         self._motions.forget()
+        self._black_box.flush()
+
+    def _on_topics(self, state: RobotState, stamp: int) -> None:
+        """Answer a state from topics, with which no sensors come."""
+        self.on_state(state, stamp)
+        self.keep(state)
+
+    def keep(self, state: RobotState, sensors: SensorData | None = None) -> None:
+        """Have the black box keep a tick, once its command is out.
+
+        Args:
+            state: Estimated state.
+            sensors: What it was made from, where that is known.
+        """
+        self._black_box.add(state, sensors, None if self.scheduled is None else self._result, self._mode)
 
     def on_state(self, state: RobotState, stamp: int) -> None:
         """Answer one state with one command.
@@ -164,7 +182,8 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def before_diagnostics(self) -> None:
-        """Report the newest result."""
+        """Report the newest result; write the black box when it is time."""
+        self._black_box.poll()
         result = self._result
         if not self.active or result is None:
             return
