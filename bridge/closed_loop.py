@@ -14,6 +14,7 @@ from bridge.loop_black_box import LoopBlackBox
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
+from bridge.obstacle_guard import ObstacleGuard
 from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
@@ -65,6 +66,7 @@ class ClosedLoop:
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
         calibration: Corrects the sensors; None for none.
         faults: Faults of sensors and motors, from the moment on when the robot is let go; see ``docs/faults.md``.
+        obstacle_stop: Whether the scanner of the robot stops a walk before what ``plant.obstacle`` puts into its way.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
         black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
 
@@ -103,6 +105,7 @@ class ClosedLoop:
         sensor_errors: SensorErrors | None = None,
         calibration: Calibration | None = None,
         faults: Faults | None = None,
+        obstacle_stop: bool = False,
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
     ) -> None:
@@ -148,7 +151,8 @@ class ClosedLoop:
         self.events: list[tuple[float, str]] = []
         self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
-        self._text = TextCommands(self.robot, self._lockstep)
+        self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
+        self._text = TextCommands(self.robot, self._lockstep, lambda: self._guard or self.gait)
         (self.hang if start == "hang" else self.reset)()
 
     def _ticks(self, name: str, time: float) -> int:
@@ -234,15 +238,20 @@ class ClosedLoop:
 
     def reset(self, seed: int | None = None) -> None:
         """Start over, as a new loop would; a seed replaces the present one."""
-        self.log.clear()
-        self.events.clear()
+        self._clear(seed)
         self._lockstep.start(seed)
 
     def hang(self, seed: int | None = None) -> None:
         """Start over hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` stands it up."""
+        self._clear(seed)
+        self._lockstep.hang(seed)
+
+    def _clear(self, seed: int | None) -> None:
+        """Forget what was recorded and seen."""
         self.log.clear()
         self.events.clear()
-        self._lockstep.hang(seed)
+        if self._guard is not None:
+            self._guard.reset(seed)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -296,7 +305,7 @@ class ClosedLoop:
         """
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
-        self.gait.set_velocity(forward, left, turn)
+        (self._guard or self.gait).set_velocity(forward, left, turn)
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
@@ -323,6 +332,8 @@ class ClosedLoop:
     def step(self) -> None:
         """Run one tick."""
         self._lockstep.step()
+        if self._guard is not None:
+            self._guard.step()
 
     def _record(self) -> None:
         """Row of the log after a tick, when one is due."""

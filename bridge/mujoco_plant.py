@@ -7,6 +7,7 @@ import numpy as np
 
 from bridge.fault_plan import Faults
 from bridge.fault_proxy import FaultProxy
+from bridge.obstacle import Obstacle
 from bridge.plant import Plant
 from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
@@ -44,6 +45,7 @@ class MujocoPlant(Plant):
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
         ground: Height of the ground; for scoring only.
+        obstacle: The box of a terrain that has one, to be put into the way; ``reset`` puts it back.
         noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
         faults: Injects faults into sensors and motors.
@@ -68,12 +70,14 @@ class MujocoPlant(Plant):
         faults: Faults | None = None,
     ) -> None:
         self.robot = model
-        self.ground = Ground(terrain_named(terrain))
+        terrain = terrain_named(terrain)
+        self.ground = Ground(terrain)
         self.mujoco: MujocoModel = build_mujoco(
             model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
         )
         self.model = self.mujoco.model
         self.data = mujoco.MjData(self.model)
+        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
         self._period = float(self.model.opt.timestep)
         self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
         self.faults = FaultProxy(model, period=timestep, seed=seed, plan=faults)

@@ -81,6 +81,11 @@ class ObstacleStop:
         self._stops: list[_Stop] = []
 
     @property
+    def stamp(self) -> float | None:
+        """Stamp of the newest scan [s]; None before the first."""
+        return self._t
+
+    @property
     def stopped(self) -> bool:
         """Whether there is a direction in which the robot may not walk because of an obstacle."""
         return bool(self._stops)

@@ -13,8 +13,10 @@ from bridge.ros.bridge_parameters import declare
 from bridge.ros.command_input import CommandInput
 from bridge.ros.driven_robot import DrivenRobot
 from bridge.ros.latency_probe import LatencyProbe
+from bridge.ros.obstacle_service import ObstacleService
 from bridge.ros.plant_services import PlantServices
 from bridge.ros.run_loop import run_plant
+from bridge.ros.scan_publisher import ScanPublisher
 from bridge.ros.sensor_publisher import SensorPublisher
 from bridge.ros.slow_topics import SlowTopics
 from bridge.sensor_errors import read_sensor_errors
@@ -58,11 +60,14 @@ class MujocoBridge(PoiseNode):
         self._slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if given.latency_file else None
         self._sensors = SensorPublisher(self, reliable=self.lockstep)
+        noise = float(given.sensor_noise)
+        self._scan = ScanPublisher(self, plant, seed=given.seed, noise=noise, reliable=self.lockstep)
         self._slow = SlowTopics(self, self._driven)
         tell = self._slow.publish_state
         self.commands = CommandInput(self, self._driven, self._period_ns, given.max_age, self._probe, tell)
         self._calibration = CalibrationFile(self, NO_FILE)
         PlantServices(self, self._driven, self.restart, self._pause)
+        ObstacleService(self, plant)
 
     def activate(self) -> None:
         """Hold the robot at its start and let it settle."""
@@ -118,6 +123,7 @@ class MujocoBridge(PoiseNode):
         if self._probe is not None:
             self._probe.publish(self.tick, late, self._driven.state == topics.ACTIVE)
         self._sensors.publish(self.stamp, self._driven.read() if self._first is None else self._first)
+        self._scan.publish(self.tick, self.stamp)
         if self.tick % self._slow_ticks == 0:
             self.idle()
             self._slow.publish_truth(self.stamp)

@@ -37,6 +37,8 @@ class ScanTopic:
             scan = scan_from_message(message)
             if abs(now - scan.t) > self._law.config.scan_timeout:
                 raise MessageError(f"header.stamp: {scan.t:.3f} s, while /clock is at {now:.3f} s")
+            if self._law.stamp is not None and self._law.stamp > now + self._law.config.scan_timeout:
+                self._law.reset()  # /clock has begun anew: the bridge was restarted
             self._law.update(scan)
         except PoiseError as error:
             self._node.refuse(topics.SCAN, error)

@@ -102,3 +102,7 @@ def test_the_stop_hears_scans_and_refuses_others_by_name(bench: Any, g1: RobotMo
     node.now = 12.0
     publisher.publish(_message(empty(12.0)))
     bench.wait(lambda: node.law.limit((0.0, 0.2, 0.0), 12.0)[1] == "")
+    node.now = 1.0  # the bridge was restarted, and with it the clock
+    publisher.publish(_message(empty(1.0)))
+    bench.wait(lambda: node.law.limit(velocity, 1.0)[1] == "")
+    assert node.counters[key] == 4
