@@ -86,6 +86,9 @@ def up(
     sensor_errors: Annotated[
         str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
     ] = "",
+    faults: Annotated[
+        str, typer.Option(help="Faults once it stands: a YAML file, a scenario such as dead_knee, or YAML in braces.")
+    ] = "",
     terrain: Annotated[
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
@@ -95,14 +98,17 @@ def up(
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
+    from bridge.fault_plan import fault_plan
     from bridge.launch import up as launch
     from bridge.sensor_errors import read_sensor_errors
     from models.terrain import terrain_named
 
     with told():
         read_sensor_errors(sensor_errors)
+        fault_plan(faults)
         terrain_named(terrain)
-    plant = {"terrain": terrain, **({"sensor_errors": sensor_errors} if sensor_errors else {})}
+    given = {"sensor_errors": sensor_errors, "faults.plan": faults}
+    plant = {"terrain": terrain, **{name: text for name, text in given.items() if text}}
     code = launch(
         robot,
         duration=duration,

@@ -13,8 +13,11 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, Vector
 
+STAMPS = "stamps"
+
 IMU, JOINT_STATES = "imu", "joint_states"
-"""Sources of messages besides the feet, 'foot:left' and 'foot:right'."""
+FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)
+"""Sources of messages; targets of the same name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +26,7 @@ class Channels:
 
     Attributes:
         index: Where they are (n,): among the joint torques for motors, among positions, velocities and torques of all
-            joints for 'joint_states', among the channels of ``SensorNoise`` otherwise.
+            joints and the stamp for 'joint_states' and 'stamps', among the channels of ``SensorNoise`` otherwise.
         low, high: Full scale (n,).
         blocks: Equal parts of ``index`` of which the first is what parameters speak of; encoders have two, positions
             and velocities, 'joint_states' three.
@@ -79,6 +82,8 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
     if group == JOINT_STATES:
         index = np.arange(3 * nj)
         return Channels(index, low[index], high[index], blocks=3, sources=frozenset({JOINT_STATES}))
+    if group == STAMPS:
+        return Channels(np.array([3 * nj]), np.zeros(1), np.zeros(1))
     if group in ("torque", "torques"):
         index, sources = 2 * nj + joints, frozenset[str]()
     else:
@@ -87,14 +92,13 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
     return Channels(index, low[index], high[index], sources=sources)
 
 
-_FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)
 _PARTS = {
     "imu": (0, 6, frozenset({IMU})),
     "imu.gyro": (0, 3, frozenset({IMU})),
     "imu.accel": (3, 3, frozenset({IMU})),
-    "feet": (6, 12, frozenset(_FEET)),
-    _FEET[0]: (6, 6, frozenset({_FEET[0]})),
-    _FEET[1]: (12, 6, frozenset({_FEET[1]})),
+    "feet": (6, 12, frozenset(FEET)),
+    FEET[0]: (6, 6, frozenset({FEET[0]})),
+    FEET[1]: (12, 6, frozenset({FEET[1]})),
 }
 """First channel behind the joints, number of channels, and messages of inertial unit and feet."""
 

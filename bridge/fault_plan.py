@@ -16,7 +16,7 @@ Numbers: TypeAlias = float | Sequence[float]
 
 TARGETS = (
     "imu", "imu.gyro", "imu.accel", "joints", "joint:NAME", "torques", "torque:NAME", "feet", "foot:left", "foot:right",
-    "joint_states", "motors", "motor:NAME",
+    "joint_states", "stamps", "motors", "motor:NAME",
 )  # fmt: skip
 """What can be at fault; NAME is that of a joint."""
 
@@ -31,6 +31,9 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "intermittent": ("probability", "period", "share"),
 }
 """Kinds of fault, and the parameters that each one takes."""
+
+STAMP_KINDS = ("stuck", "wrong", "delayed")
+"""Kinds that make sense of stamps."""
 
 START, RELEASE = "start", "release"
 
@@ -62,7 +65,8 @@ class Fault:
         target: What is at fault, one of ``TARGETS``: 'imu' (or its gyro or accelerometer alone), 'joints' or
             'joint:NAME' (encoders: positions and velocities, for laws and drivers alike), 'torques' or 'torque:NAME'
             (the drivers' measurements), 'feet', 'foot:left' or 'foot:right', 'joint_states' (all joints' measurements
-            on their way to the laws; the drivers have theirs), 'motors' or 'motor:NAME'.
+            on their way to the laws; the drivers have theirs), 'stamps' (of what the laws get [s]; only stuck, wrong or
+            delayed), 'motors' or 'motor:NAME'.
         kind: How, one of ``PARAMETERS``.
         start: When it begins, counted from the injection [s].
         end: When it ends, counted from the injection [s].
@@ -99,6 +103,8 @@ class Fault:
             raise ConfigError(f"fault: unknown target '{self.target}'; known: {', '.join(TARGETS)}")
         if self.kind not in PARAMETERS:
             raise ConfigError(f"fault of {self.target}: unknown kind '{self.kind}'; known: {', '.join(PARAMETERS)}")
+        if self.target == "stamps" and self.kind not in STAMP_KINDS:
+            raise ConfigError(f"fault of stamps: kind '{self.kind}' makes no sense; known: {', '.join(STAMP_KINDS)}")
         own = PARAMETERS[self.kind]
         for name in [field.name for field in fields(self)][2:]:
             given = getattr(self, name)
@@ -139,11 +145,12 @@ class Fault:
         """One parameter: numbers, in its range."""
         several = name in ("value", "offset", "scale", "drift")
         items = list(given) if several and isinstance(given, Sequence) and not isinstance(given, str) else [given]
+        bounded = self.is_motor or self.target == "stamps"
         for item in items:
             if isinstance(item, bool) or not isinstance(item, int | float):
                 raise self._refusal(name, f"{item!r} is not a number")
             finite = math.isfinite(item)
-            if not finite and not (name == "end" and item == math.inf) and (name != "value" or self.is_motor):
+            if not finite and not (name == "end" and item == math.inf) and (name != "value" or bounded):
                 raise self._refusal(name, f"{item} is not finite")
             if name in ("probability", "share") and not 0.0 < item <= 1.0:
                 raise self._refusal(name, f"{item} is not in (0, 1]")
@@ -198,7 +205,9 @@ class FaultPlan:
 
 
 Faults: TypeAlias = Fault | FaultPlan | Sequence[Fault] | str | Path
-"""Whatever can be read as a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario."""
+"""Whatever can be read as a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario.
+
+Empty text stands for no faults."""
 
 
 def scenario_names() -> list[str]:
@@ -233,6 +242,8 @@ def _folder() -> Path:
 def _read(given: str | Path) -> FaultPlan:
     """A plan from YAML, a file or a name."""
     text = str(given).strip()
+    if not text:
+        return FaultPlan(())
     inline = isinstance(given, str) and (text[:1] in ("{", "[", "-") or "\n" in text or ": " in text)
     if inline:
         listed = {"[": "faults: ", "-": "faults:\n"}.get(text[0], "")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bridge.fault_channels import JOINT_STATES, Channels, channels_of
+from bridge.fault_channels import JOINT_STATES, STAMPS, Channels, channels_of
 from bridge.fault_effects import Effect, effect_of
 from bridge.fault_plan import RELEASE, START, Fault, FaultPlan, Faults, fault_plan
 from controllers.sample_assembler import MAX_AGE
@@ -41,10 +41,10 @@ class _Injected:
 
     @property
     def way(self) -> str:
-        """Where it acts: on 'sensors', on 'joint_states' or on 'motors'."""
+        """Where it acts: on 'sensors', on 'messages' or on 'motors'."""
         if self.fault.is_motor:
             return "motors"
-        return JOINT_STATES if self.fault.target == JOINT_STATES else "sensors"
+        return "messages" if self.fault.target in (JOINT_STATES, STAMPS) else "sensors"
 
 
 class FaultProxy:
@@ -81,9 +81,20 @@ class FaultProxy:
         self.active = False
         self.silent: frozenset[str] = frozenset()
         self._missing: frozenset[str] = frozenset()
+        self._not_finite = self._unstamped = False
         self._heard: tuple[int, SensorData | None] | None = None
         for fault in self._plan.faults:
             self._check(fault)
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether a message of this tick does not come, is refused because it is not finite, or has a wrong stamp."""
+        return self.active and (bool(self.silent) or self._not_finite or self._unstamped)
+
+    @property
+    def summary(self) -> str:
+        """Faults that have not ended, in words."""
+        return str(FaultPlan(self.injected))
 
     @property
     def injected(self) -> tuple[Fault, ...]:
@@ -118,10 +129,11 @@ class FaultProxy:
 
     def clear(self) -> str:
         """End every fault; returns which, in words."""
-        told = f"cleared: {FaultPlan(self.injected)}"
-        if self._injected:
-            self.note(told)
+        ended = self.injected
+        told = f"cleared: {FaultPlan(ended)}"
         self._forget()
+        if ended:
+            self.note(told)
         return told
 
     def reset(self, seed: int | None = None) -> None:
@@ -145,11 +157,12 @@ class FaultProxy:
             values: Channels of ``SensorNoise``; changed in place.
             before: Those of the tick before, as they were passed on; None for the first.
         """
-        missing: set[str] = set()
+        missing, self._not_finite, self._unstamped = set[str](), False, False
         for item, k in self._at_work("sensors", tick):
             index = item.channels.index
             effect = self._effect(item, values[index] if before is None else before[index])
             values[index] = effect(k, values[index])
+            self._not_finite |= not np.isfinite(values[index]).all()
             if effect.missing:
                 missing |= item.channels.sources
         self._missing = frozenset(missing)
@@ -183,7 +196,7 @@ class FaultProxy:
             sensors: The sample as the drivers have it.
 
         Returns:
-            ``sensors`` itself when nothing is wrong with 'joint_states'; None when they do not come.
+            ``sensors`` itself when nothing is wrong with 'joint_states' and 'stamps'; None when the joints do not come.
         """
         if not self.active:
             return sensors
@@ -192,19 +205,22 @@ class FaultProxy:
         return self._heard[1]
 
     def _hear(self, tick: int, sensors: SensorData) -> SensorData | None:
-        items = self._at_work(JOINT_STATES, tick)
+        items = self._at_work("messages", tick)
         if not items:
             return sensors
-        values, missing = np.concatenate([sensors.q, sensors.v, sensors.tau]), False
+        values, missing = np.concatenate([sensors.q, sensors.v, sensors.tau, [sensors.t]]), False
         for item, k in items:
-            effect = self._effect(item, values)
-            values = effect(k, values)
+            index = item.channels.index
+            effect = self._effect(item, values[index])
+            values[index] = effect(k, values[index])
             missing |= effect.missing
         if missing:
             self.silent = self._missing | {JOINT_STATES}
             return None
-        q, v, tau = values.reshape(3, -1)
-        return replace(sensors, q=q, v=v, tau=tau)
+        self._not_finite |= not np.isfinite(values).all()
+        self._unstamped = values[-1] != sensors.t
+        q, v, tau = values[:-1].reshape(3, -1)
+        return replace(sensors, t=float(values[-1]), q=q, v=v, tau=tau)
 
     def _check(self, fault: Fault) -> Channels:
         """The channels of a fault that fits the robot."""

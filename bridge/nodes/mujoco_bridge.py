@@ -53,13 +53,14 @@ class MujocoBridge(PoiseNode):
             payload_kg=given.payload,
             terrain=given.terrain,
             sensor_errors=read_sensor_errors(given.sensor_errors),
+            faults=given.faults,
         )
         self._driven = DrivenRobot(plant, given.config)
         self.period = plant.period
         self._period_ns = round(plant.period * NANOSECONDS)
         self._slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if given.latency_file else None
-        self._sensors = SensorPublisher(self, reliable=self.lockstep)
+        self._sensors = SensorPublisher(self, plant, reliable=self.lockstep)
         noise = float(given.sensor_noise)
         self._scan = ScanPublisher(self, plant, seed=given.seed, noise=noise, reliable=self.lockstep)
         self._slow = SlowTopics(self, self._driven)
@@ -106,8 +107,8 @@ class MujocoBridge(PoiseNode):
 
     @property
     def answered(self) -> bool:
-        """Whether the drivers have the command of this tick."""
-        return self.commands.stamp == self.stamp
+        """Whether the drivers have the command of this tick, or a fault keeps everybody from computing one."""
+        return self.commands.stamp == self.stamp or self._driven.plant.faults.spoilt
 
     @property
     def free_running(self) -> bool:
@@ -154,6 +155,7 @@ class MujocoBridge(PoiseNode):
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
             self.values["starts interrupted"] = str(self._driven.interruptions)
+            self.values["faults injected"] = self._driven.plant.faults.summary
 
 
 def main(args: list[str] | None = None) -> None:

@@ -179,6 +179,21 @@ def test_joint_states_are_lost_on_their_way_only(g1: RobotModel) -> None:
     np.testing.assert_array_equal(ramp(g1, 0), sensed_values(g1, made))  # the drivers have theirs
 
 
+def test_stamps_are_repeated_old_or_ahead(g1: RobotModel) -> None:
+    """As the laws get them; everything else is as it was."""
+    cases = (
+        (Fault("stamps", "stuck"), [0.0, 0.0, 0.0]),
+        (Fault("stamps", "wrong", offset=-0.05), [-0.05, -0.049, -0.048]),
+        (Fault("stamps", "delayed", delay=0.001), [0.0, 0.0, 0.001]),
+    )
+    for fault, expected in cases:
+        made = proxy(g1, fault)
+        samples = [sample for sample in heard(g1, made, 3) if sample is not None]
+        np.testing.assert_allclose([sample.t for sample in samples], expected, atol=1e-12)
+        assert [sample.q[0] for sample in samples] == [10.0, 11.0, 12.0]
+        assert made.spoilt and not made.silent
+
+
 def sensed_values(g1: RobotModel, made: FaultProxy) -> np.ndarray:
     values = ramp(g1, 0)
     made.sense(0, values, None)
