@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import threading
 import time
+from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from controllers.black_box import BlackBox, BlackBoxConfig
@@ -16,15 +18,17 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config
-from models.nodes.qos import LATCHED
+from models.nodes.qos import EVENT, LATCHED
 from models.types import ControlResult, Mode, RobotState, SensorData
 
 
 class BlackBoxKeeper:
     """Fills the ring, and has it written once after each time that the robot leaves the active modes for damp or off.
 
-    It is written as well when the drivers have damped by themselves, whether or not a supervisor is left to say so.
-    What goes wrong with a file is counted and told in the diagnostics, and stops nothing.
+    What the supervisor then says in its diagnostics becomes the reason; they are listened to only until the file is
+    written, because they would cost the tick. It is written as well when the drivers have damped by themselves, whether
+    or not a supervisor is left to say so. What goes wrong with a file is counted and told in the diagnostics, and stops
+    nothing.
 
     Args:
         node: Whose parameters, diagnostics and log.
@@ -39,7 +43,9 @@ class BlackBoxKeeper:
         self._t = 0.0
         self._armed = False
         self._due: float | None = None
-        self._reason = ""
+        self._reason = self._said = ""
+        self._supervisor = f"{node.get_namespace().rstrip('/')}/supervisor"
+        self._ear: Any = None
         self._thread: threading.Thread | None = None
         self._outcome: tuple[bool, str] | None = None
 
@@ -80,8 +86,22 @@ class BlackBoxKeeper:
     def _want(self, reason: str) -> None:
         """Have it written when what comes ``after`` is in the ring, once for each time in an active mode."""
         if self._armed:
-            self._armed, self._reason = False, reason
+            self._armed, self._reason, self._said = False, reason, ""
+            self._stop_listening()
             self._due = time.monotonic() + self._config.after
+            self._ear = self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Hear once what the supervisor says about it."""
+        said = next((status.message for status in message.status if status.name == self._supervisor), "")
+        if said and not self._said:
+            self._said = said[:1000]
+            self._note(f"supervisor: {said}")
+
+    def _stop_listening(self) -> None:
+        if self._ear is not None:
+            self._node.destroy_subscription(self._ear)
+            self._ear = None
 
     def poll(self) -> None:
         """Begin to write when it is time, and tell what became of it; with the diagnostics, never within a tick."""
@@ -101,19 +121,21 @@ class BlackBoxKeeper:
 
     def _begin(self) -> None:
         box, self._due = self._box, None
+        self._stop_listening()
         if box is None:
             return
         box.seal()
-        self._thread = threading.Thread(target=self._write, args=(box,), name="black_box")
+        reason = f"{self._reason}; supervisor: {self._said}" if self._said else self._reason
+        self._thread = threading.Thread(target=self._write, args=(box, reason), name="black_box")
         self._thread.start()
 
-    def _write(self, box: BlackBox) -> None:
+    def _write(self, box: BlackBox, reason: str) -> None:
         """In the thread: touches nothing of the node but the outcome."""
         try:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread only: a disk has no deadline
             name = ".".join([self._node.model.name, *filter(None, self._node.get_namespace().split("/"))])
             folder = BlackBoxFolder(name, self._config.folder, self._config.keep)
-            self._outcome = True, str(folder.save(box.record(self._reason)))
+            self._outcome = True, str(folder.save(box.record(reason)))
         except (PoiseError, OSError, MemoryError) as error:
             self._outcome = False, str(error)
         finally:

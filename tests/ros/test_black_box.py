@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import String
 
 from controllers.black_box_file import BlackBoxRecord
 from controllers.nodes.balance_controller import BalanceControllerNode
 from models.nodes import topics
-from models.nodes.qos import LATCHED
+from models.nodes.qos import EVENT, LATCHED
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
 from tests.support import standing
@@ -32,7 +33,7 @@ class Ticking:
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
         self.drivers = world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
         make = lambda **kwargs: BalanceControllerNode(local=True, **kwargs)  # noqa: E731
-        self.node = bench.add(make, **SOON, **parameters)
+        self.node = bench.add(make, **{**SOON, **parameters})
         for publisher in (self.mode, self.drivers):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
         self.state, zero = standing(g1), np.zeros(g1.nj)
@@ -87,6 +88,27 @@ def test_drivers_that_damp_by_themselves_are_enough(bench: Any, g1: RobotModel, 
     bench.spin(0.1)
     robot.drivers.publish(String(data=topics.DAMPED))
     assert BlackBoxRecord.load(Path(robot.wait_outcome())).reason == "drivers damped"
+
+
+def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes", "black_box.after": 1.0})
+    says = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+
+    def say(*names: str) -> None:
+        says.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, message=f"said by {name}") for name in names]))
+
+    robot.set_mode("stand")
+    assert says.get_subscription_count() == 0  # while it stands they cost nothing
+    robot.set_mode("damp")
+    bench.wait(lambda: says.get_subscription_count() == 1)
+    say("/cell/supervisor", "/mujoco_bridge")  # another robot's, another node's
+    say("/mujoco_bridge", "/supervisor")
+    say("/supervisor")
+    file = Path(robot.wait_outcome())
+    bench.wait(lambda: says.get_subscription_count() == 0)
+    record = BlackBoxRecord.load(file)
+    assert record.reason == "mode damp; supervisor: said by /supervisor"
+    assert [text for _, text in record.events].count("supervisor: said by /supervisor") == 1
 
 
 def test_a_folder_that_refuses_is_counted_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
