@@ -13,7 +13,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, Vector
 
-STAMPS = "stamps"
+STAMPS, SCAN = "stamps", "scan"
 
 IMU, JOINT_STATES = "imu", "joint_states"
 FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)
@@ -25,8 +25,9 @@ class Channels:
     """The numbers of one target.
 
     Attributes:
-        index: Where they are (n,): among the joint torques for motors, among positions, velocities and torques of all
-            joints and the stamp for 'joint_states' and 'stamps', among the channels of ``SensorNoise`` otherwise.
+        index: Where they are (n,): among the joint torques for motors, among the readings of a scan for 'scan', among
+            positions, velocities and torques of all joints and the stamp for 'joint_states' and 'stamps', among the
+            channels of ``SensorNoise`` otherwise.
         low, high: Full scale (n,).
         blocks: Equal parts of ``index`` of which the first is what parameters speak of; encoders have two, positions
             and velocities, 'joint_states' three.
@@ -63,7 +64,7 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
     """The numbers that a fault is about.
 
     Raises:
-        ConfigError: The robot has no such joint; the known ones are listed.
+        ConfigError: The robot has no such joint, the known ones being listed, or no scanner.
     """
     nj = model.nj
     joints = np.arange(nj)
@@ -84,6 +85,8 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
         return Channels(index, low[index], high[index], blocks=3, sources=frozenset({JOINT_STATES}))
     if group == STAMPS:
         return Channels(np.array([3 * nj]), np.zeros(1), np.zeros(1))
+    if group == SCAN:
+        return _scan_channels(model)
     if group in ("torque", "torques"):
         index, sources = 2 * nj + joints, frozenset[str]()
     else:
@@ -101,6 +104,15 @@ _PARTS = {
     FEET[1]: (12, 6, frozenset({FEET[1]})),
 }
 """First channel behind the joints, number of channels, and messages of inertial unit and feet."""
+
+
+def _scan_channels(model: RobotModel) -> Channels:
+    """The readings of the scanner."""
+    scan = model.profile.sensors.scan
+    if scan is None:
+        raise ConfigError(f"fault of scan: {model.name}: the profile has no scanner")
+    low, high = np.full(scan.rays, scan.range_min), np.full(scan.rays, scan.range_max)
+    return Channels(np.arange(scan.rays), low, high, sources=frozenset({SCAN}))
 
 
 def _full_scale(model: RobotModel) -> tuple[Vector, Vector]:

@@ -150,7 +150,15 @@ def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
     per_tick = (fault.rate or 0.0) * period
     if per_tick > 1.0 + 1e-9:
         raise ConfigError(f"rate: {fault.rate} Hz is more than that of the ticks, {1.0 / period:g} Hz")
-    return lambda k: k > 0 and math.floor(k * per_tick + 1e-9) == math.floor((k - 1) * per_tick + 1e-9)
+    passed = -1
+
+    def lost(k: int) -> bool:
+        nonlocal passed
+        due, before = math.floor(k * per_tick + 1e-9), passed
+        passed = due
+        return due == before
+
+    return lost
 
 
 def _constant(fault: Fault, channels: Channels, before: Vector) -> Effect:

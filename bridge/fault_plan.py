@@ -16,7 +16,7 @@ Numbers: TypeAlias = float | Sequence[float]
 
 TARGETS = (
     "imu", "imu.gyro", "imu.accel", "joints", "joint:NAME", "torques", "torque:NAME", "feet", "foot:left", "foot:right",
-    "joint_states", "stamps", "motors", "motor:NAME",
+    "joint_states", "stamps", "scan", "motors", "motor:NAME",
 )  # fmt: skip
 """What can be at fault; NAME is that of a joint."""
 
@@ -66,7 +66,7 @@ class Fault:
             'joint:NAME' (encoders: positions and velocities, for laws and drivers alike), 'torques' or 'torque:NAME'
             (the drivers' measurements), 'feet', 'foot:left' or 'foot:right', 'joint_states' (all joints' measurements
             on their way to the laws; the drivers have theirs), 'stamps' (of what the laws get [s]; only stuck, wrong or
-            delayed), 'motors' or 'motor:NAME'.
+            delayed), 'scan' (its times count from the next scan), 'motors' or 'motor:NAME'.
         kind: How, one of ``PARAMETERS``.
         start: When it begins, counted from the injection [s].
         end: When it ends, counted from the injection [s].

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bridge.fault_channels import JOINT_STATES, STAMPS, Channels, channels_of
+from bridge.fault_channels import JOINT_STATES, SCAN, STAMPS, Channels, channels_of
 from bridge.fault_effects import Effect, effect_of
 from bridge.fault_plan import RELEASE, START, Fault, FaultPlan, Faults, fault_plan
 from controllers.sample_assembler import MAX_AGE
 from models.robot_model import RobotModel
+from models.scan import Scan
 from models.types import SensorData, Vector
 
 STREAM = 0xFA017
@@ -41,9 +42,9 @@ class _Injected:
 
     @property
     def way(self) -> str:
-        """Where it acts: on 'sensors', on 'messages' or on 'motors'."""
-        if self.fault.is_motor:
-            return "motors"
+        """Where it acts: on 'sensors', on 'messages', on the 'scan' or on 'motors'."""
+        if self.fault.is_motor or self.fault.target == SCAN:
+            return "motors" if self.fault.is_motor else SCAN
         return "messages" if self.fault.target in (JOINT_STATES, STAMPS) else "sensors"
 
 
@@ -221,6 +222,15 @@ class FaultProxy:
         self._unstamped = values[-1] != sensors.t
         q, v, tau = values[:-1].reshape(3, -1)
         return replace(sensors, t=float(values[-1]), q=q, v=v, tau=tau)
+
+    def seen(self, tick: int, scan: Scan) -> Scan | None:
+        """What the laws get of a scan of a tick: itself when nothing is wrong with it, None when it does not come."""
+        for item, k in self._at_work(SCAN, tick):
+            effect = self._effect(item, scan.ranges)
+            scan = replace(scan, ranges=effect(k, scan.ranges))
+            if effect.missing:
+                return None
+        return scan
 
     def _check(self, fault: Fault) -> Channels:
         """The channels of a fault that fits the robot."""

@@ -14,6 +14,7 @@ from bridge.sensors import SensorNoise
 from models.errors import CommandError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
 from models.robot_model import RobotModel
+from models.scan import Scan
 from models.terrain import FLAT, Ground, Terrain, terrain_named
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
@@ -175,6 +176,10 @@ class MujocoPlant(Plant):
     def heard(self, sensors: SensorData) -> SensorData | None:
         """What reaches the laws of a sample of this tick; None when its joints do not."""
         return self.faults.heard(self._tick, sensors)
+
+    def seen(self, scan: Scan) -> Scan | None:
+        """What reaches the laws of a scan; None when it does not come."""
+        return self.faults.seen(self._tick, scan) if self.faults.active else scan
 
     def write(self, tau: Vector) -> None:
         """Set the joint torques (nj,) [N.m] of the coming steps; MuJoCo clamps them to the torque limits."""

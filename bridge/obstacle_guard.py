@@ -71,7 +71,9 @@ class ObstacleGuard:
         self._t = self._lockstep.plant.t
         if self._t >= self._next_scan:
             self._next_scan = self._t + 1.0 / self.scanner.config.rate
-            self.law.update(self.scanner.scan(self._t))
+            scan = self._lockstep.plant.seen(self.scanner.scan(self._t))
+            if scan is not None:
+                self.law.update(scan)
 
     def _limit(self) -> None:
         """Pass on what is allowed now, where that has changed; a mode other than 'walk' forgets what was wanted."""

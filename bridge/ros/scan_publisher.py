@@ -25,6 +25,7 @@ class ScanPublisher:
     """
 
     def __init__(self, node: PoiseNode, plant: MujocoPlant, *, seed: int, noise: float, reliable: bool) -> None:
+        self._plant = plant
         self._last = 0
         self._ticks = 0
         if plant.robot.profile.sensors.scan is None:
@@ -39,4 +40,6 @@ class ScanPublisher:
         if not self._ticks or tick % self._ticks or stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = stamp
-        self._publisher.publish(scan_to_message(stamp, self._scanner.scan(to_seconds(stamp)), self._period))
+        scan = self._plant.seen(self._scanner.scan(to_seconds(stamp)))
+        if scan is not None:
+            self._publisher.publish(scan_to_message(stamp, scan, self._period))

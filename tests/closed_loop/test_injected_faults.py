@@ -89,3 +89,15 @@ def test_a_run_with_a_plan_repeats_bit_by_bit(g1: RobotModel) -> None:
         ends.append(loop.truth.q)
         loop.reset()
     np.testing.assert_array_equal(*ends)
+
+
+def test_a_walk_ends_when_the_scanner_says_nothing(g1: RobotModel) -> None:
+    loop = ClosedLoop(g1, seed=3, record=False, obstacle_stop=True)
+    assert loop.command("forward").accepted
+    loop.run(0.8)
+    guard = loop._guard
+    assert guard is not None and not guard.reason
+    loop.inject(Fault("scan", "off"))
+    loop.run(1.0)
+    assert "scan" in guard.reason
+    assert not loop.fallen

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -116,6 +116,22 @@ def test_lockstep_does_not_wait_for_an_answer_that_nobody_can_give(bench: Any) -
             free.append(bridge.answered)
             bridge.step()
         assert free == [True] * ticks + [False] * (4 - ticks)
+
+
+def test_a_scan_that_is_off_is_not_published(bench: Any) -> None:
+    stamps: list[int] = []
+    qos = sensor(reliable=True)
+    bench.world.create_subscription(LaserScan, topics.SCAN, lambda data: stamps.append(stamp_of(data)), qos, raw=True)
+    bridge = bench.add(MujocoBridge, lockstep=True)
+    bench.wait(lambda: bridge._scan._publisher.get_subscription_count() == 1)
+    bridge._driven.plant.faults.inject("{target: scan, kind: off, end: 0.015}")
+    for bridge.tick in (1000, 2000, 3000):
+        bridge.publish_tick(0.0)
+        for _ in range(10):
+            bridge.step()
+    bench.wait(lambda: stamps)
+    bench.spin(0.1)
+    assert stamps == [3000 * 1_000_000]  # [ns]
 
 
 def test_a_plan_waits_for_the_release(bench: Any) -> None:

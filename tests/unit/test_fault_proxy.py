@@ -13,6 +13,7 @@ from bridge.fault_proxy import FaultProxy
 from bridge.mujoco_plant import MujocoPlant
 from bridge.sensors import TAIL, unpack
 from models.robot_model import RobotModel
+from models.scan import Scan
 from models.types import SensorData
 
 KNEE = "left_knee_joint"
@@ -192,6 +193,28 @@ def test_stamps_are_repeated_old_or_ahead(g1: RobotModel) -> None:
         np.testing.assert_allclose([sample.t for sample in samples], expected, atol=1e-12)
         assert [sample.q[0] for sample in samples] == [10.0, 11.0, 12.0]
         assert made.spoilt and not made.silent
+
+
+def test_scans_are_lost_late_slower_or_wrong(g1: RobotModel) -> None:
+    """Every 100 ticks, of readings that count the scans; a scan is a message of its own."""
+
+    rays = g1.profile.sensors.scan.rays
+
+    def seen(fault: Fault) -> list[float]:
+        made, told = proxy(g1, fault), list[float]()
+        for number in range(4):
+            scan = made.seen(100 * number, Scan(0.1 * number, -1.0, 0.1, np.full(rays, 1.0 + number), 0.05, 10.0))
+            told.append(0.0 if scan is None else float(scan.ranges[-1]))
+        assert not made.silent and not made.spoilt
+        return told
+
+    assert seen(Fault("scan", "off", end=0.15)) == [0.0, 0.0, 3.0, 4.0]
+    assert seen(Fault("scan", "slow", rate=5.0)) == [1.0, 0.0, 3.0, 0.0]
+    assert seen(Fault("scan", "stuck")) == [1.0] * 4
+    assert seen(Fault("scan", "delayed", delay=0.1)) == [1.0, 1.0, 2.0, 3.0]
+    assert seen(Fault("scan", "wrong", scale=2.0)) == [2.0, 4.0, 6.0, 8.0]
+    assert seen(Fault("scan", "stuck", value=math.inf)) == [math.inf] * 4
+    assert seen(Fault("imu", "off")) == [1.0, 2.0, 3.0, 4.0]
 
 
 def sensed_values(g1: RobotModel, made: FaultProxy) -> np.ndarray:
