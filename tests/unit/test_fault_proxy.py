@@ -256,6 +256,12 @@ def test_random_faults_depend_on_seed_and_order_only(g1: RobotModel) -> None:
     np.testing.assert_array_equal(np.array([s.gyro for s in sensed(g1, made, range(40))]), first)
 
 
+def test_two_random_faults_draw_apart(g1: RobotModel) -> None:
+    imu = g1.profile.sensors.imu
+    sample = sensed(g1, proxy(g1, [Fault("imu.gyro", "garbage"), Fault("imu.accel", "garbage")]), range(1))[0]
+    assert np.abs(sample.gyro / imu.gyro_range - sample.accel / imu.accel_range).min() > 0.01
+
+
 def test_faults_of_one_target_act_one_after_the_other(g1: RobotModel) -> None:
     made = proxy(g1, [Fault("imu", "wrong", offset=1.0), Fault("imu", "wrong", scale=2.0)])
     np.testing.assert_array_equal(sensed(g1, made, range(1))[0].gyro, 22.0)
