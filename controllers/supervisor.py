@@ -13,6 +13,7 @@ It has no clock and no I/O: time comes in with ``update``. The node around it pu
 
 from __future__ import annotations
 
+from controllers.arbitration import Velocity
 from controllers.health import Health
 from controllers.supervisor_config import SupervisorConfig
 from models.config import default_config
@@ -21,9 +22,6 @@ from models.types import CommandReply, Mode
 
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 """Text commands that need a gait planner; answered with the reason while there is none."""
-
-Velocity = tuple[float, float, float]
-"""Walking velocity: forward [m/s], left [m/s], turn [rad/s]."""
 
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 """Modes in which the whole-body controller moves the joints."""
@@ -61,6 +59,11 @@ class Supervisor:
     def preflight(self) -> tuple[str, ...]:
         """Findings of the last preflight check; empty when it passed."""
         return self._preflight
+
+    @property
+    def halting(self) -> bool:
+        """Whether a walk is coming to a standstill, after which the robot stands."""
+        return self._halting
 
     def set_preflight(self, findings: tuple[str, ...]) -> None:
         """Store the findings of ``controllers.preflight``; arming is refused until they are empty."""

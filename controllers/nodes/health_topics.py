@@ -59,6 +59,11 @@ class HealthTopics:
         node.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
 
     @property
+    def now(self) -> int:
+        """Time of the plant [ns]."""
+        return self._now
+
+    @property
     def t(self) -> float:
         """Time of the plant [s]."""
         return self._now / NANOSECONDS

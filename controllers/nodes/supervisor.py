@@ -7,10 +7,11 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from controllers.arbitration_config import ArbitrationConfig
+from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
 from controllers.preflight import attitude, preflight
@@ -22,7 +23,6 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import run
-from models.nodes.velocity import velocity_to_twist
 from models.types import CommandReply, Mode
 
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
@@ -38,6 +38,8 @@ class SupervisorNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("supervisor", **kwargs)
         self._config = declare_config(self, default_config(SupervisorConfig, "controllers", "supervisor"))
+        arbitration = default_config(ArbitrationConfig, "controllers", "arbitration")
+        self._arbitration = declare_config(self, arbitration, "arbitration.")
         self._lockstep = topics.declare_lockstep(self)
         get = self.declare_parameter
         text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
@@ -65,8 +67,7 @@ class SupervisorNode(PoiseNode):
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
-        self._velocity = self.announce(Twist, topics.GAIT_VELOCITY, EVENT)
-        self.listen(String, topics.HUMANOID_COMMANDS, self._on_text, EVENT)
+        self._commands = CommandTopics(self, self._arbitration, self._law, self._reports, self._say)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             self.listen(String, topic, self._on_motion_state, EVENT)
@@ -91,6 +92,7 @@ class SupervisorNode(PoiseNode):
         self.values["mode"], self.values["drivers"] = law.mode.value, self._driver_state
         self.values["preflight"] = "; ".join(law.preflight) or "passed"
         self.values["commands ignored"] = str(law.ignored)
+        self.values |= self._commands.values()
 
     def _update(self) -> None:
         """Health to mode, preflight, and what changed."""
@@ -114,6 +116,7 @@ class SupervisorNode(PoiseNode):
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
                 self._say("auto_stand", self._request_mode(Mode.STAND))
         self._publish_mode()
+        self._commands.tell()
 
     def _hanging(self) -> tuple[str, ...]:
         """Nothing stands on a floor that it does not touch."""
@@ -145,9 +148,7 @@ class SupervisorNode(PoiseNode):
             self._requests += 1
             self._requested = motion if motion == topics.STOP_MOTION else f"{motion} {self._requests}"
             self._request.publish(String(data=self._requested))
-        velocity = self._law.take_velocity()
-        if velocity is not None:
-            self._velocity.publish(velocity_to_twist(velocity))
+        self._commands.take()
 
     def _say(self, source: str, reply: CommandReply) -> None:
         """Log a reply and act on it at once."""
@@ -176,11 +177,6 @@ class SupervisorNode(PoiseNode):
             return response
 
         self.serve(Trigger, name, on_call)
-
-    def _on_text(self, message: String) -> None:
-        if self.active:
-            self._law.gait = self._reports.gait_present
-            self._say(topics.HUMANOID_COMMANDS, self._law.text(message.data))
 
     def _on_motion_state(self, message: String) -> None:
         word, _, reason = message.data.partition(": ")

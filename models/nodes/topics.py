@@ -32,7 +32,8 @@ MOTION_TRAJECTORY = "motion/joint_trajectory"
 MOTION_STATE = "motion/state"
 POSTURE = "balance_controller/posture"
 CMD_VEL, CMD_VEL_STAMPED = "cmd_vel", "cmd_vel_stamped"
-GAIT_VELOCITY = "gait/velocity_request"
+GAIT_VELOCITY, GAIT_STOP = "gait/velocity_request", "gait/stop"
+COMMANDER, LOCKS = "commands/active", "locks"
 GAIT_PHASE = "gait/phase"
 GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
@@ -65,6 +66,11 @@ COASTING = "coasting since [ns]"
 
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
+
+
+def source_topics(source: str) -> tuple[str, str]:
+    """Topics of the words and the velocities of a source of commands."""
+    return f"commands/{source}", f"commands/{source}/cmd_vel"
 
 
 def foot_wrenches(model: RobotModel) -> tuple[str, ...]:

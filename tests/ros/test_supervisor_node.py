@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, set_stamp
 from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
 from tests.support import standing
 
@@ -277,19 +278,125 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
     phase.publish(String(data=topics.GAIT_SETTLED))
     bench.spin(0.1)
     text.publish(String(data="left"))
-    bench.wait(lambda: asked)
+    bench.wait(lambda: len(asked) > 5)  # it is repeated
     assert world.modes[-1] == "walk"
-    assert asked == [(0.0, pytest.approx(0.15), 0.0)]
+    assert set(asked) == {(0.0, 0.15, 0.0)}
+    halted: list[Empty] = []
+    bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
+    bench.spin(0.2)
     accepted, _ = world.call("mode/stand")  # before the planner has said anything about this walk
     assert accepted
-    bench.wait(lambda: len(asked) == 2)
-    assert asked[1] == (0.0, 0.0, 0.0)
+    bench.wait(lambda: halted)
+    asked.clear()
+    bench.wait(lambda: asked)
+    assert set(asked) == {(0.0, 0.0, 0.0)}
     for word in ("stand", "single left", "finish"):
         phase.publish(String(data=word))
         bench.spin(0.1)
         assert world.modes[-1] == "walk"
     phase.publish(String(data=topics.GAIT_SETTLED))
     bench.wait(lambda: world.modes[-1] == "stand")
+    asked.clear()
     phase.publish(String(data=topics.GAIT_ABSENT))
     bench.spin(0.1)
     assert "no gait planner" in world.call("mode/walk")[1]
+    assert asked == []  # nothing to say to a gait that stands
+
+
+class Sources:
+    """A walking robot, and those who command it."""
+
+    def __init__(self, bench: Any, world: World, g1: RobotModel) -> None:
+        self.bench, self.world, self.commanders = bench, world, [""]
+        self.asked: list[tuple[float, float, float]] = []
+        world.robot(g1)
+        world.tick = 1000
+        world.drivers(topics.ACTIVE)
+        self.node = bench.add(SupervisorNode, lockstep=True)
+        node = bench.world
+        phase = node.create_publisher(String, topics.GAIT_PHASE, LATCHED)
+        phase.publish(String(data=topics.GAIT_SETTLED))
+        node.create_subscription(String, topics.COMMANDER, lambda m: self.commanders.append(m.data), LATCHED)
+        node.create_subscription(
+            Twist, topics.GAIT_VELOCITY, lambda m: self.asked.append((m.linear.x, m.linear.y, m.angular.z)), COMMAND
+        )
+        word, velocity = topics.source_topics("teleop")
+        autonomy = topics.source_topics("autonomy")[0]
+        self.plain, self.teleop = (node.create_publisher(Twist, name, COMMAND) for name in (topics.CMD_VEL, velocity))
+        self.stamped = node.create_publisher(TwistStamped, topics.CMD_VEL_STAMPED, COMMAND)
+        self.word, self.autonomy = (node.create_publisher(String, name, EVENT) for name in (word, autonomy))
+        self.lock = node.create_publisher(Bool, f"{topics.LOCKS}/pause", EVENT)
+        bench.wait(lambda: world.modes)
+        for publisher in (phase, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
+            bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
+        bench.spin(0.2)
+
+    @property
+    def refusal(self) -> str:
+        return str(self.node.values.get("last refusal", ""))
+
+    def until(self, velocity: tuple[float, float, float], *sends: tuple[Any, tuple[float, float, float]]) -> None:
+        """Have sources repeat their velocities until the gait is told one."""
+        self.asked.clear()
+
+        def told() -> bool:
+            for publisher, value in sends:
+                publisher.publish(velocity_to_twist(value))
+            self.bench.spin(0.05)
+            return bool(self.asked) and self.asked[-1] == velocity
+
+        self.bench.wait(told)
+
+
+@pytest.fixture
+def sources(bench: Any, world: World, g1: RobotModel) -> Sources:
+    return Sources(bench, world, g1)
+
+
+def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: Sources) -> None:
+    ahead, left = (0.3, 0.0, 0.0), (0.0, 0.1, 0.0)
+    sources.plain.publish(velocity_to_twist(ahead))
+    bench.wait(lambda: "request mode/walk first" in sources.refusal)
+    assert sources.world.call("mode/walk")[0]
+    bench.wait(lambda: sources.asked)
+    assert sources.asked[-1] == (0.0, 0.0, 0.0)  # the gait hears of it even when nobody commands
+    sources.until(ahead, (sources.plain, ahead))
+    sources.until(left, (sources.plain, ahead), (sources.teleop, left))
+    assert sources.commanders[-2:] == ["plain", "teleop"]
+    sources.autonomy.publish(String(data="wave"))
+    bench.wait(lambda: "'autonomy' is not in command: 'teleop' is" in sources.refusal)
+    sources.until(ahead, (sources.plain, ahead))  # teleop has fallen silent
+    sources.until((0.0, 0.0, 0.0))
+    sources.word.publish(String(data="forward"))
+    sources.until(ahead)
+    sources.lock.publish(Bool(data=True))
+    sources.until((0.0, 0.0, 0.0))
+    sources.lock.publish(Bool(data=False))
+    sources.autonomy.publish(String(data="stop"))  # everybody may
+    bench.wait(lambda: sources.node._law.halting)
+    sources.until((0.0, 0.0, 0.0))
+    assert sources.world.modes[-1] == "walk"
+
+
+def test_stamped_velocities_are_of_now_and_of_the_base(bench: Any, sources: Sources) -> None:
+    assert sources.world.call("mode/walk")[0]
+
+    def send(ms: int, frame_id: str = "base_link") -> None:
+        message = TwistStamped(twist=velocity_to_twist((0.0, 0.1, 0.0)))
+        set_stamp(message.header.stamp, 10_000_000 * sources.world.tick + ms * 1_000_000)
+        message.header.frame_id = frame_id
+        sources.stamped.publish(message)
+
+    for ms, frame_id, culprit in (
+        (-700, "base_link", "s old"),
+        (10**9, "base_link", "s ahead"),
+        (0, "odom", "header.frame_id: 'odom'"),
+    ):
+        send(ms, frame_id)
+        bench.wait(lambda culprit=culprit: culprit in sources.refusal)
+    assert set(sources.asked[-3:]) == {(0.0, 0.0, 0.0)}
+    send(0)
+    bench.wait(lambda: sources.asked[-1] == (0.0, 0.1, 0.0))
+    send(-200)
+    bench.wait(lambda: "is not after" in sources.refusal)
+    bench.wait(lambda: sources.asked[-1] == (0.0, 0.0, 0.0))
