@@ -87,7 +87,7 @@ class CommandTopics:
         """Repeat the velocity while the robot walks, and tell who is in command when that changes."""
         t, walking = self._reports.t, self._law.mode is Mode.WALK
         if walking:
-            self._velocity.publish(velocity_to_twist(STILL if self._law.halting else self._arbiter.velocity(t)))
+            self._velocity.publish(velocity_to_twist(STILL if self._law.still else self._arbiter.velocity(t)))
         elif self._walking:
             self._arbiter.forget()
         self._walking = walking

@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from controllers.health import Health, tilt
+from controllers.supervisor_config import SupervisorConfig
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -25,6 +26,12 @@ STATUSES = {status.value: status for status in SolveStatus}
 IDLE = ("idle", "active", "inactive", "configured", "unconfigured", "finalized")
 """First word of the controller's report while it solves nothing."""
 
+
+WATCHED = ("motion_planner",)
+"""Nodes whose silence no stamp tells of; their diagnostics are their sign of life."""
+
+COUNT_PERIOD = 0.2
+"""Time between two counts of the sensors' publishers [s]."""
 
 DIGITS_MAX = 20
 """Longest count or stamp that is read from a report [characters]; 64 bits have 20."""
@@ -50,6 +57,10 @@ class HealthTopics:
         self._overruns = 0
         self._coasting_since: int | None = None
         self._gait = topics.GAIT_ABSENT
+        self._alive: dict[str, float] = {}
+        self._count_at = 0.0
+        self._intruders: tuple[str, ...] = ()
+        self._sensors = [node.resolve_topic_name(topic) for topic in topics.sensor_topics(node.model)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
@@ -93,13 +104,23 @@ class HealthTopics:
         self._status, self._overruns = SolveStatus.OPTIMAL, 0
         self.clock_seen = time.monotonic()
 
-    def health(self, driver_state: str, arming_time: float) -> Health:
+    @property
+    def intruders(self) -> tuple[str, ...]:
+        """Sensor topics with more than one publisher: whose samples arrive, nobody could say."""
+        now = time.monotonic()
+        if now >= self._count_at:
+            self._count_at = now + COUNT_PERIOD
+            self._intruders = tuple(topic for topic in self._sensors if self._node.count_publishers(topic) > 1)
+        return self._intruders
+
+    def health(self, driver_state: str, config: SupervisorConfig) -> Health:
         """Everything that is known.
 
         Args:
-            driver_state: What the joint drivers say that they do.
-            arming_time: How long after ``start`` they may still say what they did before [s].
+            driver_state: What the joint drivers say that they do; what they did before for ``controller_timeout``.
+            config: That time, and how long a node may be silent.
         """
+        arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self._now - self._started > arming_time * NANOSECONDS
         return Health(
             state_stamp=self._odom_stamp / NANOSECONDS,
@@ -111,6 +132,8 @@ class HealthTopics:
             overruns=self._overruns,
             gait_active=self._gait not in (topics.GAIT_SETTLED, topics.GAIT_ABSENT),
             coasting=0.0 if self._coasting_since is None else (self._now - self._coasting_since) / NANOSECONDS,
+            silent=tuple(name for name, seen in self._alive.items() if seen < then),
+            intruders=self.intruders,
         )
 
     def _on_description(self, message: String) -> None:
@@ -141,6 +164,8 @@ class HealthTopics:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            if status.name.rpartition("/")[2] in WATCHED:
+                self._alive[status.name.rpartition("/")[2]] = time.monotonic()
             if status.name.endswith("/balance_controller"):
                 self._judge(status.message, {item.key: item.value for item in status.values})
             elif status.name.endswith("/state_estimator"):

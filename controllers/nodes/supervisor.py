@@ -28,6 +28,11 @@ from models.types import CommandReply, Mode
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
+LATE = 3.0
+"""Periods after which a look at the robot's health comes late [-]: what others have told meanwhile waits in the queue,
+the clock perhaps before the state, and would look old. The next look judges; the drivers have their own watchdog."""
+
+
 class SupervisorNode(PoiseNode):
     """Runs ``Supervisor`` on what the other nodes report.
 
@@ -64,7 +69,7 @@ class SupervisorNode(PoiseNode):
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
         self._driver_state = self._published = self._requested = ""
         self._requests = 0
-        self._probe_until = self._adopting_until = time.monotonic()
+        self._probe_until = self._adopting_until = self._updated = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
         self._commands = CommandTopics(self, self._arbitration, self._law, self._reports, self._say)
@@ -87,8 +92,11 @@ class SupervisorNode(PoiseNode):
         if not self.active:
             return
         law = self._law
-        self.message = f"mode '{law.mode.value}'" + (f": {'; '.join(law.faults)}" if law.faults else "")
-        self.level = DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.OK
+        reasons = (*law.faults, *law.holds)
+        self.message = f"mode '{law.mode.value}'" + (f": {'; '.join(reasons)}" if reasons else "")
+        self.level = (
+            DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.WARN if law.holds else DiagnosticStatus.OK
+        )
         self.values["mode"], self.values["drivers"] = law.mode.value, self._driver_state
         self.values["preflight"] = "; ".join(law.preflight) or "passed"
         self.values["commands ignored"] = str(law.ignored)
@@ -98,9 +106,11 @@ class SupervisorNode(PoiseNode):
         """Health to mode, preflight, and what changed."""
         if not self.active:
             return
-        law = self._law
+        law, now = self._law, time.monotonic()
+        late, self._updated = now - self._updated > LATE * self._period, now
         if law.mode in ACTIVE_MODES:
-            self._watch()
+            if not late:
+                self._watch()
         elif not self._probe.open:
             if time.monotonic() >= self._probe_until:
                 self._probe.start()
@@ -108,7 +118,8 @@ class SupervisorNode(PoiseNode):
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
             findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
-            findings = (*self._hanging(), *findings)
+            intruders = (f"'{topic}' has a second publisher" for topic in self._reports.intruders)
+            findings = (*self._hanging(), *intruders, *findings)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -128,7 +139,7 @@ class SupervisorNode(PoiseNode):
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
-            health = self._reports.health(self._driver_state, self._config.controller_timeout)
+            health = self._reports.health(self._driver_state, self._config)
             self._law.update(health, self._reports.t)
 
     def _publish_mode(self) -> None:

@@ -21,6 +21,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
+from models.types import Mode
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -245,6 +246,29 @@ def test_a_standing_robot_is_adopted_however_late_its_topics_are_found(
     assert node.active
 
 
+def test_a_supervisor_that_was_held_up_judges_nobody_by_its_own_delay(
+    bench: Any, world: World, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    bench.wait(lambda: world.modes and node._reports.heard)
+    bench.spin(0.2)
+    looks = [0]
+
+    def count(health: Any, t: float) -> Mode:
+        looks[0] += 1
+        return law(health, t)
+
+    law = node._law.update
+    monkeypatch.setattr(node._law, "update", count)
+    node._updated = 0.0
+    node._update()
+    assert looks[0] == 0
+    node._update()
+    assert looks[0] == 1
+
+
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
     world.drivers(topics.DAMPED)
     bench.add(SupervisorNode)
@@ -373,9 +397,35 @@ def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: S
     sources.until((0.0, 0.0, 0.0))
     sources.lock.publish(Bool(data=False))
     sources.autonomy.publish(String(data="stop"))  # everybody may
-    bench.wait(lambda: sources.node._law.halting)
+    bench.wait(lambda: sources.node._law.still)
     sources.until((0.0, 0.0, 0.0))
     assert sources.world.modes[-1] == "walk"
+
+
+def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True, heartbeat_timeout=0.4)
+    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
+    bench.spin(0.3)
+    assert node._law.holds == ()  # a planner that has never been heard of is not missed
+    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    bench.spin(0.2)
+    assert node._law.holds == ()
+    bench.wait(lambda: node._law.holds == ("node 'motion_planner' gives no sign of life",))
+    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    bench.wait(lambda: node._law.holds == ())
+    second = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    bench.wait(lambda: node._law.faults == ("'/joint_states' has a second publisher",))
+    assert world.modes == ["stand"]
+    assert world.call("mode/damp")[0]
+    assert world.call("reset_faults")[0]
+    bench.wait(lambda: "'/joint_states' has a second publisher" in world.call("mode/stand")[1])
+    bench.world.destroy_publisher(second)
+    bench.wait(lambda: "second publisher" not in world.call("mode/stand")[1])
 
 
 def test_stamped_velocities_are_of_now_and_of_the_base(bench: Any, sources: Sources) -> None:
