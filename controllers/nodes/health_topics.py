@@ -58,6 +58,7 @@ class HealthTopics:
         self._coasting_since: int | None = None
         self._gait = topics.GAIT_ABSENT
         self._alive: dict[str, float] = {}
+        self._looked = [0, 0]
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
         self._sensors = [node.resolve_topic_name(topic) for topic in topics.sensor_topics(node.model)]
@@ -123,8 +124,8 @@ class HealthTopics:
         arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self._now - self._started > arming_time * NANOSECONDS
         return Health(
-            state_stamp=self._odom_stamp / NANOSECONDS,
-            command_stamp=self._command_stamp / NANOSECONDS,
+            state_stamp=self._moving(0, self._odom_stamp) / NANOSECONDS,
+            command_stamp=self._moving(1, self._command_stamp) / NANOSECONDS,
             tilt=self._tilt,
             status=self._status,
             drivers_damped=armed and driver_state == topics.DAMPED,
@@ -135,6 +136,15 @@ class HealthTopics:
             silent=tuple(name for name, seen in self._alive.items() if seen < then),
             intruders=self.intruders,
         )
+
+    def _moving(self, which: int, stamp: int) -> int:
+        """A stamp to count the age from: that of now while the stamps still move from one look to the next.
+
+        Then somebody is alive. How late they arrive here tells of this process and its queue; commands that are too old
+        for the joints are refused by the drivers.
+        """
+        moved, self._looked[which] = stamp != self._looked[which], stamp
+        return self._now if moved else stamp
 
     def _on_description(self, message: String) -> None:
         self.description = message.data

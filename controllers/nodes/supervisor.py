@@ -28,11 +28,6 @@ from models.types import CommandReply, Mode
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
-LATE = 3.0
-"""Periods after which a look at the robot's health comes late [-]: what others have told meanwhile waits in the queue,
-the clock perhaps before the state, and would look old. The next look judges; the drivers have their own watchdog."""
-
-
 class SupervisorNode(PoiseNode):
     """Runs ``Supervisor`` on what the other nodes report.
 
@@ -69,7 +64,7 @@ class SupervisorNode(PoiseNode):
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
         self._driver_state = self._published = self._requested = ""
         self._requests = 0
-        self._probe_until = self._adopting_until = self._updated = time.monotonic()
+        self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
         self._commands = CommandTopics(self, self._arbitration, self._law, self._reports, self._say)
@@ -106,11 +101,9 @@ class SupervisorNode(PoiseNode):
         """Health to mode, preflight, and what changed."""
         if not self.active:
             return
-        law, now = self._law, time.monotonic()
-        late, self._updated = now - self._updated > LATE * self._period, now
+        law = self._law
         if law.mode in ACTIVE_MODES:
-            if not late:
-                self._watch()
+            self._watch()
         elif not self._probe.open:
             if time.monotonic() >= self._probe_until:
                 self._probe.start()
