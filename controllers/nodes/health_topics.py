@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -19,7 +20,7 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import stamp_ns
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
-from models.types import SolveStatus
+from models.types import SolveStatus, Vector
 
 STATUSES = {status.value: status for status in SolveStatus}
 
@@ -32,6 +33,9 @@ WATCHED = ("motion_planner",)
 
 COUNT_PERIOD = 0.2
 """Time between two counts of the sensors' publishers [s]."""
+
+SWAY_TIME = 1.0
+"""Over which the velocity of the base is averaged: a step to either side [s]."""
 
 DIGITS_MAX = 20
 """Longest count or stamp that is read from a report [characters]; 64 bits have 20."""
@@ -59,6 +63,7 @@ class HealthTopics:
         self._gait = topics.GAIT_ABSENT
         self._alive: dict[str, float] = {}
         self._looked = [0, 0]
+        self._twist: Vector = np.zeros(6)
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
         self._sensors = [node.resolve_topic_name(topic) for topic in topics.sensor_topics(node.model)]
@@ -84,6 +89,11 @@ class HealthTopics:
     def tilt(self) -> float:
         """Newest tilt of the base [rad]."""
         return self._tilt
+
+    @property
+    def walking_velocity(self) -> tuple[float, float, float]:
+        """How the base moves, without its sway: forward [m/s], left [m/s], turn [rad/s]."""
+        return float(self._twist[0]), float(self._twist[1]), float(self._twist[5])
 
     @property
     def gait_present(self) -> bool:
@@ -155,8 +165,10 @@ class HealthTopics:
 
     def _on_odom(self, data: bytes) -> None:
         try:
-            self._odom_stamp, pose, _ = self._odom_codec.decode(data)
-            self._tilt = tilt(pose[3:])
+            stamp, pose, twist = self._odom_codec.decode(data)
+            share = min((stamp - self._odom_stamp) / (SWAY_TIME * NANOSECONDS), 1.0)
+            self._twist += share * (twist - self._twist)
+            self._odom_stamp, self._tilt = stamp, tilt(pose[3:])
         except PoiseError as error:
             self._node.refuse(topics.ODOM, error)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,9 +12,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from controllers.arbitration_config import ArbitrationConfig
+from controllers.command_key import read_key
+from controllers.command_signature import Verifier
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
+from controllers.obstacle_stop import ObstacleStop
+from controllers.obstacle_stop_config import ObstacleStopConfig
 from controllers.preflight import attitude, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from controllers.supervisor_config import SupervisorConfig
@@ -40,6 +45,9 @@ class SupervisorNode(PoiseNode):
         self._config = declare_config(self, default_config(SupervisorConfig, "controllers", "supervisor"))
         arbitration = default_config(ArbitrationConfig, "controllers", "arbitration")
         self._arbitration = declare_config(self, arbitration, "arbitration.")
+        self._obstacle_stop = declare_config(
+            self, default_config(ObstacleStopConfig, "controllers", "obstacle_stop"), "obstacle_stop."
+        )
         self._lockstep = topics.declare_lockstep(self)
         get = self.declare_parameter
         text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
@@ -57,6 +65,13 @@ class SupervisorNode(PoiseNode):
         )
         self._adoption_time = float(get("adoption_time", 1.0, text).value)
 
+        text = describe("Whether to look at the scan before each step, where the robot has a scanner")
+        self._look_ahead = bool(get("look_ahead", True, text).value)
+        text = describe("File with the key of signed commands; empty: unsigned ones are taken")
+        self._key_file = str(get("command_key", "", text).value)
+        text = describe("How far the stamp of a signed command may be from the wall time [s]", low=0.1, high=60.0)
+        self._key_window = float(get("command_window", 2.0, text).value)
+
     def configure(self) -> None:
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
@@ -67,7 +82,11 @@ class SupervisorNode(PoiseNode):
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
-        self._commands = CommandTopics(self, self._arbitration, self._law, self._reports, self._say)
+        obstacles = ObstacleStop(self.model, self._obstacle_stop) if self._look_ahead else None
+        verifier = Verifier(read_key(Path(self._key_file)), self._key_window) if self._key_file else None
+        self._commands = CommandTopics(
+            self, self._arbitration, self._law, self._reports, self._say, obstacles, verifier
+        )
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             self.listen(String, topic, self._on_motion_state, EVENT)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,17 +12,21 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
+from controllers.command_key import read_key, write_key
+from controllers.command_signature import Signer
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, set_stamp
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.scan import scan_to_message
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
+from models.scan import Scan
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -33,6 +39,7 @@ class World:
         self.bench = bench
         self.modes: list[str] = []
         self.roll, self.tick, self.silent, self.lag = 0.0, 0, False, 0
+        self.twist = np.zeros(6)
         node = bench.world
         node.create_subscription(String, topics.MODE, lambda message: self.modes.append(message.data), LATCHED)
         self._drivers = node.create_publisher(String, topics.DRIVER_STATE, LATCHED)
@@ -62,7 +69,7 @@ class World:
             clock.publish(time)
             if self.silent:
                 return
-            odometry.publish(odom.encode(stamp - self.lag, standing(g1, q=q)))
+            odometry.publish(odom.encode(stamp - self.lag, replace(standing(g1, q=q), v=np.append(self.twist, zero))))
             for publisher in (topic, command):
                 publisher.publish(joints.encode(stamp - self.lag, q[7:], zero, zero))
 
@@ -278,7 +285,7 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
 ) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
-    bench.add(SupervisorNode, lockstep=True)
+    bench.add(SupervisorNode, lockstep=True, look_ahead=False)
     phase = bench.world.create_publisher(String, topics.GAIT_PHASE, LATCHED)
     text = bench.world.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
     asked: list[tuple[float, float, float]] = []
@@ -323,13 +330,13 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
 class Sources:
     """A walking robot, and those who command it."""
 
-    def __init__(self, bench: Any, world: World, g1: RobotModel) -> None:
+    def __init__(self, bench: Any, world: World, g1: RobotModel, **parameters: object) -> None:
         self.bench, self.world, self.commanders = bench, world, [""]
         self.asked: list[tuple[float, float, float]] = []
         world.robot(g1)
         world.tick = 1000
         world.drivers(topics.ACTIVE)
-        self.node = bench.add(SupervisorNode, lockstep=True)
+        self.node = bench.add(SupervisorNode, lockstep=True, **parameters)
         node = bench.world
         phase = node.create_publisher(String, topics.GAIT_PHASE, LATCHED)
         phase.publish(String(data=topics.GAIT_SETTLED))
@@ -367,7 +374,7 @@ class Sources:
 
 @pytest.fixture
 def sources(bench: Any, world: World, g1: RobotModel) -> Sources:
-    return Sources(bench, world, g1)
+    return Sources(bench, world, g1, look_ahead=False)
 
 
 def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: Sources) -> None:
@@ -437,9 +444,64 @@ def test_stamped_velocities_are_of_now_and_of_the_base(bench: Any, sources: Sour
     ):
         send(ms, frame_id)
         bench.wait(lambda culprit=culprit: culprit in sources.refusal)
-    assert set(sources.asked[-3:]) == {(0.0, 0.0, 0.0)}
+    bench.spin(0.1)
+    assert set(sources.asked) == {(0.0, 0.0, 0.0)}
     send(0)
     bench.wait(lambda: sources.asked[-1] == (0.0, 0.1, 0.0))
     send(-200)
     bench.wait(lambda: "is not after" in sources.refusal)
     bench.wait(lambda: sources.asked[-1] == (0.0, 0.0, 0.0))
+
+
+def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: World, g1: RobotModel) -> None:
+    sources = Sources(bench, world, g1)
+    ahead, back = (0.3, 0.0, 0.0), (-0.2, 0.0, 0.0)
+    scans = bench.world.create_publisher(LaserScan, topics.SCAN, SENSOR)
+    route = bench.world.create_publisher(String, topics.GAIT_ROUTE, EVENT)
+    halted: list[Empty] = []
+    bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
+    bench.wait(lambda: scans.get_subscription_count() == 1 and route.get_subscription_count() == 1)
+    ranges = np.full(181, np.inf)
+
+    def scan() -> None:
+        seen = Scan(0.01 * world.tick, -0.5 * np.pi, np.pi / 180.0, ranges, 0.05, 10.0)
+        scans.publish(scan_to_message(10_000_000 * world.tick, seen, 0.05))
+
+    assert world.call("mode/walk")[0]
+    sources.until((0.0, 0.0, 0.0), (sources.plain, ahead))  # without a scan it does not walk
+    timer = bench.world.create_timer(0.05, scan)
+    sources.until(ahead, (sources.plain, ahead))
+    ranges[85:96] = 0.5
+    sources.until((0.0, 0.0, 0.0), (sources.plain, ahead))
+    assert "obstacle" in sources.node._commands.values()["obstacles"]
+    sources.until(back, (sources.plain, back))
+    halted.clear()
+    world.twist[0] = 0.3
+    route.publish(String(data=f"{topics.ROUTE_RUNNING}: 9 footsteps"))
+    bench.wait(lambda: halted)
+    bench.world.destroy_timer(timer)
+
+
+def test_with_a_key_words_are_signed_and_all_but_stop_is_refused_without(
+    bench: Any, world: World, g1: RobotModel, tmp_path: Path
+) -> None:
+    write_key(tmp_path / "key")
+    signer = Signer(read_key(tmp_path / "key"), "teleop")
+    sources = Sources(bench, world, g1, look_ahead=False, command_key=str(tmp_path / "key"), command_window=0.2)
+    bench.spin(0.3)  # what was signed before it started may be a replay
+    sources.word.publish(String(data="walk"))
+    bench.wait(lambda: "unsigned" in sources.refusal)
+    line = signer.sign("walk")
+    sources.word.publish(String(data=line))
+    bench.wait(lambda: world.modes[-1] == "walk")
+    sources.word.publish(String(data=line))
+    bench.wait(lambda: "replayed" in sources.refusal)
+    sources.plain.publish(velocity_to_twist((0.3, 0.0, 0.0)))
+    bench.wait(lambda: "signed word 'velocity FORWARD LEFT TURN'" in sources.refusal)
+    sources.word.publish(String(data=signer.sign("velocity 0.2 nan 0")))
+    bench.wait(lambda: "is not finite" in sources.refusal)
+    sources.word.publish(String(data=signer.sign("velocity 0.2 0.0 0.1")))
+    sources.until((0.2, 0.0, 0.1))
+    assert sources.commanders[-1] == "teleop"
+    sources.autonomy.publish(String(data="stop"))
+    bench.wait(lambda: sources.node._law.still)
