@@ -12,6 +12,7 @@ from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
+from controllers.joint_monitor import JointMonitor
 from controllers.joint_servo import JointServo, ServoState
 from controllers.law_switch import LawSwitch
 from controllers.preflight import Evidence, preflight
@@ -124,7 +125,8 @@ class Lockstep:
         self.result: ControlResult
         self._gait = gait
         self._walker: Walker[GaitPlanner] | None = None
-        self.laws = LawSwitch(controller, lambda: self.walker)
+        monitor = JointMonitor(plant.robot, control_ticks * plant.period)
+        self.laws = LawSwitch(controller, lambda: self.walker, monitor)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -269,6 +271,7 @@ class Lockstep:
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.laws.motion_active,
             gait_active=self.laws.gait_active,
+            joint_fault=self.laws.joint_fault,
             coasting=0.0 if self._use_truth else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)

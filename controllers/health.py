@@ -64,6 +64,7 @@ class Health:
         coasting: How long the state has been estimated without samples of the inertial unit or the joints [s].
         silent: Nodes that give no sign of life any more, apart from those that the stamps tell of.
         intruders: Sensor topics that somebody else publishes on too.
+        joint_fault: What is wrong with a motor or an encoder; empty while nothing is.
     """
 
     state_stamp: float
@@ -77,6 +78,7 @@ class Health:
     coasting: float = 0.0
     silent: tuple[str, ...] = ()
     intruders: tuple[str, ...] = ()
+    joint_fault: str = ""
 
     def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
         """What is wrong, most severe first; empty when healthy.
@@ -103,6 +105,8 @@ class Health:
             )
         if t - self.command_stamp > config.controller_timeout:
             found.append(f"whole-body command older than {config.controller_timeout:.3f} s")
+        if self.joint_fault:
+            found.append(self.joint_fault)
         if self.drivers_damped:
             found.append("joint drivers fell back to damping")
         if self.status is SolveStatus.DAMPED:

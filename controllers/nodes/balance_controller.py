@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
+from controllers.joint_monitor import JointMonitor
 from controllers.law_switch import LawSwitch
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
 from controllers.nodes.motion_topics import MotionTopics
@@ -70,6 +71,7 @@ class BalanceControllerNode(PoiseNode):
         text = describe("Time a tick of the law may take; more is counted, and damps when it goes on [s]", low=1e-5)
         self._budget = float(self.declare_parameter("tick_budget", 0.001, text).value)
         self._overruns = 0
+        self._joint_fault = ""
         self._mode = Mode.OFF
         self._reset = True
         self._last_stamp = self._last_posture = 0
@@ -83,7 +85,7 @@ class BalanceControllerNode(PoiseNode):
         """Build the law, the codecs and the topics."""
         self._law = BalanceController(self.model, self._balance, self._whole_body)
         self._tracker: WalkingController | None = None
-        self._laws = LawSwitch(self._law, self._make_walker())
+        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model))
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
@@ -159,6 +161,9 @@ class BalanceControllerNode(PoiseNode):
     def _after(self, result: ControlResult, stamp: int) -> None:
         """What need not precede the command: posture, motion state, alarms."""
         worse = self._result is not None and result.status is not self._result.status
+        if self._laws.joint_fault != self._joint_fault:
+            self._joint_fault = self._laws.joint_fault
+            self.alarm()
         self._result = result
         if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
             self._last_posture = stamp
@@ -191,7 +196,7 @@ class BalanceControllerNode(PoiseNode):
         bad = moving and result.status in (SolveStatus.HELD, SolveStatus.DAMPED)
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
-        self.values[topics.OVERRUNS] = str(self._overruns)
+        self.values[topics.OVERRUNS], self.values[topics.JOINT_FAULT] = str(self._overruns), self._joint_fault
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = (
             f"{(self._tracker if self._laws.walking and self._tracker else self._law).capture_margin:.4f}"

@@ -37,6 +37,9 @@ COUNT_PERIOD = 0.2
 SWAY_TIME = 1.0
 """Over which the velocity of the base is averaged: a step to either side [s]."""
 
+REASON_MAX = 200
+"""Longest reason that is taken from a report [characters]."""
+
 DIGITS_MAX = 20
 """Longest count or stamp that is read from a report [characters]; 64 bits have 20."""
 
@@ -58,7 +61,7 @@ class HealthTopics:
         self.clock_seen = time.monotonic()
         self._now = self._odom_stamp = self._command_stamp = self._started = 0
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
-        self._overruns = 0
+        self._overruns, self._joint_fault = 0, ""
         self._coasting_since: int | None = None
         self._gait = topics.GAIT_ABSENT
         self._alive: dict[str, float] = {}
@@ -112,7 +115,7 @@ class HealthTopics:
     def start(self) -> None:
         """Count the age of state, command and clock from now: the robot begins to move."""
         self._odom_stamp = self._command_stamp = self._started = self._now
-        self._status, self._overruns = SolveStatus.OPTIMAL, 0
+        self._status, self._overruns, self._joint_fault = SolveStatus.OPTIMAL, 0, ""
         self.clock_seen = time.monotonic()
 
     @property
@@ -145,6 +148,7 @@ class HealthTopics:
             coasting=0.0 if self._coasting_since is None else (self._now - self._coasting_since) / NANOSECONDS,
             silent=tuple(name for name, seen in self._alive.items() if seen < then),
             intruders=self.intruders,
+            joint_fault=self._joint_fault if driver_state == topics.ACTIVE else "",
         )
 
     def _moving(self, which: int, stamp: int) -> int:
@@ -211,6 +215,7 @@ class HealthTopics:
         elif not status.startswith(IDLE):
             self._node.refuse("/diagnostics", f"balance_controller: unknown status '{status[:32]}'")
             self._status = SolveStatus.DAMPED
+        self._joint_fault = values.get(topics.JOINT_FAULT, "")[:REASON_MAX]
         overruns = values.get(topics.OVERRUNS, "0")
         if _is_count(overruns):
             self._overruns = int(overruns)

@@ -61,6 +61,9 @@ ROUTE_RUNNING, ROUTE_DONE, ROUTE_ENDED, ROUTE_REFUSED = "running", "done", "ende
 OVERRUNS = "ticks over budget in a row"
 """Key of the controller's diagnostics that the supervisor reads."""
 
+JOINT_FAULT = "joint at fault"
+"""Key of the controller's diagnostics that the supervisor reads: joint and figures; empty: all is well."""
+
 COASTING = "coasting since [ns]"
 """Key of the estimator's diagnostics that the supervisor reads: stamp of the last usable sample; empty: all is well."""
 
