@@ -26,6 +26,9 @@ from models.errors import ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, Vector
 
+ROUNDING = 1e-9
+"""Of a torque step that is as large as the drivers' limit lets it be [-]."""
+
 BOX_TIME = 1.0
 """Watched longer where a black box must be left, which is written a little after the fault [s]."""
 
@@ -110,7 +113,7 @@ class _Trial:
         else:
             ok = as_wanted and not loop.faults and not loop.fallen and bool(self._answer) == (row.expect == "refuses")
         left = not row.box or bool(loop.black_box and loop.black_box.files)
-        fine = self._step <= config().torque_step_limit
+        fine = self._step <= config().torque_step_limit * (1.0 + ROUNDING)
         return {
             "seen": ("fell, " if loop.fallen and row.expect == "rides" else "") + f"mode '{loop.mode.value}'",
             "reason": told[:160],

@@ -224,7 +224,7 @@ class Supervisor:
         if self.mode is Mode.WALK and name not in able:
             known = ", ".join(able) or "nothing"
             return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
-        if self.faults or self.holds:
+        if self.mode in ACTIVE_MODES and (self.faults or self.holds):
             return CommandReply(False, f"'{name}' refused: {'; '.join((*self.faults, *self.holds))}")
         if self.motion is not None:
             return CommandReply(False, f"'{name}' refused: busy with '{self.motion}'; send 'stop' first")
