@@ -34,6 +34,11 @@ class Problem(NamedTuple):
     reason: str
 
 
+def second_publisher(topic: str) -> str:
+    """The sentence about a topic on which somebody else publishes too."""
+    return f"'{topic}' has a second publisher"
+
+
 def tilt(quaternion: Vector) -> float:
     """Angle between the base's z axis and the vertical.
 
@@ -88,7 +93,7 @@ class Health:
             t: Stamp of now [s].
         """
         found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
-        found += [Problem(Severity.STAND, f"'{topic}' has a second publisher") for topic in self.intruders]
+        found += [Problem(Severity.STAND, second_publisher(topic)) for topic in self.intruders]
         return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:

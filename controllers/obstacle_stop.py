@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.arbitration import Velocity
 from controllers.body_outline import BodyOutline
 from controllers.obstacle_stop_config import ObstacleStopConfig
 from models.config import default_config
@@ -14,9 +15,6 @@ from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.scan import SCAN_FRAME, Scan, check_scan
 from models.types import Matrix, Vector
-
-Velocity = tuple[float, float, float]
-"""Forward [m/s], left [m/s], turn [rad/s], of B in its own frame."""
 
 SIDES = ("ahead", "on the left", "behind", "on the right")
 """Words for a direction in B, counter-clockwise in quarters from x."""

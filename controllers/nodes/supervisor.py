@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from controllers.arbitration_config import ArbitrationConfig
 from controllers.command_key import read_key
 from controllers.command_signature import Verifier
+from controllers.health import second_publisher
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
@@ -130,7 +131,7 @@ class SupervisorNode(PoiseNode):
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
             findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
-            intruders = (f"'{topic}' has a second publisher" for topic in self._reports.intruders)
+            intruders = map(second_publisher, self._reports.intruders)
             findings = (*self._hanging(), *intruders, *findings)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
