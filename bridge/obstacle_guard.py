@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from bridge.laser_scanner import LaserScanner
 from bridge.lockstep import Lockstep
-from controllers.obstacle_stop import ObstacleStop, Velocity
+from controllers.arbitration import Velocity
+from controllers.obstacle_stop import ObstacleStop
 from models.types import Mode
 
 LIMIT_PERIOD = 0.02
