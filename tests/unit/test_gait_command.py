@@ -18,31 +18,28 @@ from tests.support import standing
 AHEAD = (0.3, 0.0, 0.1)
 
 
-def test_a_repeated_command_falls_silent_once() -> None:
+def test_a_repeated_command_falls_silent() -> None:
     command = VelocityCommand(timeout=0.5)
-    assert not command.lapsed(100.0)  # nobody has begun
+    assert command.at(0.0) == STILL
     command.repeat(AHEAD, 1.0)
-    assert not command.lapsed(1.5)
+    assert command.at(1.5) == AHEAD
     command.repeat(AHEAD, 1.4)
-    assert not command.lapsed(1.9)
-    assert command.velocity == AHEAD
-    assert command.lapsed(1.91)
-    assert command.velocity == STILL
-    assert not command.lapsed(1.92)
-    command.repeat(AHEAD, 2.0)
-    assert command.velocity == AHEAD
+    assert command.at(1.9) == AHEAD
+    assert command.at(1.91) == STILL
+    assert command.at(1.5) == STILL  # time going back brings nothing back
 
 
-def test_a_velocity_that_something_else_has_replaced_counts_once_it_has_changed() -> None:
+def test_a_held_command_holds_until_another_comes() -> None:
     command = VelocityCommand(timeout=0.5)
     command.repeat(AHEAD, 0.0)
-    command.supersede()
-    command.repeat(AHEAD, 0.1)
-    assert command.velocity == STILL
-    command.repeat(STILL, 0.2)
-    command.repeat(AHEAD, 0.3)
-    assert command.velocity == AHEAD
-    assert not command.lapsed(0.8)
+    command.hold((0.0, 0.1, 0.0))
+    assert command.at(100.0) == (0.0, 0.1, 0.0)
+    command.repeat(AHEAD, 100.0)
+    assert command.at(100.1) == AHEAD
+    assert command.at(101.0) == STILL  # it does not return to what was held before
+    command.hold(AHEAD)
+    command.forget()
+    assert command.at(101.0) == STILL
 
 
 @pytest.fixture
