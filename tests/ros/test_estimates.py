@@ -14,7 +14,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 
 from controllers.nodes.state_estimator import StateEstimatorNode
@@ -214,12 +214,15 @@ def test_estimator_and_supervisor_together_bridge_20_ms_and_damp_at_100_ms(bench
     bench.world.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
     drivers = bench.world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
     clock = bench.world.create_publisher(Clock, topics.CLOCK, SENSOR)
+    posture, codec = bench.world.create_publisher(JointState, topics.POSTURE, SENSOR), JointStateCodec(g1)
     robot = Estimated(bench, g1)
 
     def tell_time() -> None:
+        """The time, and the sign of life of a controller."""
         message = Clock()
         set_stamp(message.clock, robot.stamp)
         clock.publish(message)
+        posture.publish(codec.encode(robot.stamp, *np.zeros((3, g1.nj))))
 
     bench.world.create_timer(0.02, tell_time)
     robot.tick(START + 50)
