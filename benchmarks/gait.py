@@ -87,6 +87,7 @@ def measure(robot: str, seed: int) -> Case:
             timed.with_placo = second % 2 == 1
             _walk(loop, 1.0)
     blocks: list[int] = []
+    settle = 2  # seconds
 
     def walk_alone(time: float) -> None:
         """Nothing beside the robot allocates now."""
@@ -95,8 +96,8 @@ def measure(robot: str, seed: int) -> Case:
             blocks.append(sys.getallocatedblocks())
 
     figures = summarise(timed)
-    figures["resident_growth_kib"] = resident_growth(walk_alone, 2.0, config.memory_time)
-    figures["allocated_blocks_growth"] = blocks_growth(blocks[2:], loop.plant.period)
+    figures["resident_growth_kib"] = resident_growth(walk_alone, settle, config.memory_time)
+    figures["allocated_blocks_growth"] = blocks_growth(blocks[settle:], loop.plant.period)
     rows = _rows(timed)
     quantiles = {
         name: np.percentile(timed.watch.wall[rows[:, i], i] * MICRO, QUANTILES).tolist()

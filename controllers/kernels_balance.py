@@ -2,49 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.qp.kernels_terms import follow_pose
 from controllers.support import cmp_command, convex_hull
-from controllers.whole_body_config import CoMGains
+from controllers.whole_body_config import CoMGains, DcmFeedback
 from models.compiled import njit
 
 Array = NDArray[np.float64]
 
 
-class FeedbackConfig(Protocol):
-    """The DCM feedback of standing and of walking."""
-
-    @property
-    def dcm_gain(self) -> float:
-        """Feedback of the DCM error [-]."""
-        ...
-
-    @property
-    def polygon_margin(self) -> float:
-        """Distance the commanded CoP keeps from the edge [m]."""
-        ...
-
-    @property
-    def momentum_margin(self) -> float:
-        """Distance from the edge at which momentum starts to help [m]."""
-        ...
-
-    @property
-    def momentum_gain(self) -> float:
-        """Commanded CMP beyond the edge per metre past that distance [-]."""
-        ...
-
-    @property
-    def momentum_reach_max(self) -> float:
-        """Farthest commanded CMP beyond the edge [m]."""
-        ...
-
-
-def feedback_gains(config: FeedbackConfig, height: CoMGains) -> tuple[float, ...]:
+def feedback_gains(config: DcmFeedback, height: CoMGains) -> tuple[float, ...]:
     """The gains as ``balance_feedback`` wants them (7,)."""
     return (
         config.dcm_gain,

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.kernels_balance import feedback_gains
 from controllers.kernels_tick import WALKING, walking_tick
 from controllers.memory import Block
 from controllers.whole_body import WholeBodyController
-from controllers.whole_body_config import NonNegative, Positive, WholeBodyConfig
+from controllers.whole_body_config import DcmFeedback, NonNegative, Positive, WholeBodyConfig
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel, corners_of
@@ -22,24 +21,14 @@ from models.types import ContactState, ControlResult, JointCommand, Matrix, Refe
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class WalkingConfig:
+class WalkingConfig(DcmFeedback):
     """DCM feedback while walking.
 
     Attributes:
-        dcm_gain: Feedback of the DCM error [-].
-        polygon_margin: Distance the commanded CoP keeps from the edge of the support polygon [m].
-        momentum_margin: Distance of the DCM *error's* CoP from the edge at which momentum starts to help [m].
-        momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
-        momentum_reach_max: Farthest commanded CMP beyond the edge [m].
         reaction_reach_max: Farthest that the planned reaction of the swing leg may shift the CMP [m].
         motion_fade: Time in which a motion of the arms is blended into a walk and out of it again [s].
     """
 
-    dcm_gain: Positive
-    polygon_margin: NonNegative
-    momentum_margin: Annotated[float, Field()]
-    momentum_gain: NonNegative
-    momentum_reach_max: NonNegative
     reaction_reach_max: NonNegative
     motion_fade: Positive
 

@@ -149,18 +149,16 @@ class WholeBodyConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class BalanceConfig:
-    """Standing balance.
+class DcmFeedback:
+    """DCM feedback.
 
     Attributes:
         dcm_gain: Feedback of the DCM error, as k in ``p = xi + k (xi - xi_ref)`` [-].
         polygon_margin: Distance the commanded CoP keeps from the edge of the support polygon [m].
-        momentum_margin: Distance of the DCM from the edge at which arms and hips start to help [m].
+        momentum_margin: Distance from the edge, of the DCM (standing) or of its error's CoP (walking), at which arms
+            and hips start to help [m].
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
-        anchor_time_s: Time constant with which footholds and references follow the soles that bear load [s].
-        stop_time_s: Time in which a motion that is stopped comes to rest [s].
-        foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
     """
 
     dcm_gain: Positive
@@ -168,6 +166,18 @@ class BalanceConfig:
     momentum_margin: Annotated[float, Field(ge=-0.2, le=0.2)]
     momentum_gain: NonNegative
     momentum_reach_max: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class BalanceConfig(DcmFeedback):
+    """Standing balance.
+
+    Attributes:
+        anchor_time_s: Time constant with which footholds and references follow the soles that bear load [s].
+        stop_time_s: Time in which a motion that is stopped comes to rest [s].
+        foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
+    """
+
     anchor_time_s: Positive
     stop_time_s: Positive
     foothold_load: Fraction

@@ -9,11 +9,10 @@ import numpy as np
 
 from controllers.memory import Block
 from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_problem, recover
-from controllers.qp.kernels_cone import fill_cone
+from controllers.qp.kernels_cone import ROWS, fill_cone
 from controllers.qp.kernels_feedback import LIMITS
 from controllers.qp.kernels_stack import ACTIVE, COM_TASK, PLAN, PYTHON_TASK, STACK
 from controllers.qp.terms import Terms
-from controllers.qp.wrench_cone import ROWS
 from controllers.tasks.base import Task
 from controllers.tasks.posture import PostureTask
 from models.constants import GRAVITY

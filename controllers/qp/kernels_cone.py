@@ -9,6 +9,9 @@ from models.compiled import njit
 
 Array = NDArray[np.float64]
 
+ROWS = 17
+"""Rows of a cone."""
+
 UNBOUNDED = 1e30
 """Bound that the solvers take as none."""
 
@@ -24,17 +27,23 @@ def fill_cone(
     lower: Array,
     upper: Array,
 ) -> None:
-    """Rows of ``wrench_cone``, divided by ``scale``.
+    """Rows ``lower <= G w <= upper`` for a sole wrench that a flat rectangular contact can bear without moving.
+
+    For a rectangle centred on the sole origin this is Caron's closed form: friction (4 rows), CoP (4 rows), yaw moment
+    (8 rows) and unilaterality (1 row). A rectangle off the origin is reduced to it by moving the moment to its centre.
 
     Args:
         rectangle: x_min, x_max, y_min, y_max in the sole frame (4,) [m].
-        friction: Coulomb coefficient.
+        friction: Coulomb coefficient; the pyramid is inscribed, mu / sqrt(2) along each axis.
         force_min: Least normal force [N].
         force_max: Largest normal force [N].
         scale: Force that the rows and their bounds are divided by [N].
-        matrix: Out: (17, 6).
-        lower: Out: (17,).
-        upper: Out: (17,).
+        matrix: Out: G (ROWS, 6).
+        lower: Out: (ROWS,).
+        upper: Out: (ROWS,).
+
+    References:
+        Caron, Pham, Nakamura: Stability of surface contacts for humanoid robots (ICRA 2015), eq. 19-28.
     """
     centre_x, centre_y = 0.5 * (rectangle[0] + rectangle[1]), 0.5 * (rectangle[2] + rectangle[3])
     half_x, half_y = 0.5 * (rectangle[1] - rectangle[0]), 0.5 * (rectangle[3] - rectangle[2])

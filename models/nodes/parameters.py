@@ -94,9 +94,11 @@ def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
 
 def _texts(schema: type) -> Callable[[str], str]:
     """Description of a field from the schema's docstring: its entry under ``Attributes``, or the first sentence."""
-    doc = inspect.cleandoc(schema.__doc__ or "")
-    head, _, attributes = doc.partition("Attributes:")
-    entries = dict(re.findall(r"^    (\w+): (.+(?:\n        .+)*)", attributes, re.MULTILINE))
+    entries: dict[str, str] = {}
+    head = ""
+    for kind in reversed(schema.__mro__):  # inherited fields are described where they are written
+        head, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:")
+        entries |= re.findall(r"^    (\w+): (.+(?:\n        .+)*)", attributes, re.MULTILINE)
     summary = head.strip().split("\n\n")[0].replace("\n", " ")
     return lambda name: re.sub(r"\s+", " ", entries.get(name, f"{name}: {summary}"))
 

@@ -81,20 +81,27 @@ def test_arms_and_torso_swing_against_the_leg(case: tuple[WalkingController, Rob
     assert abs(against) < 0.7 * abs(alone)
 
 
+def with_leg(
+    controller: WalkingController, state: RobotState, joints: tuple[tuple[int, float, float], ...], *, at: int, q: float
+) -> RobotState:
+    """The right leg elsewhere: joints by their number with angle added and rate, one of them put to an angle."""
+    leg, angles, rates = controller.model.feet[1].joint_ids_v, state.q.copy(), state.v.copy()
+    for joint, angle, rate in joints:
+        angles[leg[joint] + 1] += angle
+        rates[leg[joint]] = rate
+    angles[leg[at] + 1] = q
+    near = replace(state, q=angles, v=rates)
+    controller.whole_body.terms.update(near)
+    return near
+
+
 def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
     case: tuple[WalkingController, RobotState, Reference],
 ) -> None:
     """In a lift-off: the knee bends faster than the ankle can follow."""
     controller, state, ahead = case
-    model = controller.model
-    q, v = state.q.copy(), state.v.copy()
-    leg = model.feet[1].joint_ids_v
-    for joint, angle, rate in ((leg[0], -0.25, -1.5), (leg[3], 0.6, 3.0), (leg[4], 0.0, -1.5)):
-        q[joint + 1] += angle
-        v[joint] = rate
-    q[leg[4] + 1] = model.q_lower[leg[4] - 6] + 0.06
-    near = replace(state, q=q, v=v)
-    controller.whole_body.terms.update(near)
+    low = controller.model.q_lower[controller.model.feet[1].joint_ids_v[4] - 6]
+    near = with_leg(controller, state, ((0, -0.25, -1.5), (3, 0.6, 3.0), (4, 0.0, -1.5)), at=4, q=low + 0.06)
     sole = controller.whole_body.terms.soles[1]
     velocities, positions, rotations = np.zeros((2, 6)), ahead.sole_positions.copy(), ahead.sole_rotations.copy()
     velocities[1] = (sole.rotation @ sole.twist.reshape(2, 3).T).T.ravel()
@@ -109,16 +116,9 @@ def test_a_foot_rolls_rather_than_fall_short_where_its_ankle_is_at_a_limit(
 ) -> None:
     """In a wide step: the leg moves out, and the ankle cannot keep the sole level any more."""
     controller, state, ahead = case
-    model = controller.model
-    q, v = state.q.copy(), state.v.copy()
-    hip, ankle = model.feet[1].joint_ids_v[1], model.feet[1].joint_ids_v[5]
-    q[hip + 1] -= 0.3
-    q[ankle + 1] = model.q_upper[ankle - 6] - 0.03
-    v[hip], v[ankle] = -2.0, 1.0
-    near = replace(state, q=q, v=v)
-    terms = controller.whole_body.terms
-    terms.update(near)
-    sole = terms.soles[1]
+    high = controller.model.q_upper[controller.model.feet[1].joint_ids_v[5] - 6]
+    near = with_leg(controller, state, ((1, -0.3, -2.0), (5, 0.0, 1.0)), at=5, q=high - 0.03)
+    sole = controller.whole_body.terms.soles[1]
     velocities, positions = np.zeros((2, 6)), ahead.sole_positions.copy()
     positions[1] = sole.position + np.array([0.0, -0.1, 0.0])
     velocities[1, 1] = -2.0

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from controllers.qp.kernels_cone import ROWS, fill_cone
 from controllers.qp.kernels_terms import rotation_error
 from controllers.qp.terms import Terms
-from controllers.qp.wrench_cone import wrench_cone
 from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import WholeBodyConfig
@@ -153,8 +153,15 @@ def corner_wrench(forces: np.ndarray) -> np.ndarray:
     return np.concatenate([forces.sum(axis=0), np.cross(corners, forces).sum(axis=0)])
 
 
+def cone() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of the cone of ``RECTANGLE`` and their bounds."""
+    matrix, lower, upper = np.empty((ROWS, 6)), np.empty(ROWS), np.empty(ROWS)
+    fill_cone(np.array(RECTANGLE), 0.7, 0.0, 1e9, 1.0, matrix, lower, upper)
+    return matrix, lower, upper
+
+
 def test_every_sum_of_corner_forces_is_in_the_cone() -> None:
-    matrix, lower, upper = wrench_cone(RECTANGLE, 0.7, 0.0, 1e9)
+    matrix, lower, upper = cone()
     rng = np.random.default_rng(0)
     mu = 0.7 / np.sqrt(2)
     for _ in range(500):
@@ -167,7 +174,7 @@ def test_every_sum_of_corner_forces_is_in_the_cone() -> None:
 def test_every_wrench_in_the_cone_is_a_sum_of_corner_forces() -> None:
     from scipy.optimize import linprog
 
-    matrix, _, upper = wrench_cone(RECTANGLE, 0.7, 0.0, 1e9)
+    matrix, _, upper = cone()
     mu = 0.7 / np.sqrt(2)
     rng = np.random.default_rng(1)
     maps = np.zeros((6, 12))
