@@ -204,8 +204,11 @@ class FootingConfig:
         turning: Angular velocity about its length or width above which it turns [rad/s].
         turned: Angle by which it has turned at least, of late [rad].
         forget_time: Time constant of "of late" [s].
+        edge: Way by which its CoP may move meanwhile: a sole that rolls as it lands has no edge under it [m].
         still: Angular velocity below which it lies still [rad/s].
-        regain: Speed at which it is then believed in again [m/s].
+        rest: Time for which it has to lie still before how it lies counts [s].
+        fallen: Angle by which a sole that then lies still has turned at least to have found ground there [rad].
+        regain: Speed at which one that has turned less is then believed in again [m/s].
         strip: Width that is left at least of what bears [m].
         grain: Steps in which the areas are told: each change costs the QP a new wrench cone [m].
     """
@@ -214,7 +217,10 @@ class FootingConfig:
     turning: Positive
     turned: Positive
     forget_time: Positive
+    edge: Positive
     still: Positive
+    rest: Positive
+    fallen: Positive
     regain: Positive
     strip: Positive
     grain: Positive

@@ -12,15 +12,19 @@ from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
 from planners.gait.measurement import GaitMeasurement
 
-_LOAD, _TURNING, _TURNED, _FORGET_TIME, _STILL, _REGAIN, _STRIP, _GRAIN = range(8)  # fields of FootingConfig
+# Fields of FootingConfig.
+_LOAD, _TURNING, _TURNED, _FORGET_TIME, _EDGE, _STILL, _REST, _FALLEN, _REGAIN, _STRIP, _GRAIN = range(11)
 
 
 class Footing:
     """Rectangle of each sole that has ground under it.
 
     A sole that bears and turns has its CoP on the edge that it turns over, and nothing under the side that goes down:
-    that side is taken off, so that no law asks for a CoP on it, which is what turns the sole. While the sole lies still
-    the area grows again, and the whole one is believed in when the foot lifts.
+    that side is taken off, so that no law asks for a CoP on it, which is what turns the sole. A sole whose CoP wanders
+    while it turns lies down and has no edge under it, and one that falls back to how it lay turns over nothing new. One
+    that comes to rest turned has found ground on the other face of the edge, a slope or a lower tile, and is whole
+    again; one that came back or went no farther grows again while it lies still. The whole one is believed in when the
+    foot lifts.
 
     Args:
         model: The robot: its soles.
@@ -38,7 +42,8 @@ class Footing:
         self._limits = np.array(astuple(config))
         self._whole = np.array([foot.rectangle for foot in model.feet])
         self.areas, self._bounds = self._whole.copy(), self._whole.copy()
-        self._turned = np.zeros((2, 2))
+        self._turned, self._fallen, self._edges = np.zeros((3, 2, 2))
+        self._rested = np.zeros(2)
 
     def reset(self) -> None:
         """Count on both whole soles."""
@@ -66,12 +71,13 @@ class Footing:
 
     def _believe(self, foot: int) -> None:
         self._bounds[foot] = self.areas[foot] = self._whole[foot]
-        self._turned[foot] = 0.0
+        self._turned[foot] = self._fallen[foot] = self._rested[foot] = 0.0
 
     def _look(self, foot: int, measured: GaitMeasurement, dt: float) -> None:
         """One planted sole."""
         turning, cops, load = measured.turning, measured.cops, measured.loads[foot]
-        _look(foot, load, dt, turning, cops, self._whole, self._limits, self._turned, self._bounds, self.areas)
+        seen = (self._edges, self._turned, self._fallen, self._rested)
+        _look(foot, load, dt, turning, cops, self._whole, self._limits, *seen, self._bounds, self.areas)
 
 
 @njit(
@@ -90,7 +96,7 @@ def _cut(
 ) -> tuple[float, float]:
     """Take off the side that goes down: that of low coordinates where the speed is positive.
 
-    Not while the other side is off: the sole then falls back to what bears.
+    Not where the sole falls back to how it last lay, nor while the other side is off.
     """
     turning, turned, strip = limits[_TURNING], limits[_TURNED], limits[_STRIP]
     if speed > turning and angle > turned and high == whole_high:
@@ -100,9 +106,15 @@ def _cut(
     return low, high
 
 
+@njit("float64(float64, float64)", cache=True)
+def _nearer(a: float, b: float) -> float:
+    """The smaller of two angles of one sense; 0 for angles of different senses."""
+    return min(a, b) if a > 0.0 and b > 0.0 else max(a, b) if a < 0.0 and b < 0.0 else 0.0
+
+
 @njit(
     "void(int64, float64, float64, float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1],"
-    " float64[:, ::1], float64[:, ::1], float64[:, ::1])",
+    " float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])",
     cache=True,
 )
 def _look(
@@ -113,7 +125,10 @@ def _look(
     cops: Matrix,
     whole: Matrix,
     limits: Vector,
+    edges: Matrix,
     turned: Matrix,
+    fallen: Matrix,
+    rested: Vector,
     bounds: Matrix,
     areas: Matrix,
 ) -> None:
@@ -126,14 +141,20 @@ def _look(
         turning: Angular velocity of each sole about its own x and y (2, 2) [rad/s].
         cops: Centre of pressure of each sole, in its frame (2, 2) [m].
         whole: The whole soles.
-        limits: Of ``FootingConfig``, in the order of its fields (8,).
-        turned: In and out: by how much each sole has turned of late (2, 2) [rad].
+        limits: Of ``FootingConfig``, in the order of its fields (11,).
+        edges: In and out: where the CoP rests, in x and y (2, 2) [m].
+        turned: In and out: by how much each sole has turned of late, its CoP at these (2, 2) [rad].
+        fallen: In and out: by how much it has turned in all since it last lay still, whole (2, 2) [rad].
+        rested: In and out: time for which it has lain still (2,) [s].
         bounds: In and out: what bears.
         areas: Out: what bears, in steps of ``grain``.
     """
     for about in range(2):
-        speed = turning[foot, about]
+        speed, axis = turning[foot, about], 1 - about
+        if abs(cops[foot, axis] - edges[foot, axis]) > limits[_EDGE]:
+            edges[foot, axis], turned[foot, about] = cops[foot, axis], 0.0
         turned[foot, about] += dt * (speed - turned[foot, about] / limits[_FORGET_TIME])
+        fallen[foot, about] += dt * speed
     if load < limits[_LOAD]:
         return
     for axis in range(2):
@@ -147,15 +168,21 @@ def _look(
             whole[foot, high],
             cops[foot, axis],
             sign * turning[foot, about],
-            sign * turned[foot, about],
+            _nearer(sign * turned[foot, about], sign * fallen[foot, about]),
             limits,
         )
-    if max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits[_STILL]:
-        way = limits[_REGAIN] * dt
+    still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits[_STILL]
+    rested[foot] = rested[foot] + dt if still else 0.0
+    if still:
         for axis in range(2):
+            about = 1 - axis
             low, high = 2 * axis, 2 * axis + 1
+            lies = rested[foot] >= limits[_REST]
+            way = np.inf if lies and abs(fallen[foot, about]) > limits[_FALLEN] else limits[_REGAIN] * dt
             bounds[foot, low] = max(bounds[foot, low] - way, whole[foot, low])
             bounds[foot, high] = min(bounds[foot, high] + way, whole[foot, high])
+            if lies and bounds[foot, low] == whole[foot, low] and bounds[foot, high] == whole[foot, high]:
+                fallen[foot, about] = 0.0
     for i in range(4):
         bound = bounds[foot, i]
         areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / limits[_GRAIN]) * limits[_GRAIN]

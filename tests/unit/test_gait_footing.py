@@ -24,7 +24,7 @@ from tests.support import standing
 CONFIG = default_config(GaitConfig, "planners", "gait").footing
 TURN = 2.0 * CONFIG.turning  # [rad/s]
 COP = 0.01  # of the soles of a robot that turns over, to the left [m]
-WHILE = round(1.5 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough to be believed
+WHILE = round(1.2 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough to be believed
 
 
 def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> SimpleNamespace:
@@ -79,6 +79,35 @@ def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: F
     later = turn(footing, still, round(0.01 / CONFIG.regain / DT))
     assert cut[2] - later[2] == pytest.approx(0.01, abs=CONFIG.grain)
     turn(footing, still, round(0.1 / CONFIG.regain / DT))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Footing) -> None:
+    """It turned over the edge onto a slope or a lower tile."""
+    whole = footing.areas.copy()
+    turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.fallen / TURN / DT))
+    assert (footing.areas != whole).any()
+    still = measured((0.0, 0.0), (0.0, 0.01))
+    turn(footing, still, round(0.5 * CONFIG.rest / DT))  # as where a rocking sole turns back
+    assert (footing.areas != whole).any()
+    turn(footing, still, round(0.6 * CONFIG.rest / DT))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+def test_a_sole_that_tipped_over_its_rim_and_falls_back_is_whole(footing: Footing) -> None:
+    whole = footing.areas.copy()
+    rim = (0.0, whole[0, 3])
+    tipped = turn(footing, measured((-TURN, 0.0), rim), 3 * WHILE)
+    np.testing.assert_array_equal(tipped, whole[0])
+    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), rim), 3 * WHILE), whole[0])
+
+
+def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Footing) -> None:
+    """Its CoP wanders meanwhile: there is no edge."""
+    whole = footing.areas.copy()
+    for tick in range(2 * WHILE):
+        wanders = -0.02 + 0.04 * tick / (2 * WHILE)
+        footing.update(measured((TURN, 0.0), (0.0, wanders)), None, DT)
     np.testing.assert_array_equal(footing.areas, whole)
 
 
