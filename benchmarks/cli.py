@@ -87,14 +87,14 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
         _bench(name, robot, seeds, workers, json, plot)
 
 
-def _add_scenarios(name: str, help_text: str) -> None:
+def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
     """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are."""
     MODULES[name] = name
 
     @app.command(name, help=help_text)
     def run(
         robot: Robot = "g1",
-        seeds: Seeds = 20,
+        seeds: Seeds = usual_seeds,
         workers: Workers = 1,
         json: JsonFile = None,
         plot: PlotFolder = None,
@@ -150,6 +150,7 @@ _add_command("stand", "A minute of quiet standing, and wave and squat while push
 
 
 _add_scenarios("walk", "Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping.")
+_add_scenarios("faults", "Faults of sensors, motors, solver, users and world, and what the robot does.", usual_seeds=1)
 _add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")

@@ -86,6 +86,9 @@ def up(
     sensor_errors: Annotated[
         str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
     ] = "",
+    faults: Annotated[
+        str, typer.Option(help="Faults once it stands: a YAML file, a scenario such as dead_knee, or YAML in braces.")
+    ] = "",
     terrain: Annotated[
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
@@ -95,14 +98,17 @@ def up(
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
+    from bridge.fault_plan import fault_plan
     from bridge.launch import up as launch
     from bridge.sensor_errors import read_sensor_errors
     from models.terrain import terrain_named
 
     with told():
         read_sensor_errors(sensor_errors)
+        fault_plan(faults)
         terrain_named(terrain)
-    plant = {"terrain": terrain, **({"sensor_errors": sensor_errors} if sensor_errors else {})}
+    given = {"sensor_errors": sensor_errors, "faults.plan": faults}
+    plant = {"terrain": terrain, **{name: text for name, text in given.items() if text}}
     code = launch(
         robot,
         duration=duration,
@@ -118,14 +124,31 @@ def up(
 @app.command()
 def send(
     text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
+    key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
+    source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
 ) -> None:
     """Send a text command to the running robot and say what became of it."""
+    from controllers.command_key import read_key
+    from controllers.command_signature import Signer
+
+    with told():
+        signer = None if key is None else Signer(read_key(key), source)
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, signer=signer) as client:
         raise typer.Exit(_print_reply(client.command(text)))
+
+
+@app.command()
+def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing file is never overwritten.")]) -> None:
+    """Make a key for signed commands: random bytes that this user alone can read."""
+    from controllers.command_key import write_key
+
+    with told():
+        write_key(file)
+    Console().print(f"{file}: new key; copy it to the robot and its operators, show it to nobody else", markup=False)
 
 
 @app.command()

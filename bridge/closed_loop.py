@@ -8,10 +8,13 @@ from typing import Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
+from bridge.fault_plan import Faults
 from bridge.lockstep import Controller, Lockstep
+from bridge.loop_black_box import LoopBlackBox
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
+from bridge.obstacle_guard import ObstacleGuard
 from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
@@ -62,13 +65,17 @@ class ClosedLoop:
         config: Start-up, scoring and log settings; the packaged ones when None.
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
         calibration: Corrects the sensors; None for none.
+        faults: Faults of sensors and motors, from the moment on when the robot is let go; see ``docs/faults.md``.
+        obstacle_stop: Whether the scanner of the robot stops a walk before what ``plant.obstacle`` puts into its way.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
+        black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
 
     Attributes:
         robot: The robot.
         plant: The simulated robot; no law may see it.
         log: What was recorded.
         events: Stamp [s] and text of commands, pushes and changes of mode.
+        black_box: The black box and the files that it has written; None without.
 
     Raises:
         ConfigError: An argument is out of range.
@@ -97,7 +104,10 @@ class ClosedLoop:
         config: LoopConfig | None = None,
         sensor_errors: SensorErrors | None = None,
         calibration: Calibration | None = None,
+        faults: Faults | None = None,
+        obstacle_stop: bool = False,
         start: Literal["stand", "hang"] = "stand",
+        black_box: Path | None = None,
     ) -> None:
         if start not in ("stand", "hang"):
             raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
@@ -115,7 +125,9 @@ class ClosedLoop:
             timestep=timestep,
             visuals=visuals,
             sensor_errors=sensor_errors,
+            faults=faults,
         )
+        self.plant.faults.note = self._note
         latency = self.robot.profile.sensors.latency
         delay_ticks = self._ticks("delay_s", latency.sensors + latency.commands if delay_s is None else delay_s)
         control_ticks = self._ticks("control_period_s", control_period_s)
@@ -137,8 +149,10 @@ class ClosedLoop:
         )
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
+        self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
-        self._text = TextCommands(self.robot, self._lockstep)
+        self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
+        self._text = TextCommands(self.robot, self._lockstep, lambda: self._guard or self.gait)
         (self.hang if start == "hang" else self.reset)()
 
     def _ticks(self, name: str, time: float) -> int:
@@ -224,15 +238,20 @@ class ClosedLoop:
 
     def reset(self, seed: int | None = None) -> None:
         """Start over, as a new loop would; a seed replaces the present one."""
-        self.log.clear()
-        self.events.clear()
+        self._clear(seed)
         self._lockstep.start(seed)
 
     def hang(self, seed: int | None = None) -> None:
         """Start over hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` stands it up."""
+        self._clear(seed)
+        self._lockstep.hang(seed)
+
+    def _clear(self, seed: int | None) -> None:
+        """Forget what was recorded and seen."""
         self.log.clear()
         self.events.clear()
-        self._lockstep.hang(seed)
+        if self._guard is not None:
+            self._guard.reset(seed)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -286,7 +305,7 @@ class ClosedLoop:
         """
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
-        self.gait.set_velocity(forward, left, turn)
+        (self._guard or self.gait).set_velocity(forward, left, turn)
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
@@ -298,13 +317,29 @@ class ClosedLoop:
         self.plant.apply_push(force, duration, body)
         self._note(f"push ({force[0]:g}, {force[1]:g}, {force[2]:g}) N for {duration:g} s on {body}")
 
+    def inject(self, faults: Faults) -> str:
+        """Inject faults into sensors and motors, their times counted from the next tick; returns them in words.
+
+        Raises:
+            ConfigError: They cannot be read or do not fit the robot; nothing is injected then.
+        """
+        return self.plant.faults.inject(faults)
+
+    def clear_faults(self) -> str:
+        """End every injected fault; returns which. What the supervisor has latched stays."""
+        return self.plant.faults.clear()
+
     def step(self) -> None:
         """Run one tick."""
         self._lockstep.step()
+        if self._guard is not None:
+            self._guard.step()
 
     def _record(self) -> None:
         """Row of the log after a tick, when one is due."""
         lockstep = self._lockstep
+        if self.black_box is not None:
+            self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
             self.log.add(self.plant.truth, self.plant.com, lockstep.state, lockstep.result, self.mode, self.gait)
 

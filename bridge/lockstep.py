@@ -12,6 +12,7 @@ from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
+from controllers.joint_monitor import JointMonitor
 from controllers.joint_servo import JointServo, ServoState
 from controllers.law_switch import LawSwitch
 from controllers.preflight import Evidence, preflight
@@ -88,6 +89,7 @@ class Lockstep:
         estimator: The state estimator.
         monitor: Fall and slip of the true robot.
         servo: Drivers.
+        sensors: Last sample, as the laws got it.
         state: Last estimate.
         result: Last tick of the controller.
         tick: Ticks since the controller took over.
@@ -114,15 +116,17 @@ class Lockstep:
         self.supervisor = Supervisor(plant.robot, gait=True)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
-        self.tick = 0
+        self.tick = self._unheard = 0
         self.calibration, self._applied = calibration, calibration
         self.listener: Callable[[SensorData], None] | None = None
         self.hanging = False
+        self.sensors: SensorData
         self.state: RobotState
         self.result: ControlResult
         self._gait = gait
         self._walker: Walker[GaitPlanner] | None = None
-        self.laws = LawSwitch(controller, lambda: self.walker)
+        monitor = JointMonitor(plant.robot, control_ticks * plant.period)
+        self.laws = LawSwitch(controller, lambda: self.walker, monitor)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -147,7 +151,7 @@ class Lockstep:
         sensors = self._hang_and_average()
         self.servo.blend()
         state = self.estimator.reset(sensors)
-        self.tick = 0
+        self.tick = self._unheard = 0
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
         self.laws.reset(self.state)
@@ -217,7 +221,7 @@ class Lockstep:
 
     def step(self) -> None:
         """Run one tick."""
-        sensors = self._sense()
+        self.sensors = sensors = self._sense()
         if self.listener is not None:
             self.listener(self.plant.read())
         if self.hanging:
@@ -226,7 +230,11 @@ class Lockstep:
             self.tick += 1
             return
         if self.tick % self._control_ticks == 0:
-            self._control(sensors)
+            self._unheard += 1
+            heard = self.plant.heard(sensors) if self.tick else sensors  # the estimator has started from the first one
+            if heard is not None:
+                self._control(heard, self._unheard * self._control_dt)
+                self._unheard = 0
         if self.tick % self._supervise_ticks == 0:
             self._supervise()
         while self._queue and self._queue[0][0] <= self.tick:
@@ -235,16 +243,16 @@ class Lockstep:
         self.tick += 1
         self._after_tick()
 
-    def _control(self, sensors: SensorData) -> None:
-        """Estimator and controller; the command enters the delay line."""
+    def _control(self, sensors: SensorData, dt: float) -> None:
+        """Estimator and controller, a time [s] after the last sample; the command enters the delay line."""
         if self._use_truth:
             self.state = self.plant.truth
         else:
-            self.state = self.estimator.step(sensors, self._control_dt, self._scheduled)
+            self.state = self.estimator.step(sensors, dt, self._scheduled)
         self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
             return
-        self.result = self.laws.step(self.state, self._control_dt)
+        self.result = self.laws.step(self.state, dt)
         self._scheduled = self.laws.reference.contacts
         self._command_t = sensors.t
         if self.result.status is SolveStatus.DAMPED:
@@ -263,6 +271,7 @@ class Lockstep:
             drivers_damped=self.servo.state is ServoState.DAMPED,
             motion_active=self.laws.motion_active,
             gait_active=self.laws.gait_active,
+            joint_fault=self.laws.joint_fault,
             coasting=0.0 if self._use_truth else self.estimator.health.coasting,
         )
         mode = self.supervisor.update(health, self.plant.t)

@@ -1,4 +1,4 @@
-"""``poise log WHAT``: logs of a running robot, written on request."""
+"""``poise log WHAT``: logs of a running robot, written on request, and its black box, drawn."""
 
 from __future__ import annotations
 
@@ -10,12 +10,7 @@ from rich.console import Console
 
 from bridge.command_line import need_ros, told
 
-app = typer.Typer(no_args_is_help=True, help="Write logs of the running robot.")
-
-
-@app.callback()
-def _options() -> None:
-    """Keep ``imu`` a command of its own, however many there are."""
+app = typer.Typer(no_args_is_help=True, help="Write logs of the running robot, and draw those of its black box.")
 
 
 @app.command()
@@ -62,3 +57,25 @@ def imu(
     files = ", ".join(str(path) for path in (csv, mcap) if path is not None)
     refused = f", {listener.refused} refused" if listener.refused else ""
     Console().print(f"{listener.count} samples in {listener.duration:.3f} s{refused}: {files}", highlight=False)
+
+
+@app.command("black-box")
+def black_box(
+    file: Annotated[Path, typer.Argument(help="File of a black box; ~/.local/state/poise/black_box holds them.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/black_box"),
+    last: Annotated[float, typer.Option(min=0.0, help="Draw so many seconds of its end.")] = 60.0,
+    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
+) -> None:
+    """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
+    from bridge.plots_black_box import plot_black_box
+    from controllers.black_box_file import BlackBoxRecord
+    from models.robot_model import RobotModel
+
+    with told():
+        record = BlackBoxRecord.load(file).last(last)
+        files = plot_black_box(RobotModel.load(robot or record.robot), record, out)
+    say = Console(soft_wrap=True).print
+    say(f"{record.robot}, {len(record.t)} rows, {record.t[-1] - record.t[0]:.3f} s: {record.reason}", markup=False)
+    for t, text in record.events:
+        say(f"{t:10.3f} s  {text}", markup=False, highlight=False)
+    say(", ".join(str(path) for path in files), markup=False, highlight=False)

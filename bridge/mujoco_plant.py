@@ -5,12 +5,16 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from bridge.fault_plan import Faults
+from bridge.fault_proxy import FaultProxy
+from bridge.obstacle import Obstacle
 from bridge.plant import Plant
 from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
 from models.errors import CommandError
 from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
 from models.robot_model import RobotModel
+from models.scan import Scan
 from models.terrain import FLAT, Ground, Terrain, terrain_named
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
@@ -35,14 +39,17 @@ class MujocoPlant(Plant):
         timestep: Physics step [s].
         visuals: Load meshes for pictures; no effect on the dynamics.
         sensor_errors: Errors of the sensors on top of those that profile and seed give.
+        faults: Faults of sensors and motors from the start or the release on.
 
     Attributes:
         model: The compiled MuJoCo model.
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
         ground: Height of the ground; for scoring only.
+        obstacle: The box of a terrain that has one, to be put into the way; ``reset`` puts it back.
         noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
+        faults: Injects faults into sensors and motors.
 
     Raises:
         ConfigError: An argument is out of range.
@@ -61,18 +68,23 @@ class MujocoPlant(Plant):
         timestep: float = 0.001,
         visuals: bool = False,
         sensor_errors: SensorErrors | None = None,
+        faults: Faults | None = None,
     ) -> None:
         self.robot = model
-        self.ground = Ground(terrain_named(terrain))
+        terrain = terrain_named(terrain)
+        self.ground = Ground(terrain)
         self.mujoco: MujocoModel = build_mujoco(
             model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
         )
         self.model = self.mujoco.model
         self.data = mujoco.MjData(self.model)
+        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
         self._period = float(self.model.opt.timestep)
         self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
+        self.faults = FaultProxy(model, period=timestep, seed=seed, plan=faults)
         self._index_channels()
         self._read: SensorData | None = None
+        self._values: Vector | None = None  # channels of the newest sample
         self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
         self._tick = 0
         self._held = True
@@ -113,7 +125,8 @@ class MujocoPlant(Plant):
         self._pushes.clear()
         self._tick = 0
         self.noise.reset(seed)
-        self._read = None
+        self.faults.reset(seed)
+        self._read = self._values = None
         mujoco.mj_forward(self.model, self.data)
 
     def hold(self, on: bool) -> None:
@@ -122,6 +135,8 @@ class MujocoPlant(Plant):
             self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
         else:
             self.mujoco.release(self.data)
+            if self._held:
+                self.faults.release()
         self._held = on
 
     def hoist(self, height: float) -> None:
@@ -153,10 +168,23 @@ class MujocoPlant(Plant):
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
             self._read = self.noise.measure(self.t, values)
+            if self.faults.active:
+                self.faults.sense(self._tick, values, self._values)
+            self._values = values
         return self._read
+
+    def heard(self, sensors: SensorData) -> SensorData | None:
+        """What reaches the laws of a sample of this tick; None when its joints do not."""
+        return self.faults.heard(self._tick, sensors)
+
+    def seen(self, scan: Scan) -> Scan | None:
+        """What reaches the laws of a scan; None when it does not come."""
+        return self.faults.seen(self._tick, scan) if self.faults.active else scan
 
     def write(self, tau: Vector) -> None:
         """Set the joint torques (nj,) [N.m] of the coming steps; MuJoCo clamps them to the torque limits."""
+        if self.faults.active:
+            tau = self.faults.drive(self._tick, tau, self._ctrl[self.mujoco.actuator])
         self._ctrl[self.mujoco.actuator] = tau
 
     def step(self) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Protocol
+
 from bridge.lockstep import Lockstep
 from models.errors import PoiseError
 from models.robot_model import RobotModel
@@ -9,16 +12,29 @@ from models.types import CommandReply
 from planners.motion import MotionPlanner
 
 
+class Walk(Protocol):
+    """Who takes a walk's velocities: the gait, or what stands before it."""
+
+    def set_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Walk with a velocity [m/s, m/s, rad/s]."""
+        ...
+
+    def stop(self) -> None:
+        """Come to a standstill."""
+        ...
+
+
 class TextCommands:
     """Has the supervisor answer, and carries out what it accepts.
 
     Args:
         robot: The robot.
-        lockstep: Whose supervisor, laws and gait.
+        lockstep: Whose supervisor and laws.
+        walk: Who takes the velocities.
     """
 
-    def __init__(self, robot: RobotModel, lockstep: Lockstep) -> None:
-        self._robot, self._lockstep = robot, lockstep
+    def __init__(self, robot: RobotModel, lockstep: Lockstep, walk: Callable[[], Walk]) -> None:
+        self._robot, self._lockstep, self._walk = robot, lockstep, walk
         self._planner: MotionPlanner | None = None
 
     def run(self, text: str) -> CommandReply:
@@ -30,8 +46,8 @@ class TextCommands:
             lockstep.enter_mode()
         velocity = supervisor.take_velocity()
         if velocity is not None:
-            gait = lockstep.walker.planner
-            gait.set_velocity(*velocity) if any(velocity) else gait.stop()
+            walk = self._walk()
+            walk.set_velocity(*velocity) if any(velocity) else walk.stop()
         motion = supervisor.take_motion()
         if motion == "stop":
             lockstep.laws.stop_motion()

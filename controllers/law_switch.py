@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from controllers.joint_monitor import JointMonitor
 from controllers.walker import Walker
 from models.types import ControlResult, JointTrajectory, Mode, Reference, RobotState
 
@@ -48,14 +49,22 @@ class LawSwitch:
     Args:
         standing: Law of the modes ``stand`` and ``motion``.
         walker: Gives the walker, called each time it is needed; None where there is no gait planner.
+        monitor: Looks whether the joints do as they are told; None for nobody.
 
     Attributes:
         walking: Whether the walker runs.
     """
 
-    def __init__(self, standing: Law, walker: Callable[[], Walker[Any]] | None) -> None:
-        self._standing, self._walker = standing, walker
+    def __init__(
+        self, standing: Law, walker: Callable[[], Walker[Any]] | None, monitor: JointMonitor | None = None
+    ) -> None:
+        self._standing, self._walker, self._monitor = standing, walker, monitor
         self.walking = False
+
+    @property
+    def joint_fault(self) -> str:
+        """What is wrong with a joint; empty while nothing is."""
+        return "" if self._monitor is None else self._monitor.fault
 
     @property
     def can_walk(self) -> bool:
@@ -94,6 +103,8 @@ class LawSwitch:
         """Start over from a state, standing."""
         self.walking = False
         self._standing.reset(state)
+        if self._monitor is not None:
+            self._monitor.reset()
 
     def enter(self, mode: Mode, state: RobotState) -> None:
         """Hand the robot over as a mode wants it.
@@ -111,4 +122,7 @@ class LawSwitch:
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick of the law that runs."""
-        return self.active.step(state, dt)
+        result = self.active.step(state, dt)
+        if self._monitor is not None:
+            self._monitor.step(state, result.command)
+        return result

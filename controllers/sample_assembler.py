@@ -12,6 +12,9 @@ from models.types import FOOT_NAMES, SensorData, Vector
 JOINTS, IMU = 0, 1
 """Rows of the stamp table; the feet follow."""
 
+MAX_AGE = 0.005
+"""Age up to which a sample of another source is used by default [s]."""
+
 _NAMES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
 
 

@@ -1,9 +1,12 @@
 """Mode machine of the robot: who may move, when, and why not.
 
-The law, with severity hold < stand < damp < off:
+The law:
 
     off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
-    any -> damp                            on a fault, latched until ``reset_faults``
+
+    fault of severity hold                 no velocity and no new motion, while its cause lasts
+                      stand                walk, motion -> stand, latched until ``reset_faults``
+                      damp                 any but off -> damp, latched until ``reset_faults``
 
 Arming needs preflight checks that passed since the robot was last active: where it lies now is not where it stood.
 
@@ -13,7 +16,8 @@ It has no clock and no I/O: time comes in with ``update``. The node around it pu
 
 from __future__ import annotations
 
-from controllers.health import Health
+from controllers.arbitration import Velocity
+from controllers.health import Health, Severity
 from controllers.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.robot_model import RobotModel
@@ -21,9 +25,6 @@ from models.types import CommandReply, Mode
 
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 """Text commands that need a gait planner; answered with the reason while there is none."""
-
-Velocity = tuple[float, float, float]
-"""Walking velocity: forward [m/s], left [m/s], turn [rad/s]."""
 
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 """Modes in which the whole-body controller moves the joints."""
@@ -49,6 +50,7 @@ class Supervisor:
         """Forget faults, findings and pending motions and start in ``mode``."""
         self.mode = mode
         self.faults: tuple[str, ...] = ()
+        self.holds: tuple[str, ...] = ()
         self.motion: str | None = None
         self._preflight: tuple[str, ...] = ("preflight checks have not run yet",)
         self._pending: str | None = None
@@ -61,6 +63,11 @@ class Supervisor:
     def preflight(self) -> tuple[str, ...]:
         """Findings of the last preflight check; empty when it passed."""
         return self._preflight
+
+    @property
+    def still(self) -> bool:
+        """Whether no velocity is wanted: a walk comes to its end, or the robot is held."""
+        return self._halting or bool(self.holds)
 
     def set_preflight(self, findings: tuple[str, ...]) -> None:
         """Store the findings of ``controllers.preflight``; arming is refused until they are empty."""
@@ -151,19 +158,23 @@ class Supervisor:
         """Damp at once and latch."""
         return self.fault("emergency stop")
 
-    def fault(self, reason: str) -> CommandReply:
-        """Damp and latch until ``reset_faults``; ``off`` stays off.
+    def fault(self, reason: str, severity: Severity = Severity.DAMP) -> CommandReply:
+        """Damp or come to a stand, and latch until ``reset_faults``; ``off`` stays off.
 
         Args:
             reason: Named in ``faults`` and in later refusals.
+            severity: ``DAMP``, or ``STAND``, which leaves a robot that does not move its feet as it is.
 
         Returns:
             Always accepted.
         """
-        if reason not in self.faults:
+        new = reason not in self.faults
+        if new:
             self.faults = (*self.faults, reason)
-        if self.mode is not Mode.OFF:
+        if severity is Severity.DAMP and self.mode is not Mode.OFF:
             self._enter(Mode.DAMP, reason)
+        elif severity is Severity.STAND and new and self.mode in (Mode.WALK, Mode.MOTION):
+            self._stop()
         return CommandReply(True, f"{self.mode.value}: {reason}")
 
     def reset_faults(self) -> CommandReply:
@@ -185,8 +196,11 @@ class Supervisor:
         """
         if self.mode not in ACTIVE_MODES:
             return self.mode
-        for reason in health.problems(self.config, t):
-            self.fault(reason)
+        problems = health.problems(self.config, t)
+        self.holds = tuple(reason for severity, reason in problems if severity is Severity.HOLD)
+        for severity, reason in problems:
+            if severity is not Severity.HOLD:
+                self.fault(reason, severity)
         if self.motion is not None:
             self._follow_motion(health.motion_active, t)
         if self._halting and not health.gait_active:
@@ -210,6 +224,8 @@ class Supervisor:
         if self.mode is Mode.WALK and name not in able:
             known = ", ".join(able) or "nothing"
             return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
+        if self.mode in ACTIVE_MODES and (self.faults or self.holds):
+            return CommandReply(False, f"'{name}' refused: {'; '.join((*self.faults, *self.holds))}")
         if self.motion is not None:
             return CommandReply(False, f"'{name}' refused: busy with '{self.motion}'; send 'stop' first")
         if self.mode is Mode.WALK:
@@ -226,6 +242,8 @@ class Supervisor:
     def _walk(self) -> CommandReply:
         if not self.gait:
             return self._refuse(Mode.WALK, "no gait planner is configured")
+        if self.mode in ACTIVE_MODES and (self.faults or self.holds):
+            return self._refuse(Mode.WALK, "; ".join((*self.faults, *self.holds)))
         if self.mode is Mode.WALK:
             self._halting = False
             return CommandReply(True, "walk: goes on")
@@ -236,6 +254,8 @@ class Supervisor:
     def _gait_word(self, word: str) -> CommandReply:
         if not self.gait:
             return CommandReply(False, f"'{word}' refused: no gait planner is configured")
+        if self.holds:
+            return self._refuse(Mode.WALK, "; ".join(self.holds))
         reply = self.request(Mode.WALK)
         if not reply.accepted or word == "walk":
             return reply

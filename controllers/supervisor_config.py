@@ -20,6 +20,7 @@ class SupervisorConfig:
     state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
     coasting_max: Annotated[float, Field(gt=0, le=1.0, description="Longest drop-out of the IMU or the joints [s]")]
     controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
+    heartbeat_timeout: Annotated[float, Field(gt=0.3, le=60, description="Longest silence of a node's diagnostics [s]")]
     overruns_max: Annotated[int, Field(gt=0, le=10000, description="Ticks in a row over their budget that damp [1]")]
     plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]
     text_length_max: Annotated[int, Field(ge=16, le=4096, description="Longest text command read [characters]")]

@@ -18,6 +18,7 @@ from models.calibration_limits import CalibrationLimits, implausible
 from models.config import STRICT, default_config, load_config
 from models.errors import ConfigError, JointNameError
 from models.robot_model import RobotModel
+from models.state_folder import state_folder
 from models.types import FOOT_NAMES
 
 DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"
@@ -80,11 +81,7 @@ def calibration_directory() -> Path:
     given = os.environ.get(DIRECTORY_VARIABLE)
     if given:
         return Path(given)
-    state = os.environ.get("XDG_STATE_HOME")
-    try:
-        return (Path(state) if state else Path.home() / ".local" / "state") / "poise" / "calibration"
-    except RuntimeError as error:
-        raise ConfigError(f"no folder for calibration files: set {DIRECTORY_VARIABLE}") from error
+    return state_folder("calibration")
 
 
 class CalibrationStore:

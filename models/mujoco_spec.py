@@ -16,7 +16,7 @@ import pinocchio as pin
 from models.constants import GRAVITY
 from models.plant_config import PlantConfig
 from models.robot_model import Foot, RobotModel
-from models.terrain import FLAT, Ground, Terrain, blocks
+from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
 
@@ -25,6 +25,12 @@ HOLD = "hold"
 
 CAMERA = "track"
 """Name of the camera that follows the robot (only with visuals)."""
+
+OBSTACLE = "obstacle"
+"""Name of the mocap body, and its box, that a terrain with an obstacle has."""
+
+WORLD_GROUP = 0
+"""Group of the geoms of ground and obstacle; those of the robot are in others."""
 
 _COLLISION_GROUP = 3
 _CONDIM = 4  # normal, two tangential and drilling friction
@@ -67,6 +73,8 @@ def build_spec(
     _add_frames(spec, model)
     _add_soles(spec, model, config, uneven=terrain.kind != FLAT)
     _add_hulls(spec, model)
+    if terrain.obstacle is not None:
+        _add_obstacle(spec, terrain, terrain.obstacle, friction, config, visuals)
     if payload_kg > 0.0:
         _add_payload(spec, model, payload_kg, config)
     if visuals:
@@ -107,7 +115,7 @@ def _add_ground(spec: Any, terrain: Terrain, friction: float, config: PlantConfi
 
 def _set_surface(geom: Any, terrain: Terrain, friction: float, config: PlantConfig, visuals: bool) -> None:
     contact = config.contact
-    geom.contype, geom.conaffinity = 1, 0
+    geom.contype, geom.conaffinity, geom.group = 1, 0, WORLD_GROUP
     geom.priority = 1  # the ground's friction and stiffness count, whatever touches it
     geom.condim = _CONDIM
     geom.friction = [friction, contact.torsional_friction, contact.rolling_friction]
@@ -207,6 +215,21 @@ def _add_hulls(spec: Any, model: RobotModel) -> None:
             geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*hull.start, *hull.end]
         geom.size[0] = hull.radius
         geom.contype, geom.conaffinity, geom.group, geom.mass = 0, 1, _COLLISION_GROUP, 0.0
+
+
+def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config: PlantConfig, visuals: bool) -> None:
+    """A box that nothing moves; after the base's weld, whose mocap body is the first one."""
+    body = spec.worldbody.add_body(name=OBSTACLE, mocap=True)
+    body.pos = parked(box)
+    if box.place is not None:
+        body.pos = [*box.place, Ground(terrain).height(*box.place) + 0.5 * box.size[2]]
+    geom = body.add_geom(name=OBSTACLE, type=mujoco.mjtGeom.mjGEOM_BOX, size=0.5 * np.array(box.size))
+    _set_surface(geom, terrain, friction, config, visuals)
+
+
+def parked(box: Box) -> tuple[float, float, float]:
+    """Where an obstacle that is not in use lies in W: deep below everything [m]."""
+    return 0.0, 0.0, -100.0 - box.size[2]
 
 
 def _add_payload(spec: Any, model: RobotModel, mass: float, config: PlantConfig) -> None:

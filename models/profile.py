@@ -148,6 +148,25 @@ class FootSensor:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class ScanSensor:
+    """A planar laser scanner mounted at frame `scan`, x ahead and z up."""
+
+    angle_min: Annotated[float, Field(ge=-6.2832, le=6.2832, description="direction of the first ray [rad]")]
+    angle_max: Annotated[float, Field(ge=-6.2832, le=6.2832, description="direction of the last ray [rad]")]
+    rays: Annotated[int, Field(ge=2, le=20000, description="readings of a scan [1]")]
+    range_min: Annotated[float, Field(ge=0.0, description="shortest distance that is measured [m]")]
+    range_max: Annotated[float, Field(gt=0.0, description="longest distance that is measured [m]")]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0, description="scans a second [Hz]")]
+    noise: Annotated[float, Field(ge=0.0, description="standard deviation of a distance [m]")] = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.angle_max - self.angle_min <= 6.2832:
+            raise ValueError(f"angle_min {self.angle_min} and angle_max {self.angle_max} rad are no sector of a turn")
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min} m is not below range_max {self.range_max} m")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Latency:
     """Transport delays of the robot's own electronics."""
 
@@ -166,6 +185,7 @@ class Sensors:
     encoders: EncoderSensor
     feet: FootSensor
     latency: Latency
+    scan: ScanSensor | None = None
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -201,6 +221,8 @@ class Profile:
         for frame in RESERVED_FRAMES:
             if frame in self.frames:
                 raise ValueError(f"frames: '{frame}' is defined by the loader; remove it here")
+        if self.sensors.scan is not None and "scan" not in self.frames:
+            raise ValueError("frames: 'scan' is missing, where sensors.scan is mounted")
         if "stand" not in self.postures:
             raise ValueError("postures: 'stand' is missing")
         if "zero" in self.postures:

@@ -29,6 +29,19 @@ _DEPTH = 0.5
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class Box:
+    """A box on the ground that can be moved about.
+
+    Attributes:
+        size: Its extent along x, y and z [m].
+        place: Where its middle stands at the start, x and y in W [m]; None for out of the way.
+    """
+
+    size: tuple[Positive, Positive, Positive]
+    place: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
     """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x.
 
@@ -45,6 +58,7 @@ class Terrain:
         width: And this far to either side [m].
         give: Time in which the ground undoes a penetration; the floor's own when None. Long means soft [s].
         seed: Of the random heights.
+        obstacle: A box in the way; None for none.
     """
 
     kind: Literal["flat", "tiles", "slope", "stairs"]
@@ -59,6 +73,7 @@ class Terrain:
     width: Positive = 3.0
     give: Positive | None = None
     seed: Annotated[int, Field(ge=0)] = 0
+    obstacle: Box | None = None
 
     def __post_init__(self) -> None:
         if self.kind == "tiles" and self.height < 0.0:

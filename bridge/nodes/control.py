@@ -26,6 +26,7 @@ def _factories() -> list[Callable[[], Any]]:
     """What makes gait planner, controller and estimator, in this order."""
     gaits: list[GaitPlannerNode] = []
     controllers: list[BalanceControllerNode] = []
+    estimators: list[StateEstimatorNode] = []
 
     def gait() -> GaitPlannerNode:
         gaits.append(GaitPlannerNode())
@@ -38,9 +39,14 @@ def _factories() -> list[Callable[[], Any]]:
     def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
         controllers[0].on_state(state, stamp)
         gaits[0].tell(stamp)
+        controllers[0].keep(state, estimators[0].sensors)
         return controllers[0].scheduled
 
-    return [gait, controller, lambda: StateEstimatorNode(hand_over)]
+    def estimator() -> StateEstimatorNode:
+        estimators.append(StateEstimatorNode(hand_over))
+        return estimators[0]
+
+    return [gait, controller, estimator]
 
 
 if __name__ == "__main__":

@@ -13,8 +13,10 @@ from bridge.ros.bridge_parameters import declare
 from bridge.ros.command_input import CommandInput
 from bridge.ros.driven_robot import DrivenRobot
 from bridge.ros.latency_probe import LatencyProbe
+from bridge.ros.obstacle_service import ObstacleService
 from bridge.ros.plant_services import PlantServices
 from bridge.ros.run_loop import run_plant
+from bridge.ros.scan_publisher import ScanPublisher
 from bridge.ros.sensor_publisher import SensorPublisher
 from bridge.ros.slow_topics import SlowTopics
 from bridge.sensor_errors import read_sensor_errors
@@ -51,18 +53,22 @@ class MujocoBridge(PoiseNode):
             payload_kg=given.payload,
             terrain=given.terrain,
             sensor_errors=read_sensor_errors(given.sensor_errors),
+            faults=given.faults,
         )
         self._driven = DrivenRobot(plant, given.config)
         self.period = plant.period
         self._period_ns = round(plant.period * NANOSECONDS)
         self._slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if given.latency_file else None
-        self._sensors = SensorPublisher(self, reliable=self.lockstep)
+        self._sensors = SensorPublisher(self, plant, reliable=self.lockstep)
+        noise = float(given.sensor_noise)
+        self._scan = ScanPublisher(self, plant, seed=given.seed, noise=noise, reliable=self.lockstep)
         self._slow = SlowTopics(self, self._driven)
         tell = self._slow.publish_state
         self.commands = CommandInput(self, self._driven, self._period_ns, given.max_age, self._probe, tell)
         self._calibration = CalibrationFile(self, NO_FILE)
         PlantServices(self, self._driven, self.restart, self._pause)
+        ObstacleService(self, plant)
 
     def activate(self) -> None:
         """Hold the robot at its start and let it settle."""
@@ -101,8 +107,8 @@ class MujocoBridge(PoiseNode):
 
     @property
     def answered(self) -> bool:
-        """Whether the drivers have the command of this tick."""
-        return self.commands.stamp == self.stamp
+        """Whether the drivers have the command of this tick, or a fault keeps everybody from computing one."""
+        return self.commands.stamp == self.stamp or self._driven.plant.faults.spoilt
 
     @property
     def free_running(self) -> bool:
@@ -118,6 +124,7 @@ class MujocoBridge(PoiseNode):
         if self._probe is not None:
             self._probe.publish(self.tick, late, self._driven.state == topics.ACTIVE)
         self._sensors.publish(self.stamp, self._driven.read() if self._first is None else self._first)
+        self._scan.publish(self.tick, self.stamp)
         if self.tick % self._slow_ticks == 0:
             self.idle()
             self._slow.publish_truth(self.stamp)
@@ -148,6 +155,7 @@ class MujocoBridge(PoiseNode):
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
             self.values["starts interrupted"] = str(self._driven.interruptions)
+            self.values["faults injected"] = self._driven.plant.faults.summary
 
 
 def main(args: list[str] | None = None) -> None:

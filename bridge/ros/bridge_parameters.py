@@ -24,6 +24,7 @@ class BridgeParameters:
         seed: Of the sensor noise.
         sensor_noise: Whether there is noise.
         sensor_errors: Errors of the sensors on purpose: a file or YAML; empty for none.
+        faults: Faults of sensors and motors from the release on: as ``fault_plan`` reads them; empty for none.
         terrain: Name of the ground.
         payload: Mass unknown to the laws [kg].
         slow_rate: Rate of ``/clock`` and ``/ground_truth/odom`` [Hz].
@@ -36,6 +37,7 @@ class BridgeParameters:
     seed: int
     sensor_noise: bool
     sensor_errors: str
+    faults: str
     terrain: str
     payload: float
     slow_rate: float
@@ -57,6 +59,7 @@ def declare(node: PoiseNode) -> BridgeParameters:
         seed=int(get("seed", 0, "Seed of the sensor noise", integer=(0, 2**63 - 1))),
         sensor_noise=bool(get("sensor_noise", True, "Noise, bias and quantisation of the profile")),
         sensor_errors=str(get("sensor_errors", "", "Further errors of the sensors: a file, or YAML; empty for none")),
+        faults=str(get("faults.plan", "", "Faults from the release on: a file, a scenario, or YAML; empty for none")),
         terrain=str(get("terrain", FLAT, "Ground: a name of models/config/terrain.yaml, or flat")),
         payload=float(get("payload", 0.0, "Mass unknown to the laws [kg]", low=0.0, high=100.0)),
         slow_rate=float(get("slow_rate", 100.0, "Rate of /clock and /ground_truth/odom [Hz]", low=1.0, high=1000.0)),

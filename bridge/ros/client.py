@@ -18,6 +18,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import join_graph
+from controllers.command_signature import Signer
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
@@ -35,6 +36,7 @@ class Client:
 
     Args:
         network: Whether the robot may run on another machine; loopback only otherwise.
+        signer: Signs every text command; None sends them as they are.
 
     Attributes:
         mode: Newest word on ``mode``; empty before the first.
@@ -43,8 +45,8 @@ class Client:
         context: The ROS context.
     """
 
-    def __init__(self, *, network: bool = False) -> None:
-        self._network = network
+    def __init__(self, *, network: bool = False, signer: Signer | None = None) -> None:
+        self._network, self._signer = network, signer
         self.mode = ""
         self.driver_state = ""
         self.motion_states: list[str] = []
@@ -135,13 +137,13 @@ class Client:
         """Publish a text command once a supervisor listens.
 
         Raises:
-            CommandError: Nobody listens.
+            CommandError: Nobody listens, or the text cannot be signed.
         """
         if not self.wait(lambda: self._text.get_subscription_count() > 0, timeout):
             raise CommandError(
                 f"nobody listens on {topics.HUMANOID_COMMANDS}: is the robot up? start it with: poise up"
             )
-        self._text.publish(String(data=text))
+        self._text.publish(String(data=text if self._signer is None else self._signer.sign(text)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
         """Send a text command and look at what the supervisor says about it.

@@ -1,4 +1,4 @@
-"""What one may do to the simulated world: pause it, reset it, push the robot."""
+"""What one may do to the simulated world: pause it, reset it, push the robot, inject faults."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.driven_robot import DrivenRobot
+from bridge.ros.fault_services import FaultServices
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -24,7 +25,7 @@ class PlantServices:
 
     The service pushes as the parameters ``push.*`` say. The topic pushes the body named by ``header.frame_id`` with the
     message's force, given in the world, for ``push.duration``. ``hang`` has a crane lift the robot off the floor, or
-    puts it back to its start, while it is held or its drivers are off.
+    puts it back to its start, while it is held or its drivers are off. Those of faults are in ``FaultServices``.
 
     Args:
         node: Node that offers them.
@@ -49,6 +50,7 @@ class PlantServices:
         node.serve(SetBool, "hang", self._on_hang)
         node.serve(Trigger, "reset", self._on_reset)
         node.serve(Trigger, "push", self._on_push_service)
+        FaultServices(node, driven.plant.faults)
 
     def _push(self, force: Vector, body: str) -> str:
         duration = float(self._node.get_parameter("push.duration").value)

@@ -12,7 +12,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
+from controllers.joint_monitor import JointMonitor
 from controllers.law_switch import LawSwitch
+from controllers.nodes.black_box_keeper import BlackBoxKeeper
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
@@ -28,7 +30,7 @@ from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import LATCHED, SENSOR, command
 from models.nodes.spin import run
 from models.nodes.tick_timer import TickTimer
-from models.types import ControlResult, Mode, RobotState, SolveStatus
+from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
 
 MODES = {mode.value: mode for mode in Mode}
 
@@ -69,6 +71,7 @@ class BalanceControllerNode(PoiseNode):
         text = describe("Time a tick of the law may take; more is counted, and damps when it goes on [s]", low=1e-5)
         self._budget = float(self.declare_parameter("tick_budget", 0.001, text).value)
         self._overruns = 0
+        self._joint_fault = ""
         self._mode = Mode.OFF
         self._reset = True
         self._last_stamp = self._last_posture = 0
@@ -76,19 +79,21 @@ class BalanceControllerNode(PoiseNode):
         self._last_command = b""
         self.scheduled: tuple[bool, bool] | None = None
         self._timer = TickTimer()
+        self._black_box = BlackBoxKeeper(self)
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         self._law = BalanceController(self.model, self._balance, self._whole_body)
         self._tracker: WalkingController | None = None
-        self._laws = LawSwitch(self._law, self._make_walker())
+        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model))
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
         self._motions = MotionTopics(self, self._laws, lambda: self._mode)
+        self._black_box.configure()
         if not self._local:
-            self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
+            self._topics = StateTopics(self, self._on_topics, reliable=self._lockstep)
 
     def _make_walker(self) -> Callable[[], Walker[Gait]] | None:
         if self._gait is None:
@@ -106,6 +111,21 @@ class BalanceControllerNode(PoiseNode):
     def deactivate(self) -> None:
         """Forget the motion."""
         self._motions.forget()
+        self._black_box.flush()
+
+    def _on_topics(self, state: RobotState, stamp: int) -> None:
+        """Answer a state from topics, with which no sensors come."""
+        self.on_state(state, stamp)
+        self.keep(state)
+
+    def keep(self, state: RobotState, sensors: SensorData | None = None) -> None:
+        """Have the black box keep a tick, once its command is out.
+
+        Args:
+            state: Estimated state.
+            sensors: What it was made from, where that is known.
+        """
+        self._black_box.add(state, sensors, None if self.scheduled is None else self._result, self._mode)
 
     def on_state(self, state: RobotState, stamp: int) -> None:
         """Answer one state with one command.
@@ -141,6 +161,9 @@ class BalanceControllerNode(PoiseNode):
     def _after(self, result: ControlResult, stamp: int) -> None:
         """What need not precede the command: posture, motion state, alarms."""
         worse = self._result is not None and result.status is not self._result.status
+        if self._laws.joint_fault != self._joint_fault:
+            self._joint_fault = self._laws.joint_fault
+            self.alarm()
         self._result = result
         if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
             self._last_posture = stamp
@@ -164,7 +187,8 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def before_diagnostics(self) -> None:
-        """Report the newest result."""
+        """Report the newest result; write the black box when it is time."""
+        self._black_box.poll()
         result = self._result
         if not self.active or result is None:
             return
@@ -172,7 +196,7 @@ class BalanceControllerNode(PoiseNode):
         bad = moving and result.status in (SolveStatus.HELD, SolveStatus.DAMPED)
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
-        self.values[topics.OVERRUNS] = str(self._overruns)
+        self.values[topics.OVERRUNS], self.values[topics.JOINT_FAULT] = str(self._overruns), self._joint_fault
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = (
             f"{(self._tracker if self._laws.walking and self._tracker else self._law).capture_margin:.4f}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -11,6 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from controllers.health import Health, tilt
+from controllers.supervisor_config import SupervisorConfig
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -18,13 +20,25 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import stamp_ns
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
-from models.types import SolveStatus
+from models.types import SolveStatus, Vector
 
 STATUSES = {status.value: status for status in SolveStatus}
 
 IDLE = ("idle", "active", "inactive", "configured", "unconfigured", "finalized")
 """First word of the controller's report while it solves nothing."""
 
+
+WATCHED = ("motion_planner",)
+"""Nodes whose silence no stamp tells of; their diagnostics are their sign of life."""
+
+COUNT_PERIOD = 0.2
+"""Time between two counts of the sensors' publishers [s]."""
+
+SWAY_TIME = 1.0
+"""Over which the velocity of the base is averaged: a step to either side [s]."""
+
+REASON_MAX = 200
+"""Longest reason that is taken from a report [characters]."""
 
 DIGITS_MAX = 20
 """Longest count or stamp that is read from a report [characters]; 64 bits have 20."""
@@ -47,9 +61,15 @@ class HealthTopics:
         self.clock_seen = time.monotonic()
         self._now = self._odom_stamp = self._command_stamp = self._started = 0
         self._tilt, self._status, self._motion_active = 0.0, SolveStatus.OPTIMAL, False
-        self._overruns = 0
+        self._overruns, self._joint_fault = 0, ""
         self._coasting_since: int | None = None
         self._gait = topics.GAIT_ABSENT
+        self._alive: dict[str, float] = {}
+        self._looked = [0, 0]
+        self._twist: Vector = np.zeros(6)
+        self._count_at = 0.0
+        self._intruders: tuple[str, ...] = ()
+        self._sensors = [node.resolve_topic_name(topic) for topic in topics.sensor_topics(node.model)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
@@ -57,6 +77,11 @@ class HealthTopics:
         node.listen(String, topics.MOTION_STATE, self._on_motion_state, EVENT)
         node.listen(String, topics.GAIT_PHASE, self._on_gait_phase, LATCHED)
         node.listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    @property
+    def now(self) -> int:
+        """Time of the plant [ns]."""
+        return self._now
 
     @property
     def t(self) -> float:
@@ -67,6 +92,11 @@ class HealthTopics:
     def tilt(self) -> float:
         """Newest tilt of the base [rad]."""
         return self._tilt
+
+    @property
+    def walking_velocity(self) -> tuple[float, float, float]:
+        """How the base moves, without its sway: forward [m/s], left [m/s], turn [rad/s]."""
+        return float(self._twist[0]), float(self._twist[1]), float(self._twist[5])
 
     @property
     def gait_present(self) -> bool:
@@ -85,20 +115,30 @@ class HealthTopics:
     def start(self) -> None:
         """Count the age of state, command and clock from now: the robot begins to move."""
         self._odom_stamp = self._command_stamp = self._started = self._now
-        self._status, self._overruns = SolveStatus.OPTIMAL, 0
+        self._status, self._overruns, self._joint_fault = SolveStatus.OPTIMAL, 0, ""
         self.clock_seen = time.monotonic()
 
-    def health(self, driver_state: str, arming_time: float) -> Health:
+    @property
+    def intruders(self) -> tuple[str, ...]:
+        """Sensor topics with more than one publisher: whose samples arrive, nobody could say."""
+        now = time.monotonic()
+        if now >= self._count_at:
+            self._count_at = now + COUNT_PERIOD
+            self._intruders = tuple(topic for topic in self._sensors if self._node.count_publishers(topic) > 1)
+        return self._intruders
+
+    def health(self, driver_state: str, config: SupervisorConfig) -> Health:
         """Everything that is known.
 
         Args:
-            driver_state: What the joint drivers say that they do.
-            arming_time: How long after ``start`` they may still say what they did before [s].
+            driver_state: What the joint drivers say that they do; what they did before for ``controller_timeout``.
+            config: That time, and how long a node may be silent.
         """
+        arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self._now - self._started > arming_time * NANOSECONDS
         return Health(
-            state_stamp=self._odom_stamp / NANOSECONDS,
-            command_stamp=self._command_stamp / NANOSECONDS,
+            state_stamp=self._moving(0, self._odom_stamp) / NANOSECONDS,
+            command_stamp=self._moving(1, self._command_stamp) / NANOSECONDS,
             tilt=self._tilt,
             status=self._status,
             drivers_damped=armed and driver_state == topics.DAMPED,
@@ -106,7 +146,19 @@ class HealthTopics:
             overruns=self._overruns,
             gait_active=self._gait not in (topics.GAIT_SETTLED, topics.GAIT_ABSENT),
             coasting=0.0 if self._coasting_since is None else (self._now - self._coasting_since) / NANOSECONDS,
+            silent=tuple(name for name, seen in self._alive.items() if seen < then),
+            intruders=self.intruders,
+            joint_fault=self._joint_fault if driver_state == topics.ACTIVE else "",
         )
+
+    def _moving(self, which: int, stamp: int) -> int:
+        """A stamp to count the age from: that of now while the stamps still move from one look to the next.
+
+        Then somebody is alive. How late they arrive here tells of this process and its queue; commands that are too old
+        for the joints are refused by the drivers.
+        """
+        moved, self._looked[which] = stamp != self._looked[which], stamp
+        return self._now if moved else stamp
 
     def _on_description(self, message: String) -> None:
         self.description = message.data
@@ -117,8 +169,10 @@ class HealthTopics:
 
     def _on_odom(self, data: bytes) -> None:
         try:
-            self._odom_stamp, pose, _ = self._odom_codec.decode(data)
-            self._tilt = tilt(pose[3:])
+            stamp, pose, twist = self._odom_codec.decode(data)
+            share = min((stamp - self._odom_stamp) / (SWAY_TIME * NANOSECONDS), 1.0)
+            self._twist += share * (twist - self._twist)
+            self._odom_stamp, self._tilt = stamp, tilt(pose[3:])
         except PoiseError as error:
             self._node.refuse(topics.ODOM, error)
 
@@ -136,6 +190,8 @@ class HealthTopics:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            if status.name.rpartition("/")[2] in WATCHED:
+                self._alive[status.name.rpartition("/")[2]] = time.monotonic()
             if status.name.endswith("/balance_controller"):
                 self._judge(status.message, {item.key: item.value for item in status.values})
             elif status.name.endswith("/state_estimator"):
@@ -159,6 +215,7 @@ class HealthTopics:
         elif not status.startswith(IDLE):
             self._node.refuse("/diagnostics", f"balance_controller: unknown status '{status[:32]}'")
             self._status = SolveStatus.DAMPED
+        self._joint_fault = values.get(topics.JOINT_FAULT, "")[:REASON_MAX]
         overruns = values.get(topics.OVERRUNS, "0")
         if _is_count(overruns):
             self._overruns = int(overruns)

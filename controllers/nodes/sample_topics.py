@@ -7,7 +7,7 @@ from collections.abc import Callable
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import Imu, JointState
 
-from controllers.sample_assembler import SampleAssembler
+from controllers.sample_assembler import MAX_AGE, SampleAssembler
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -23,7 +23,7 @@ def declare_ages(node: PoiseNode) -> tuple[int, int]:
     """Declare the parameters of ``SampleAssembler``; returns ``max_age_ns`` and ``max_gap_ns`` [ns]."""
     age = describe("Oldest inertial or foot sample used with newer joints [s]", low=0.0, high=1.0)
     gap = describe("Largest step of a stamp believed at once [s]", low=0.0, high=10.0)
-    seconds = node.declare_parameter("max_age", 0.005, age).value, node.declare_parameter("max_gap", 0.05, gap).value
+    seconds = node.declare_parameter("max_age", MAX_AGE, age).value, node.declare_parameter("max_gap", 0.05, gap).value
     return round(NANOSECONDS * float(seconds[0])), round(NANOSECONDS * float(seconds[1]))
 
 

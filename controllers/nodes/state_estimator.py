@@ -32,6 +32,9 @@ class StateEstimatorNode(PoiseNode):
         hand_over: Called with every state and its stamp [ns] when the controller lives in this process; returns which
             feet its reference has in contact, None for no plan. ``/odom`` is then published at ``odom_rate`` only.
         kwargs: Passed to rclpy.
+
+    Attributes:
+        sensors: What the newest state was made from; None before the first.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class StateEstimatorNode(PoiseNode):
         count = describe("Samples averaged for the start, at rest (lockstep: 1)", integer=(1, 10000))
         self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
         self._first: list[SensorData] = []
+        self.sensors: SensorData | None = None
         self._state: RobotState | None = None
         self._scheduled: tuple[bool, bool] | None = None
         self._last_stamp = 0
@@ -76,7 +80,7 @@ class StateEstimatorNode(PoiseNode):
 
     def _step(self, sensors: SensorData, stamp: int) -> None:
         """Estimate the state of a tick; the first ones, averaged, are what the law starts from."""
-        sensors = self._calibration.correct(sensors)
+        self.sensors = sensors = self._calibration.correct(sensors)
         if self._state is not None:
             self._state = self._law.step(sensors, (stamp - self._last_stamp) / NANOSECONDS, self._scheduled)
         elif not self._starts_from(sensors):

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from controllers.arbitration_config import ArbitrationConfig
+from controllers.command_key import read_key
+from controllers.command_signature import Verifier
+from controllers.health import second_publisher
+from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
+from controllers.obstacle_stop import ObstacleStop
+from controllers.obstacle_stop_config import ObstacleStopConfig
 from controllers.preflight import attitude, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from controllers.supervisor_config import SupervisorConfig
@@ -22,7 +29,6 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import run
-from models.nodes.velocity import velocity_to_twist
 from models.types import CommandReply, Mode
 
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
@@ -38,6 +44,11 @@ class SupervisorNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("supervisor", **kwargs)
         self._config = declare_config(self, default_config(SupervisorConfig, "controllers", "supervisor"))
+        arbitration = default_config(ArbitrationConfig, "controllers", "arbitration")
+        self._arbitration = declare_config(self, arbitration, "arbitration.")
+        self._obstacle_stop = declare_config(
+            self, default_config(ObstacleStopConfig, "controllers", "obstacle_stop"), "obstacle_stop."
+        )
         self._lockstep = topics.declare_lockstep(self)
         get = self.declare_parameter
         text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
@@ -55,6 +66,13 @@ class SupervisorNode(PoiseNode):
         )
         self._adoption_time = float(get("adoption_time", 1.0, text).value)
 
+        text = describe("Whether to look at the scan before each step, where the robot has a scanner")
+        self._look_ahead = bool(get("look_ahead", True, text).value)
+        text = describe("File with the key of signed commands; empty: unsigned ones are taken")
+        self._key_file = str(get("command_key", "", text).value)
+        text = describe("How far the stamp of a signed command may be from the wall time [s]", low=0.1, high=60.0)
+        self._key_window = float(get("command_window", 2.0, text).value)
+
     def configure(self) -> None:
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
@@ -65,8 +83,11 @@ class SupervisorNode(PoiseNode):
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
-        self._velocity = self.announce(Twist, topics.GAIT_VELOCITY, EVENT)
-        self.listen(String, topics.HUMANOID_COMMANDS, self._on_text, EVENT)
+        obstacles = ObstacleStop(self.model, self._obstacle_stop) if self._look_ahead else None
+        verifier = Verifier(read_key(Path(self._key_file)), self._key_window) if self._key_file else None
+        self._commands = CommandTopics(
+            self, self._arbitration, self._law, self._reports, self._say, obstacles, verifier
+        )
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             self.listen(String, topic, self._on_motion_state, EVENT)
@@ -86,11 +107,15 @@ class SupervisorNode(PoiseNode):
         if not self.active:
             return
         law = self._law
-        self.message = f"mode '{law.mode.value}'" + (f": {'; '.join(law.faults)}" if law.faults else "")
-        self.level = DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.OK
+        reasons = (*law.faults, *law.holds)
+        self.message = f"mode '{law.mode.value}'" + (f": {'; '.join(reasons)}" if reasons else "")
+        self.level = (
+            DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.WARN if law.holds else DiagnosticStatus.OK
+        )
         self.values["mode"], self.values["drivers"] = law.mode.value, self._driver_state
         self.values["preflight"] = "; ".join(law.preflight) or "passed"
         self.values["commands ignored"] = str(law.ignored)
+        self.values |= self._commands.values()
 
     def _update(self) -> None:
         """Health to mode, preflight, and what changed."""
@@ -106,7 +131,8 @@ class SupervisorNode(PoiseNode):
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
             findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
-            findings = (*self._hanging(), *findings)
+            intruders = map(second_publisher, self._reports.intruders)
+            findings = (*self._hanging(), *intruders, *findings)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -114,6 +140,7 @@ class SupervisorNode(PoiseNode):
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
                 self._say("auto_stand", self._request_mode(Mode.STAND))
         self._publish_mode()
+        self._commands.tell()
 
     def _hanging(self) -> tuple[str, ...]:
         """Nothing stands on a floor that it does not touch."""
@@ -125,7 +152,7 @@ class SupervisorNode(PoiseNode):
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
-            health = self._reports.health(self._driver_state, self._config.controller_timeout)
+            health = self._reports.health(self._driver_state, self._config)
             self._law.update(health, self._reports.t)
 
     def _publish_mode(self) -> None:
@@ -145,9 +172,7 @@ class SupervisorNode(PoiseNode):
             self._requests += 1
             self._requested = motion if motion == topics.STOP_MOTION else f"{motion} {self._requests}"
             self._request.publish(String(data=self._requested))
-        velocity = self._law.take_velocity()
-        if velocity is not None:
-            self._velocity.publish(velocity_to_twist(velocity))
+        self._commands.take()
 
     def _say(self, source: str, reply: CommandReply) -> None:
         """Log a reply and act on it at once."""
@@ -176,11 +201,6 @@ class SupervisorNode(PoiseNode):
             return response
 
         self.serve(Trigger, name, on_call)
-
-    def _on_text(self, message: String) -> None:
-        if self.active:
-            self._law.gait = self._reports.gait_present
-            self._say(topics.HUMANOID_COMMANDS, self._law.text(message.data))
 
     def _on_motion_state(self, message: String) -> None:
         word, _, reason = message.data.partition(": ")

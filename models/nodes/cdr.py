@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
+from models.constants import NANOSECONDS as NANOSECONDS
 from models.errors import MessageError
 from models.types import Vector
 
@@ -25,8 +26,6 @@ STAMP_OFFSET = 4
 
 STAMP_SIZE = 8
 """Seconds (int32) and nanoseconds (uint32) [bytes]."""
-
-NANOSECONDS = 1_000_000_000
 
 
 class Markers:

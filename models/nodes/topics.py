@@ -23,6 +23,8 @@ ROBOT_DESCRIPTION = "robot_description"
 CLOCK = "/clock"
 GROUND_TRUTH = "ground_truth/odom"
 PUSH = "push"
+FAULTS_INJECT, FAULTS_CLEAR = "faults/inject", "faults/clear"
+SCAN = "scan"
 HUMANOID_COMMANDS = "humanoid_commands"
 MOTION_REQUEST = "motion/request"
 MOTION_PLAN_STATE = "motion/plan_state"
@@ -30,7 +32,8 @@ MOTION_TRAJECTORY = "motion/joint_trajectory"
 MOTION_STATE = "motion/state"
 POSTURE = "balance_controller/posture"
 CMD_VEL, CMD_VEL_STAMPED = "cmd_vel", "cmd_vel_stamped"
-GAIT_VELOCITY = "gait/velocity_request"
+GAIT_VELOCITY, GAIT_STOP = "gait/velocity_request", "gait/stop"
+COMMANDER, LOCKS = "commands/active", "locks"
 GAIT_PHASE = "gait/phase"
 GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
@@ -58,11 +61,19 @@ ROUTE_RUNNING, ROUTE_DONE, ROUTE_ENDED, ROUTE_REFUSED = "running", "done", "ende
 OVERRUNS = "ticks over budget in a row"
 """Key of the controller's diagnostics that the supervisor reads."""
 
+JOINT_FAULT = "joint at fault"
+"""Key of the controller's diagnostics that the supervisor reads: joint and figures; empty: all is well."""
+
 COASTING = "coasting since [ns]"
 """Key of the estimator's diagnostics that the supervisor reads: stamp of the last usable sample; empty: all is well."""
 
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
+
+
+def source_topics(source: str) -> tuple[str, str]:
+    """Topics of the words and the velocities of a source of commands."""
+    return f"commands/{source}", f"commands/{source}/cmd_vel"
 
 
 def foot_wrenches(model: RobotModel) -> tuple[str, ...]:

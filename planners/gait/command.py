@@ -1,4 +1,4 @@
-"""The velocity that is commanded: held until further notice, or repeated by somebody who may fall silent."""
+"""The velocity that is commanded, by somebody who repeats it and may fall silent."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class VelocityCommand:
-    """Newest command of two kinds: one that holds, and one that must be repeated.
+    """Newest command, which must be repeated.
 
     Args:
-        timeout: Silence after which a repeated command counts as zero [s].
+        timeout: Silence after which it counts as zero [s].
+
+    Attributes:
+        velocity: What is commanded: forward [m/s], left [m/s], turn [rad/s].
     """
 
     def __init__(self, timeout: float) -> None:
@@ -19,12 +22,13 @@ class VelocityCommand:
         self.forget()
 
     def forget(self) -> None:
-        """Stand still."""
-        self._velocity, self._until = STILL, float("inf")
+        """Stand still, and expect nobody."""
+        self.velocity, self._until = STILL, float("inf")
+        self._superseded: Velocity | None = None
 
-    def hold(self, velocity: Velocity) -> None:
-        """Take a command that holds until another one comes."""
-        self._velocity, self._until = velocity, float("inf")
+    def supersede(self) -> None:
+        """Something else moves the robot now: this velocity, repeated on, counts for nothing until it has changed."""
+        self._superseded, self.velocity = self.velocity, STILL
 
     def repeat(self, velocity: Velocity, t: float) -> None:
         """Take a command that must be repeated within ``timeout``.
@@ -33,10 +37,13 @@ class VelocityCommand:
             velocity: Forward [m/s], left [m/s], turn [rad/s].
             t: Stamp of now [s].
         """
-        self._velocity, self._until = velocity, t + self._timeout
+        if velocity != self._superseded:
+            self._superseded, self.velocity = None, velocity
+        self._until = t + self._timeout
 
-    def at(self, t: float) -> Velocity:
-        """What is commanded at a stamp [s]; zero once a repeated command has fallen silent."""
-        if t > self._until:
-            self.forget()
-        return self._velocity
+    def lapsed(self, t: float) -> bool:
+        """Whether the command has just fallen silent, told once [stamp in s]; it is zero from then on."""
+        if t <= self._until:
+            return False
+        self.forget()
+        return True

@@ -35,10 +35,10 @@ class GaitPlannerNode(PoiseNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("gait_planner", **kwargs)
         self._config = declare_config(self, self._default())
-        text = describe("Silence of cmd_vel after which the robot stops [s]", low=0.01, high=10.0)
-        self._timeout = float(self.declare_parameter("command_timeout", 0.5, text).value)
+        text = describe("Silence of the supervisor after which the robot stops [s]", low=0.01, high=10.0)
+        timeout = float(self.declare_parameter("command_timeout", 0.5, text).value)
         self._periods = declare_rates(self)
-        self._command = VelocityCommand(self._timeout)
+        self._command = VelocityCommand(timeout)
         self._timer = TickTimer()
         self._stamp = 0
         self._begun = False
@@ -55,7 +55,7 @@ class GaitPlannerNode(PoiseNode):
         self._law = GaitPlanner(self.model, self._config)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
-        self._velocities = VelocityTopics(self, self._command, now, self._timeout, self._law.stop, self._leave)
+        self._velocities = VelocityTopics(self, self._command, now, self._law.stop, self._leave)
         self._routes = RouteTopics(self, self._law, self._command, self._not_walking, now)
 
     def _leave(self) -> None:
@@ -100,7 +100,9 @@ class GaitPlannerNode(PoiseNode):
     def step(self, state: RobotState, dt: float) -> Reference:
         """One tick: what the controller is to track."""
         with self._timer:
-            self._law.set_velocity(*self._command.at(state.t))
+            if self._command.lapsed(state.t):
+                self._law.stop()
+            self._law.set_velocity(*self._command.velocity)
             return self._law.step(state, dt)
 
     def tell(self, stamp: int) -> None:

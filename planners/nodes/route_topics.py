@@ -27,7 +27,7 @@ class RouteTopics:
     Args:
         node: Node that subscribes.
         law: Takes the footsteps.
-        command: The velocity, which a route puts an end to; one that comes later ends the route.
+        command: The velocity, which a route puts an end to; another one that comes later ends the route.
         ready: Why the robot cannot take any now; empty when it can.
         now: Stamp of the newest state [ns].
     """
@@ -76,7 +76,7 @@ class RouteTopics:
             self._node.refuse(topic, error)
             self._say(topics.ROUTE_REFUSED, str(error))
             return
-        self._command.forget()
+        self._command.supersede()
         self._running = True
         self._say(topics.ROUTE_RUNNING, f"{self._law.route.left} footsteps")
 

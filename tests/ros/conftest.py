@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +125,6 @@ class Eyes:
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
         self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
-        self.states = graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
 
     def _on_truth(self, data: bytes) -> None:
         self.truth.append(OdometryCodec().decode(data)[1])
@@ -143,6 +142,17 @@ class Eyes:
             with suppress(PoiseError):
                 return self.graph.call(service)
         return self.graph.call(service)
+
+    @contextmanager
+    def beside_the_robot(self, kind: type, topic: str) -> Iterator[Any]:
+        """A second publisher on a sensor's topic; the fault that the supervisor latches is reset afterwards."""
+        publisher = self.graph.node.create_publisher(kind, topic, SENSOR)
+        yield publisher
+        told = f"'/{topic}' has a second publisher"
+        self.graph.wait_for(lambda: told in self.reports["/supervisor"]["message"], 5.0, "told of two publishers")
+        self.graph.node.destroy_publisher(publisher)
+        self.graph.spin(0.5)  # they are counted five times a second
+        assert self.ask("reset_faults")[0]
 
     def refusal(self, node: str, topic: str, act: Callable[[], object], culprit: str) -> None:
         """Do something until a node reports a new refusal on a topic that names the culprit."""

@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
+from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from models.nodes import topics
 from models.nodes.messages import JointCommandCodec, decode, doubles
-from models.nodes.qos import COMMAND
+from models.nodes.qos import COMMAND, SENSOR
+from models.nodes.scan import scan_from_message
 from models.robot_model import RobotModel
+from models.scan import Scan
 from models.types import JointCommand
 
 pytestmark = pytest.mark.ros
@@ -145,3 +149,58 @@ def test_the_ground_is_laid_or_refused(bench: Any) -> None:
     bench.remove(bridge)
     bridge = bench.add(MujocoBridge, active=False, terrain="lava")
     assert "terrain: unknown 'lava'; known: flat, tiles" in bridge.message
+
+
+def _tick_until(bridge: MujocoBridge, tick: int) -> None:
+    while bridge.tick < tick:
+        bridge.step()
+        bridge.publish_tick(0.0)
+
+
+def test_scans_come_at_their_rate_and_show_the_obstacle(bench: Any, g1: RobotModel) -> None:
+    bridge: MujocoBridge = bench.add(MujocoBridge, terrain="box", sensor_noise=False)
+    scans: list[Scan] = []
+    bench.world.create_subscription(LaserScan, topics.SCAN, lambda m: scans.append(scan_from_message(m)), SENSOR)
+    bench.wait(lambda: bridge._scan._publisher.get_subscription_count() == 1)
+
+    def scan_at(tick: int) -> Scan:
+        """One at a time: only the newest is kept."""
+        _tick_until(bridge, tick)
+        bench.wait(lambda: scans and scans[-1].t == pytest.approx(1e-3 * tick))
+        return scans[-1]
+
+    for tick in (100, 200, 300):
+        assert np.isposinf(scan_at(tick).ranges).all()
+    assert [round(scan.t * 1e9) for scan in scans] == [100 * MS, 200 * MS, 300 * MS]
+    bridge.publish_tick(0.0)  # lockstep asks again: the scan is not repeated
+    bench.spin(0.05)
+    assert len(scans) == 3
+
+    client = bench.world.create_client(SetBool, "obstacle")
+    bench.wait(client.service_is_ready)
+
+    def ask(there: bool) -> Any:
+        answer = client.call_async(SetBool.Request(data=there))
+        bench.wait(answer.done)
+        return answer.result()
+
+    reply = ask(True)
+    assert reply.success and reply.message == "obstacle at (2, 0) m"
+    start = g1.standing_configuration()[0] + g1.profile.frames["scan"].xyz[0]
+    assert scan_at(400).points[:, 0].min() == pytest.approx(1.8 - start, abs=0.01)
+    assert ask(False).message == "no obstacle"
+    assert np.isposinf(scan_at(500).ranges).all()
+
+
+def test_nobody_asked_no_scan(bench: Any, bridge: MujocoBridge) -> None:
+    bridge._scan._scanner.scan = None  # type: ignore[method-assign,assignment]
+    _tick_until(bridge, 200)
+
+
+def test_an_obstacle_that_there_is_not_is_refused(bench: Any, bridge: MujocoBridge) -> None:
+    client = bench.world.create_client(SetBool, "obstacle")
+    bench.wait(client.service_is_ready)
+    answer = client.call_async(SetBool.Request(data=True))
+    bench.wait(answer.done)
+    assert not answer.result().success
+    assert "start with the terrain 'box' or 'wall'" in answer.result().message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,6 +24,7 @@ from std_srvs.srv import Trigger
 from bridge.ros.client import Client
 from bridge.ros.environment import join_graph
 from bridge.ros.observer import Observer
+from controllers.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec
@@ -40,6 +42,7 @@ class FakeSupervisor(Node):
     def __init__(self, context: Context) -> None:
         super().__init__("supervisor", context=context)
         self.refused = 0
+        self.texts: list[str] = []
         self.create_subscription(String, topics.HUMANOID_COMMANDS, self.on_text, EVENT)
         self.states = self.create_publisher(String, topics.MOTION_STATE, EVENT)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
@@ -48,6 +51,7 @@ class FakeSupervisor(Node):
         self.create_timer(0.05, self.report)
 
     def on_text(self, message: String) -> None:
+        self.texts.append(message.data)
         if message.data == "wave":
             self.states.publish(String(data=topics.MOTION_RUNNING))
         else:
@@ -105,6 +109,16 @@ def test_commands_are_answered(supervisor: FakeSupervisor) -> None:
         assert not reply.accepted and reply.reason == "the robot would drop"
     with Client() as client:  # it opens again
         assert client.command("wave").accepted
+
+
+def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
+    key = bytes(range(32))
+    began = [time.time_ns() - 100_000_000_000]
+    verifier = Verifier(key, 30.0, lambda: began.pop() if began else time.time_ns())
+    with Client(signer=Signer(key, "teleop")) as client:
+        client.command("wave")
+    command = verifier.verify(supervisor.texts[-1])
+    assert (command.source, command.text) == ("teleop", "wave")
 
 
 def test_nobody_there(context: Context) -> None:

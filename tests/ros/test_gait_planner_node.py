@@ -1,4 +1,4 @@
-"""The gait planner's node beside a world of a few topics: who may command a velocity, and for how long."""
+"""The gait planner's node beside a world of a few topics: for how long a velocity counts, goals, and its phase."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
-from std_msgs.msg import String
+from std_msgs.msg import Empty, String
 
 from models.nodes import topics
-from models.nodes.messages import set_stamp
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
@@ -37,15 +36,14 @@ class Commanded:
         world = bench.world
         world.create_subscription(String, topics.GAIT_PHASE, lambda m: self.phases.append(m.data), LATCHED)
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
-        self.cmd_vel = world.create_publisher(Twist, topics.CMD_VEL, COMMAND)
-        self.stamped = world.create_publisher(TwistStamped, topics.CMD_VEL_STAMPED, COMMAND)
-        self.request = world.create_publisher(Twist, topics.GAIT_VELOCITY, EVENT)
+        self.velocity = world.create_publisher(Twist, topics.GAIT_VELOCITY, COMMAND)
+        self.halt = world.create_publisher(Empty, topics.GAIT_STOP, EVENT)
         self.node = bench.add(GaitPlannerNode)
         self.goal = world.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
         self.footsteps = world.create_publisher(Path, topics.FOOTSTEPS_COMMAND, EVENT)
         self.routes: list[str] = []
         world.create_subscription(String, topics.GAIT_ROUTE, lambda m: self.routes.append(m.data), EVENT)
-        for publisher in (self.mode, self.cmd_vel, self.stamped, self.request, self.goal, self.footsteps):
+        for publisher in (self.mode, self.velocity, self.halt, self.goal, self.footsteps):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
         bench.wait(lambda: self.phases)
         self.node.tell(self.stamp)
@@ -85,7 +83,7 @@ class Commanded:
 
         def seen() -> tuple[object, ...]:
             command = self.node._command
-            return sum(self.node.counters.values()), command._velocity, command._until
+            return sum(self.node.counters.values()), command.velocity, command._until
 
         before = seen()
         publisher.publish(message)
@@ -96,51 +94,52 @@ class Commanded:
         self.publish(publisher, message)
         self.tick(1)
 
-    def stamped_twist(self, stamp: int, frame_id: str = "base_link") -> TwistStamped:
-        message = TwistStamped(twist=velocity_to_twist((0.0, 0.1, 0.0)))
-        set_stamp(message.header.stamp, stamp)
-        message.header.frame_id = frame_id
-        return message
-
 
 @pytest.fixture
 def robot(bench: Any, g1: RobotModel) -> Commanded:
     return Commanded(bench, g1)
 
 
-def test_velocities_hold_while_they_are_repeated(robot: Commanded) -> None:
+def test_velocities_count_while_they_are_repeated(robot: Commanded) -> None:
     ahead = velocity_to_twist((0.3, 0.0, 0.2))
-    robot.send(robot.cmd_vel, ahead)
-    assert robot.node.counters[f"refused {topics.CMD_VEL}"] == 1
-    assert "request mode/walk first" in robot.node.values["last refusal"]
+    robot.publish(robot.velocity, ahead)  # it may come before the mode that it belongs to
     robot.enter("walk")
     robot.tick(1)
-    assert robot.wanted == (0.0, 0.0, 0.0)  # what came before the walk is forgotten
-    robot.send(robot.cmd_vel, ahead)
     assert robot.wanted == (0.3, 0.0, 0.2)
+    robot.send(robot.velocity, ahead)
+    robot.tick(450)
+    assert robot.wanted == (0.3, 0.0, 0.2)
+    robot.send(robot.velocity, ahead)
     robot.tick(450)
     assert robot.wanted == (0.3, 0.0, 0.2)
     robot.tick(60)
     assert robot.wanted == (0.0, 0.0, 0.0)
-    robot.send(robot.cmd_vel, ahead)
+    robot.send(robot.velocity, ahead)
     robot.enter("stand")
     robot.enter("walk")
     robot.tick(1)
     assert robot.wanted == (0.0, 0.0, 0.0)  # a new walk begins without a velocity
 
 
-def test_words_hold_and_may_come_before_the_mode(robot: Commanded) -> None:
-    robot.publish(robot.request, velocity_to_twist((-0.3, 0.0, 0.0)))
+def test_silence_of_the_supervisor_ends_a_walk_to_a_goal_too(robot: Commanded) -> None:
     robot.enter("walk")
-    robot.tick(5000)
-    assert robot.wanted == (-0.3, 0.0, 0.0)
-    robot.send(robot.request, velocity_to_twist((math.nan, 0.0, 0.0)))
-    assert "linear.x is nan" in robot.node.values["last refusal"]
-    assert robot.wanted == (-0.3, 0.0, 0.0)
-    robot.send(robot.cmd_vel, velocity_to_twist((0.1, 0.0, 0.0)))
-    assert robot.wanted == (0.1, 0.0, 0.0)  # the newest counts
-    robot.tick(600)
-    assert robot.wanted == (0.0, 0.0, 0.0)  # and silence does not bring the word back
+    robot.send(robot.velocity, velocity_to_twist((0.0, 0.0, 0.0)))
+    assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith(topics.ROUTE_RUNNING)
+    robot.tick(400)
+    assert robot.node._law.route.left
+    robot.tick(200)
+    robot.bench.wait(lambda: robot.routes[-1].startswith(topics.ROUTE_ENDED))
+
+
+def test_a_velocity_from_before_a_goal_does_not_end_it(robot: Commanded) -> None:
+    robot.enter("walk")
+    ahead = velocity_to_twist((0.3, 0.0, 0.0))
+    robot.send(robot.velocity, ahead)
+    assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith(topics.ROUTE_RUNNING)
+    robot.send(robot.velocity, ahead)
+    assert robot.node._law.route.left
+    robot.send(robot.velocity, velocity_to_twist((0.2, 0.0, 0.0)))
+    robot.bench.wait(lambda: robot.routes[-1].startswith(topics.ROUTE_ENDED))
 
 
 @pytest.mark.parametrize(
@@ -151,30 +150,9 @@ def test_what_is_no_number_is_refused_by_name(
     robot: Commanded, velocity: tuple[float, float, float], culprit: str
 ) -> None:
     robot.enter("walk")
-    robot.send(robot.cmd_vel, velocity_to_twist(velocity))
+    robot.send(robot.velocity, velocity_to_twist(velocity))
     assert robot.wanted == (0.0, 0.0, 0.0)
     assert culprit in robot.node.values["last refusal"]
-
-
-def test_stamped_velocities_are_of_now_and_of_the_base(robot: Commanded) -> None:
-    robot.enter("walk")
-    for stamp, frame_id, culprit in (
-        (robot.stamp - 600 * MS, "base_link", "s old"),
-        (10**18, "base_link", "s ahead"),
-        (robot.stamp, "odom", "header.frame_id: 'odom'"),
-    ):
-        robot.send(robot.stamped, robot.stamped_twist(stamp, frame_id))
-        assert culprit in robot.node.values["last refusal"]
-        assert robot.wanted == (0.0, 0.0, 0.0)
-    stamp = robot.stamp
-    robot.send(robot.stamped, robot.stamped_twist(stamp))
-    assert robot.wanted == (0.0, 0.1, 0.0)
-    robot.send(robot.stamped, robot.stamped_twist(stamp))
-    assert "is not after" in robot.node.values["last refusal"]
-    robot.tick(600)
-    assert robot.wanted == (0.0, 0.0, 0.0)
-    robot.send(robot.stamped, robot.stamped_twist(0, ""))  # no stamp: now
-    assert robot.wanted == (0.0, 0.1, 0.0)
 
 
 def test_the_phase_tells_when_the_robot_has_settled_and_that_nobody_can_walk(robot: Commanded) -> None:
@@ -185,7 +163,7 @@ def test_the_phase_tells_when_the_robot_has_settled_and_that_nobody_can_walk(rob
     for _ in range(50):
         robot.tick(10)
     robot.bench.wait(lambda: robot.phases[-1] == topics.GAIT_SETTLED)
-    robot.send(robot.request, velocity_to_twist((0.2, 0.0, 0.0)))
+    robot.send(robot.velocity, velocity_to_twist((0.2, 0.0, 0.0)))
     robot.bench.wait(lambda: robot.phases[-1] == "start")
     robot.node.trigger_deactivate()
     robot.bench.wait(lambda: robot.phases[-1] == topics.GAIT_ABSENT)
@@ -219,11 +197,11 @@ def test_goals_are_walked_to_in_mode_walk_only_and_refused_with_the_reason(robot
         assert culprit in robot.ask(robot.goal, message)
         assert robot.node.counters[f"refused {topics.GOAL_POSE}"] == refused + 1
         assert culprit in robot.node.values["last refusal"]
-    robot.send(robot.request, velocity_to_twist((0.2, 0.0, 0.0)))
+    robot.send(robot.velocity, velocity_to_twist((0.2, 0.0, 0.0)))
     assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith("running: ")
     robot.tick(1)
-    assert robot.wanted == (0.0, 0.0, 0.0) and robot.node._law.route.left  # the word's velocity is over
-    robot.request.publish(velocity_to_twist((0.0, 0.0, 0.0)))  # 'stop'
+    assert robot.wanted == (0.0, 0.0, 0.0) and robot.node._law.route.left  # the velocity from before is over
+    robot.halt.publish(Empty())
     robot.bench.wait(lambda: not robot.node._law.route.left)
     robot.tick(1)
     robot.bench.wait(lambda: robot.routes[-1] == "ended: stopped")
@@ -256,7 +234,7 @@ def test_listed_footsteps_name_their_soles_or_alternate(robot: Commanded) -> Non
     assert robot.node.counters[f"refused {topics.FOOTSTEPS_COMMAND}"] == 8
     assert robot.ask(robot.footsteps, path(("", 0.1, right.y), ("", 0.1, left.y))) == "running: 2 footsteps"
     assert robot.node._law.route.foot == 1
-    robot.send(robot.cmd_vel, velocity_to_twist((0.1, 0.0, 0.0)))
+    robot.send(robot.velocity, velocity_to_twist((0.1, 0.0, 0.0)))
     robot.bench.wait(lambda: robot.routes[-1] == "ended: a velocity was commanded")
 
 

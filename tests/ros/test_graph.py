@@ -21,7 +21,7 @@ from models.nodes.messages import (
     doubles,
     trajectory_to_message,
 )
-from models.nodes.qos import EVENT, SENSOR
+from models.nodes.qos import EVENT
 from models.nodes.tf_type import tf_message_type
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
@@ -35,7 +35,7 @@ TOPICS = (
     *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
     *("imu/data", "external_wrench", "tf", "tf_static"),
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
-    *("cmd_vel", "cmd_vel_stamped", "gait/velocity_request", "gait/phase", "gait/capture_margin"),
+    *("cmd_vel", "cmd_vel_stamped", "gait/velocity_request", "gait/stop", "gait/phase", "gait/capture_margin"),
     *("gait/footsteps", "gait/footsteps_taken", "goal_pose", "gait/footsteps_command", "gait/route"),
     "joint_trajectory_controller/joint_trajectory",
 )
@@ -101,7 +101,8 @@ def _joint_state(g1: RobotModel, how: str) -> JointState:
 )
 def test_malformed_joint_states(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
     message = _joint_state(g1, how)
-    eyes.refusal("state_estimator", topics.JOINT_STATES, lambda: eyes.states.publish(message), culprit)
+    with eyes.beside_the_robot(JointState, topics.JOINT_STATES) as publisher:
+        eyes.refusal("state_estimator", topics.JOINT_STATES, lambda: publisher.publish(message), culprit)
 
 
 @pytest.mark.parametrize("topic", [topics.IMU_RAW, *topics.FOOT_WRENCHES])
@@ -112,9 +113,8 @@ def test_inertial_and_foot_samples_that_are_no_numbers(eyes: Eyes, undisturbed: 
     else:
         frame = SOLE_FRAMES[topics.FOOT_WRENCHES.index(topic)]
         kind, data = WrenchStamped, WrenchCodec(frame).encode(10**15, np.tile(bad, 2))
-    publisher = eyes.graph.node.create_publisher(kind, topic, SENSOR)
-    eyes.refusal("state_estimator", topic, lambda: publisher.publish(data), "element 1 is nan")
-    eyes.graph.node.destroy_publisher(publisher)
+    with eyes.beside_the_robot(kind, topic) as publisher:
+        eyes.refusal("state_estimator", topic, lambda: publisher.publish(data), "element 1 is nan")
 
 
 def _command(g1: RobotModel, how: str) -> JointTrajectory:

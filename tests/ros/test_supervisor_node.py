@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
+from controllers.command_key import read_key, write_key
+from controllers.command_signature import Signer
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, set_stamp
 from models.nodes.odometry import OdometryCodec
-from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.scan import scan_to_message
+from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
+from models.scan import Scan
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -31,7 +38,8 @@ class World:
     def __init__(self, bench: Any) -> None:
         self.bench = bench
         self.modes: list[str] = []
-        self.roll, self.tick, self.silent = 0.0, 0, False
+        self.roll, self.tick, self.silent, self.lag = 0.0, 0, False, 0
+        self.twist = np.zeros(6)
         node = bench.world
         node.create_subscription(String, topics.MODE, lambda message: self.modes.append(message.data), LATCHED)
         self._drivers = node.create_publisher(String, topics.DRIVER_STATE, LATCHED)
@@ -40,7 +48,8 @@ class World:
     def robot(self, g1: RobotModel) -> None:
         """Publish what an upright robot publishes, a hundred times a second; ``roll`` lays it down.
 
-        ``silent`` leaves out all but the clock, as for one who has not found the other topics yet.
+        ``silent`` leaves out all but the clock, as for one who has not found the other topics yet; ``lag`` [ns] makes
+        their stamps old.
         """
         node, joints, odom = self.bench.world, JointStateCodec(g1), OdometryCodec()
         description = node.create_publisher(String, topics.ROBOT_DESCRIPTION, LATCHED)
@@ -60,9 +69,9 @@ class World:
             clock.publish(time)
             if self.silent:
                 return
-            odometry.publish(odom.encode(stamp, standing(g1, q=q)))
+            odometry.publish(odom.encode(stamp - self.lag, replace(standing(g1, q=q), v=np.append(self.twist, zero))))
             for publisher in (topic, command):
-                publisher.publish(joints.encode(stamp, q[7:], zero, zero))
+                publisher.publish(joints.encode(stamp - self.lag, q[7:], zero, zero))
 
         self._timer = node.create_timer(0.01, publish)
 
@@ -244,6 +253,22 @@ def test_a_standing_robot_is_adopted_however_late_its_topics_are_found(
     assert node.active
 
 
+@pytest.mark.parametrize("alive", [True, False])
+def test_stamps_that_arrive_late_but_go_on_are_of_somebody_alive(
+    bench: Any, world: World, g1: RobotModel, alive: bool
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    bench.wait(lambda: world.modes and node._reports.heard)
+    bench.spin(0.2)
+    world.tick += 200
+    world.lag = 10**9  # as if this process lagged behind by a second
+    world.silent = not alive
+    bench.spin(0.5)
+    assert (world.modes[-1] == "stand") is alive
+
+
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
     world.drivers(topics.DAMPED)
     bench.add(SupervisorNode)
@@ -260,7 +285,7 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
 ) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
-    bench.add(SupervisorNode, lockstep=True)
+    bench.add(SupervisorNode, lockstep=True, look_ahead=False)
     phase = bench.world.create_publisher(String, topics.GAIT_PHASE, LATCHED)
     text = bench.world.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
     asked: list[tuple[float, float, float]] = []
@@ -277,19 +302,206 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
     phase.publish(String(data=topics.GAIT_SETTLED))
     bench.spin(0.1)
     text.publish(String(data="left"))
-    bench.wait(lambda: asked)
+    bench.wait(lambda: len(asked) > 5)  # it is repeated
     assert world.modes[-1] == "walk"
-    assert asked == [(0.0, pytest.approx(0.15), 0.0)]
+    assert set(asked) == {(0.0, 0.15, 0.0)}
+    halted: list[Empty] = []
+    bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
+    bench.spin(0.2)
     accepted, _ = world.call("mode/stand")  # before the planner has said anything about this walk
     assert accepted
-    bench.wait(lambda: len(asked) == 2)
-    assert asked[1] == (0.0, 0.0, 0.0)
+    bench.wait(lambda: halted)
+    asked.clear()
+    bench.wait(lambda: asked)
+    assert set(asked) == {(0.0, 0.0, 0.0)}
     for word in ("stand", "single left", "finish"):
         phase.publish(String(data=word))
         bench.spin(0.1)
         assert world.modes[-1] == "walk"
     phase.publish(String(data=topics.GAIT_SETTLED))
     bench.wait(lambda: world.modes[-1] == "stand")
+    asked.clear()
     phase.publish(String(data=topics.GAIT_ABSENT))
     bench.spin(0.1)
     assert "no gait planner" in world.call("mode/walk")[1]
+    assert asked == []  # nothing to say to a gait that stands
+
+
+class Sources:
+    """A walking robot, and those who command it."""
+
+    def __init__(self, bench: Any, world: World, g1: RobotModel, **parameters: object) -> None:
+        self.bench, self.world, self.commanders = bench, world, [""]
+        self.asked: list[tuple[float, float, float]] = []
+        world.robot(g1)
+        world.tick = 1000
+        world.drivers(topics.ACTIVE)
+        self.node = bench.add(SupervisorNode, lockstep=True, **parameters)
+        node = bench.world
+        phase = node.create_publisher(String, topics.GAIT_PHASE, LATCHED)
+        phase.publish(String(data=topics.GAIT_SETTLED))
+        node.create_subscription(String, topics.COMMANDER, lambda m: self.commanders.append(m.data), LATCHED)
+        node.create_subscription(
+            Twist, topics.GAIT_VELOCITY, lambda m: self.asked.append((m.linear.x, m.linear.y, m.angular.z)), COMMAND
+        )
+        word, velocity = topics.source_topics("teleop")
+        autonomy = topics.source_topics("autonomy")[0]
+        self.plain, self.teleop = (node.create_publisher(Twist, name, COMMAND) for name in (topics.CMD_VEL, velocity))
+        self.stamped = node.create_publisher(TwistStamped, topics.CMD_VEL_STAMPED, COMMAND)
+        self.word, self.autonomy = (node.create_publisher(String, name, EVENT) for name in (word, autonomy))
+        self.lock = node.create_publisher(Bool, f"{topics.LOCKS}/pause", EVENT)
+        bench.wait(lambda: world.modes)
+        for publisher in (phase, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
+            bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
+        bench.spin(0.2)
+
+    @property
+    def refusal(self) -> str:
+        return str(self.node.values.get("last refusal", ""))
+
+    def until(self, velocity: tuple[float, float, float], *sends: tuple[Any, tuple[float, float, float]]) -> None:
+        """Have sources repeat their velocities until the gait is told one."""
+        self.asked.clear()
+
+        def told() -> bool:
+            for publisher, value in sends:
+                publisher.publish(velocity_to_twist(value))
+            self.bench.spin(0.05)
+            return bool(self.asked) and self.asked[-1] == velocity
+
+        self.bench.wait(told)
+
+
+@pytest.fixture
+def sources(bench: Any, world: World, g1: RobotModel) -> Sources:
+    return Sources(bench, world, g1, look_ahead=False)
+
+
+def test_the_source_of_the_highest_priority_is_in_command(bench: Any, sources: Sources) -> None:
+    ahead, left = (0.3, 0.0, 0.0), (0.0, 0.1, 0.0)
+    sources.plain.publish(velocity_to_twist(ahead))
+    bench.wait(lambda: "request mode/walk first" in sources.refusal)
+    assert sources.world.call("mode/walk")[0]
+    bench.wait(lambda: sources.asked)
+    assert sources.asked[-1] == (0.0, 0.0, 0.0)  # the gait hears of it even when nobody commands
+    sources.until(ahead, (sources.plain, ahead))
+    sources.until(left, (sources.plain, ahead), (sources.teleop, left))
+    assert sources.commanders[-2:] == ["plain", "teleop"]
+    sources.autonomy.publish(String(data="wave"))
+    bench.wait(lambda: "'autonomy' is not in command: 'teleop' is" in sources.refusal)
+    sources.until(ahead, (sources.plain, ahead))  # teleop has fallen silent
+    sources.until((0.0, 0.0, 0.0))
+    sources.word.publish(String(data="forward"))
+    sources.until(ahead)
+    sources.lock.publish(Bool(data=True))
+    sources.until((0.0, 0.0, 0.0))
+    sources.lock.publish(Bool(data=False))
+    sources.autonomy.publish(String(data="stop"))  # everybody may
+    bench.wait(lambda: sources.node._law.still)
+    sources.until((0.0, 0.0, 0.0))
+    assert sources.world.modes[-1] == "walk"
+
+
+def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True, heartbeat_timeout=0.4)
+    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
+    bench.spin(0.3)
+    assert node._law.holds == ()  # a planner that has never been heard of is not missed
+    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    bench.spin(0.2)
+    assert node._law.holds == ()
+    bench.wait(lambda: node._law.holds == ("node 'motion_planner' gives no sign of life",))
+    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    bench.wait(lambda: node._law.holds == ())
+    second = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    bench.wait(lambda: node._law.faults == ("'/joint_states' has a second publisher",))
+    assert world.modes == ["stand"]
+    assert world.call("mode/damp")[0]
+    assert world.call("reset_faults")[0]
+    bench.wait(lambda: "'/joint_states' has a second publisher" in world.call("mode/stand")[1])
+    bench.world.destroy_publisher(second)
+    bench.wait(lambda: "second publisher" not in world.call("mode/stand")[1])
+
+
+def test_stamped_velocities_are_of_now_and_of_the_base(bench: Any, sources: Sources) -> None:
+    assert sources.world.call("mode/walk")[0]
+
+    def send(ms: int, frame_id: str = "base_link") -> None:
+        message = TwistStamped(twist=velocity_to_twist((0.0, 0.1, 0.0)))
+        set_stamp(message.header.stamp, 10_000_000 * sources.world.tick + ms * 1_000_000)
+        message.header.frame_id = frame_id
+        sources.stamped.publish(message)
+
+    for ms, frame_id, culprit in (
+        (-700, "base_link", "s old"),
+        (10**9, "base_link", "s ahead"),
+        (0, "odom", "header.frame_id: 'odom'"),
+    ):
+        send(ms, frame_id)
+        bench.wait(lambda culprit=culprit: culprit in sources.refusal)
+    bench.spin(0.1)
+    assert set(sources.asked) == {(0.0, 0.0, 0.0)}
+    send(0)
+    bench.wait(lambda: sources.asked[-1] == (0.0, 0.1, 0.0))
+    send(-200)
+    bench.wait(lambda: "is not after" in sources.refusal)
+    bench.wait(lambda: sources.asked[-1] == (0.0, 0.0, 0.0))
+
+
+def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: World, g1: RobotModel) -> None:
+    sources = Sources(bench, world, g1)
+    ahead, back = (0.3, 0.0, 0.0), (-0.2, 0.0, 0.0)
+    scans = bench.world.create_publisher(LaserScan, topics.SCAN, SENSOR)
+    route = bench.world.create_publisher(String, topics.GAIT_ROUTE, EVENT)
+    halted: list[Empty] = []
+    bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
+    bench.wait(lambda: scans.get_subscription_count() == 1 and route.get_subscription_count() == 1)
+    ranges = np.full(181, np.inf)
+
+    def scan() -> None:
+        seen = Scan(0.01 * world.tick, -0.5 * np.pi, np.pi / 180.0, ranges, 0.05, 10.0)
+        scans.publish(scan_to_message(10_000_000 * world.tick, seen, 0.05))
+
+    assert world.call("mode/walk")[0]
+    sources.until((0.0, 0.0, 0.0), (sources.plain, ahead))  # without a scan it does not walk
+    timer = bench.world.create_timer(0.05, scan)
+    sources.until(ahead, (sources.plain, ahead))
+    ranges[85:96] = 0.5
+    sources.until((0.0, 0.0, 0.0), (sources.plain, ahead))
+    assert "obstacle" in sources.node._commands.values()["obstacles"]
+    sources.until(back, (sources.plain, back))
+    halted.clear()
+    world.twist[0] = 0.3
+    route.publish(String(data=f"{topics.ROUTE_RUNNING}: 9 footsteps"))
+    bench.wait(lambda: halted)
+    bench.world.destroy_timer(timer)
+
+
+def test_with_a_key_words_are_signed_and_all_but_stop_is_refused_without(
+    bench: Any, world: World, g1: RobotModel, tmp_path: Path
+) -> None:
+    write_key(tmp_path / "key")
+    signer = Signer(read_key(tmp_path / "key"), "teleop")
+    sources = Sources(bench, world, g1, look_ahead=False, command_key=str(tmp_path / "key"), command_window=0.2)
+    bench.spin(0.3)  # what was signed before it started may be a replay
+    sources.word.publish(String(data="walk"))
+    bench.wait(lambda: "unsigned" in sources.refusal)
+    line = signer.sign("walk")
+    sources.word.publish(String(data=line))
+    bench.wait(lambda: world.modes[-1] == "walk")
+    sources.word.publish(String(data=line))
+    bench.wait(lambda: "replayed" in sources.refusal)
+    sources.plain.publish(velocity_to_twist((0.3, 0.0, 0.0)))
+    bench.wait(lambda: "signed word 'velocity FORWARD LEFT TURN'" in sources.refusal)
+    sources.word.publish(String(data=signer.sign("velocity 0.2 nan 0")))
+    bench.wait(lambda: "is not finite" in sources.refusal)
+    sources.word.publish(String(data=signer.sign("velocity 0.2 0.0 0.1")))
+    sources.until((0.2, 0.0, 0.1))
+    assert sources.commanders[-1] == "teleop"
+    sources.autonomy.publish(String(data="stop"))
+    bench.wait(lambda: sources.node._law.still)

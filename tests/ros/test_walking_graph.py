@@ -85,7 +85,7 @@ def test_walking_before_standing_is_refused(walking: WalkingGraph) -> None:
     walking.until(lambda: walking.ask("mode/stand")[0], "allowed to stand")
     walking.graph.wait_standing()
     send = lambda: walking.cmd_vel.publish(velocity_to_twist((0.3, 0.0, 0.0)))  # noqa: E731
-    walking.refusal("gait_planner", topics.CMD_VEL, send, "request mode/walk first")
+    walking.refusal("supervisor", topics.CMD_VEL, send, "request mode/walk first")
     assert walking.graph.mode == "stand"
 
 
@@ -127,7 +127,7 @@ def test_velocities_that_are_no_numbers_are_refused_by_name(walking: WalkingGrap
     for field, velocity in (("linear.y", (0.3, math.nan, 0.0)), ("angular.z", (0.3, 0.0, math.inf))):
         bad = velocity_to_twist(velocity)
         send = lambda bad=bad: walking.cmd_vel.publish(bad)  # noqa: E731
-        walking.refusal("gait_planner", topics.CMD_VEL, send, field)
+        walking.refusal("supervisor", topics.CMD_VEL, send, field)
     assert np.linalg.norm(walking.place - place) < 0.02
     walking.stop()
 

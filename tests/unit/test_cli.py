@@ -126,6 +126,12 @@ def test_words_that_are_not_known_are_refused(words: list[str]) -> None:
     assert RUNNER.invoke(app, words).exit_code == 2
 
 
+def test_unknown_faults_are_refused_before_anything_starts() -> None:
+    pytest.importorskip("rclpy")
+    result = RUNNER.invoke(app, ["up", "--faults", "headless"])
+    assert result.exit_code == 2 and "unknown scenario 'headless'" in result.output
+
+
 def test_robots_lists_the_profiles() -> None:
     result = RUNNER.invoke(app, ["robots"])
     assert result.exit_code == 0

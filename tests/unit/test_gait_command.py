@@ -18,28 +18,31 @@ from tests.support import standing
 AHEAD = (0.3, 0.0, 0.1)
 
 
-def test_a_repeated_command_falls_silent() -> None:
+def test_a_repeated_command_falls_silent_once() -> None:
     command = VelocityCommand(timeout=0.5)
-    assert command.at(0.0) == STILL
+    assert not command.lapsed(100.0)  # nobody has begun
     command.repeat(AHEAD, 1.0)
-    assert command.at(1.5) == AHEAD
+    assert not command.lapsed(1.5)
     command.repeat(AHEAD, 1.4)
-    assert command.at(1.9) == AHEAD
-    assert command.at(1.91) == STILL
-    assert command.at(1.5) == STILL  # time going back brings nothing back
+    assert not command.lapsed(1.9)
+    assert command.velocity == AHEAD
+    assert command.lapsed(1.91)
+    assert command.velocity == STILL
+    assert not command.lapsed(1.92)
+    command.repeat(AHEAD, 2.0)
+    assert command.velocity == AHEAD
 
 
-def test_a_held_command_holds_until_another_comes() -> None:
+def test_a_velocity_that_something_else_has_replaced_counts_once_it_has_changed() -> None:
     command = VelocityCommand(timeout=0.5)
     command.repeat(AHEAD, 0.0)
-    command.hold((0.0, 0.1, 0.0))
-    assert command.at(100.0) == (0.0, 0.1, 0.0)
-    command.repeat(AHEAD, 100.0)
-    assert command.at(100.1) == AHEAD
-    assert command.at(101.0) == STILL  # it does not return to what was held before
-    command.hold(AHEAD)
-    command.forget()
-    assert command.at(101.0) == STILL
+    command.supersede()
+    command.repeat(AHEAD, 0.1)
+    assert command.velocity == STILL
+    command.repeat(STILL, 0.2)
+    command.repeat(AHEAD, 0.3)
+    assert command.velocity == AHEAD
+    assert not command.lapsed(0.8)
 
 
 @pytest.fixture

@@ -224,3 +224,50 @@ def test_a_drop_out_longer_than_the_limit_damps_and_names_the_imu(standing: Supe
     assert standing.update(replace(WELL, coasting=0.049), 1.0) is Mode.STAND
     assert standing.update(replace(WELL, coasting=0.051), 1.0) is Mode.DAMP
     assert standing.faults == ("no usable samples of the IMU (or the joints) for 0.051 s, more than 0.050 s",)
+
+
+INTRUDER = replace(WELL, intruders=("/joint_states",))
+SILENT = replace(WELL, silent=("motion_planner",))
+
+
+def test_a_second_publisher_ends_a_walk_with_its_step_and_latches(walker: Supervisor) -> None:
+    assert walker.text("forward").accepted
+    walker.take_velocity()
+    assert walker.update(replace(INTRUDER, gait_active=True), 1.0) is Mode.WALK
+    assert walker.take_velocity() == (0.0, 0.0, 0.0)
+    assert walker.still
+    assert walker.update(replace(WELL, gait_active=True), 1.05) is Mode.WALK
+    assert "'/joint_states' has a second publisher" in walker.text("walk").reason
+    assert walker.update(WELL, 1.08) is Mode.STAND
+    for refused in (walker.text("walk"), walker.text("wave"), walker.request(Mode.WALK)):
+        assert not refused.accepted
+        assert "'/joint_states' has a second publisher" in refused.reason
+    assert walker.reset_faults().accepted
+    assert walker.text("walk").accepted
+
+
+def test_a_second_publisher_ends_a_motion_where_it_is(standing: Supervisor) -> None:
+    assert standing.text("wave").accepted
+    standing.take_motion()
+    assert standing.update(replace(INTRUDER, motion_active=True), 1.0) is Mode.STAND
+    assert standing.take_motion() == "stop"
+    assert standing.update(INTRUDER, 1.05) is Mode.STAND
+    assert standing.take_motion() is None
+
+
+def test_a_hold_ends_with_its_cause(walker: Supervisor) -> None:
+    assert walker.text("walk").accepted
+    walker.update(SILENT, 1.0)
+    assert walker.mode is Mode.WALK and walker.still
+    assert "node 'motion_planner' gives no sign of life" in walker.text("wave").reason
+    assert not walker.text("forward").accepted
+    walker.update(WELL, 1.05)
+    assert not walker.still
+    assert walker.text("wave").accepted
+    assert not walker.faults
+
+
+def test_the_most_severe_fault_wins(walker: Supervisor) -> None:
+    assert walker.text("walk").accepted
+    assert walker.update(replace(INTRUDER, tilt=1.0, silent=("motion_planner",)), 1.0) is Mode.DAMP
+    assert len(walker.faults) == 2

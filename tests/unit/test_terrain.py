@@ -90,7 +90,16 @@ def test_an_unknown_name_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{"kind": "lava"}, {"height": -0.1}, {"size": 0.0}, {"pitch": 1.0}, {"give": 0.0}, {"seed": -1}, {"colour": "red"}],
+    [
+        {"kind": "lava"},
+        {"height": -0.1},
+        {"size": 0.0},
+        {"pitch": 1.0},
+        {"give": 0.0},
+        {"seed": -1},
+        {"colour": "red"},
+        {"obstacle": {"size": [0.4, 0.0, 1.0]}},
+    ],
 )
 def test_a_bad_terrain_is_refused(change: dict[str, object]) -> None:
     (key,) = change

@@ -1,0 +1,88 @@
+"""The rows of ``poise bench faults``: what is done to the robot, and what it must do."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from models.config import STRICT, default_config
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+KNEE = "{knee}"
+"""Stands for the name of the left knee's joint."""
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class LoopChanges:
+    """What differs from a plain closed loop; see ``ClosedLoop``.
+
+    Attributes:
+        friction: Coulomb coefficient [-].
+        payload_kg: At the torso [kg].
+        terrain: Name of the ground.
+        misalignment: Of the inertial unit (3,) [rad].
+    """
+
+    friction: float | None = None
+    payload_kg: float = 0.0
+    terrain: str = "flat"
+    misalignment: list[float] | None = None
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Row:
+    """One fault.
+
+    Attributes:
+        group: Heading in the table.
+        expect: What the robot must do.
+        within: Time for it, for 'damps' and 'stands' [s].
+        reason: Word in the reason that is told; '{knee}' stands for the knee's name.
+        faults: As ``bridge.fault_plan`` reads them.
+        act: Name of what else is done, of ``benchmarks/fault_acts.py``.
+        walk: Whether the robot walks.
+        duration: Watched from the fault on [s]; None for the usual time.
+        loop: What differs from a plain closed loop.
+        box: Whether a black box must be left.
+    """
+
+    group: str
+    expect: Literal["rides", "damps", "stands", "refuses"]
+    within: Positive | None = None
+    reason: str = ""
+    faults: list[dict[str, Any]] = Field(default_factory=list)
+    act: str = ""
+    walk: bool = False
+    duration: Positive | None = None
+    loop: LoopChanges = Field(default_factory=LoopChanges)
+    box: bool = False
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class FaultsConfig:
+    """All rows; the unit of every value stands in ``benchmarks/config/faults.yaml``."""
+
+    settle: Positive
+    duration: Positive
+    torque_step_limit: Positive
+    forward: Positive
+    rows: dict[str, Row]
+
+
+@cache
+def config() -> FaultsConfig:
+    """The packaged rows."""
+    return default_config(FaultsConfig, "benchmarks", "faults")
+
+
+def with_knee(value: Any, knee: str) -> Any:
+    """A value of a row with the knee's name put in."""
+    if isinstance(value, str):
+        return value.replace(KNEE, knee)
+    if isinstance(value, dict):
+        return {key: with_knee(item, knee) for key, item in value.items()}
+    return [with_knee(item, knee) for item in value] if isinstance(value, list) else value

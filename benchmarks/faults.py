@@ -1,0 +1,207 @@
+"""Faults of sensors, motors, solver, users and world in lockstep: what the robot must do, and what it does.
+
+``within`` counts from the injection to the mode that is expected. The torque steps are those of the drivers, before a
+motor that is at fault makes something else of them.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks.commands import demand
+from benchmarks.fault_acts import ACTS, Doing
+from benchmarks.fault_rows import Row, config, with_knee
+from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from bridge.closed_loop import ClosedLoop
+from bridge.fault_plan import Fault
+from bridge.plots import new_figure
+from bridge.sensor_errors import SensorErrors
+from models.errors import ConfigError, PoiseError
+from models.robot_model import RobotModel
+from models.types import Mode, Vector
+
+ROUNDING = 1e-9
+"""Of a torque step that is as large as the drivers' limit lets it be [-]."""
+
+BOX_TIME = 1.0
+"""Watched longer where a black box must be left, which is written a little after the fault [s]."""
+
+
+class _Trial:
+    """One row on one robot.
+
+    Args:
+        model: The robot.
+        seed: Of the sensor noise.
+        row: What is done, and what is expected.
+        folder: For the black box.
+    """
+
+    def __init__(self, model: RobotModel, seed: int, row: Row, folder: Path) -> None:
+        self._model, self._row = model, row
+        self.knee = model.joint_names[model.feet[0].joint_ids_v[3] - 6]
+        errors = None if row.loop.misalignment is None else SensorErrors(misalignment=row.loop.misalignment)
+        self._loop = ClosedLoop(
+            model,
+            seed=seed,
+            friction=row.loop.friction,
+            payload_kg=row.loop.payload_kg,
+            terrain=row.loop.terrain,
+            sensor_errors=errors,
+            record=False,
+            black_box=folder if row.box else None,
+        )
+        self._before: Vector | None = None
+        self._step, self._at, self._answer = 0.0, float("nan"), ""
+        self._modes: list[tuple[float, Mode]] = []
+
+    def run(self) -> Case:
+        """Settle, inject, watch."""
+        given, loop, row = config(), self._loop, self._row
+        if row.walk:
+            demand(loop, "walk")
+            loop.set_velocity(given.forward, 0.0, 0.0)
+        loop.run(given.settle)
+        before = loop.mode
+        doing: Doing = iter(())
+        start = loop.t
+        with patch.object(loop.plant, "write", self._watch(loop.plant.write)):
+            if row.faults:
+                loop.inject([Fault(**item) for item in with_knee(row.faults, self.knee)])
+            if row.act:
+                doing = ACTS[row.act](loop)
+            for _ in range(round((row.duration or given.duration) / loop.plant.period)):
+                with suppress(StopIteration):
+                    reply = next(doing)
+                    if reply is not None and not reply.accepted:
+                        self._answer = reply.reason
+                loop.step()
+                if not self._modes or loop.mode is not self._modes[-1][1]:
+                    self._modes.append((loop.t - start, loop.mode))
+        if row.box:
+            loop.run(BOX_TIME)
+        return self._outcome(before)
+
+    def _watch(self, write: Any) -> Any:
+        """The plant's ``write``, which notes the largest step of a torque, in parts of the rate limit."""
+        scale = self._model.tau_rate_max * self._loop.plant.period
+
+        def watched(tau: Vector) -> None:
+            if self._before is not None:
+                self._step = max(self._step, float((np.abs(tau - self._before) / scale).max()))
+            self._before = tau.copy()
+            write(tau)
+
+        return watched
+
+    def _outcome(self, before: Mode) -> Case:
+        loop, row = self._loop, self._row
+        told = "; ".join(loop.faults) or self._answer
+        wanted = {"damps": Mode.DAMP, "stands": Mode.STAND}.get(row.expect, before)
+        time = next((t for t, mode in self._modes if mode is wanted), float("nan"))
+        as_wanted = loop.mode is wanted and with_knee(row.reason, self.knee) in told
+        if row.expect == "damps":
+            ok = as_wanted and bool(loop.faults) and time <= (row.within or np.inf)
+        elif row.expect == "stands":
+            ok = as_wanted and not loop.faults and not loop.fallen and time <= (row.within or np.inf)
+        else:
+            ok = as_wanted and not loop.faults and not loop.fallen and bool(self._answer) == (row.expect == "refuses")
+        left = not row.box or bool(loop.black_box and loop.black_box.files)
+        fine = self._step <= config().torque_step_limit * (1.0 + ROUNDING)
+        return {
+            "seen": ("fell, " if loop.fallen and row.expect == "rides" else "") + f"mode '{loop.mode.value}'",
+            "reason": told[:160],
+            "time": time if row.expect in ("damps", "stands") else None,
+            "torque_step": self._step,
+            "ok": bool(ok and left and fine),
+        }
+
+
+def trial(robot: str, seed: int, row: str) -> Case:
+    """Do one row.
+
+    Args:
+        robot: Name of a profile.
+        seed: Of the sensor noise.
+        row: Name of the row.
+
+    Returns:
+        ``seen``, the ``reason`` told, ``time`` until the expected mode [s], ``torque_step`` in parts of the drivers'
+        rate limit [-], and ``ok``.
+    """
+    given = config().rows[row]
+    with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
+        try:
+            outcome = _Trial(RobotModel.load(robot), seed, given, Path(folder)).run()
+        except PoiseError as error:
+            refused = given.expect == "refuses" and given.reason in str(error)
+            outcome = {"seen": "refused", "reason": str(error)[:160], "time": None, "torque_step": 0.0, "ok": refused}
+    return {"group": given.group, "expected": given.expect, "within": given.within, **outcome}
+
+
+def run(options: Options) -> Report:
+    """Do every row, or those chosen, with every seed.
+
+    Args:
+        options: Robot, seeds, workers and rows.
+
+    Raises:
+        ConfigError: A chosen row is unknown.
+    """
+    known = config().rows
+    unknown = [name for name in options.scenarios if name not in known]
+    if unknown:
+        raise ConfigError(f"bench faults: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    load = LoadMeter()
+    chosen = options.scenarios or tuple(known)
+    inputs = [{"robot": options.robot, "seed": seed, "row": row} for row in chosen for seed in range(options.seeds)]
+    results = run_cases(trial, inputs, title="faults", workers=options.workers)
+    lines = [f"{'ok    ' if case['ok'] else 'FAILED'} {_line(case)}" for case in results]
+    figures = {
+        "survived": float(sum(case["ok"] for case in results)),
+        "total": float(len(results)),
+        "torque_step_max": max(case["torque_step"] for case in results),
+    }
+    passed = all(case["ok"] for case in results)
+    return Report("faults", options.robot, options.seeds, figures, results, passed, load.read(), lines)
+
+
+def _line(case: Case) -> str:
+    """One row of the table."""
+    limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
+    time = "" if case["time"] is None else f" after {case['time']:.3f} s"
+    told = f": {case['reason']}" if case["reason"] else ""
+    return (
+        f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}, "
+        f"torque step {case['torque_step']:.2f}{told}"
+    )
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw the time that each reaction took, beside its limit.
+
+    Args:
+        report: What ``run`` found.
+        folder: Where the picture goes.
+
+    Returns:
+        The file written.
+    """
+    timed = [case for case in report.cases if case["time"] is not None]
+    figure = new_figure(7.0, 1.0 + 0.28 * max(len(timed), 1))
+    axes = figure.subplots()
+    at = np.arange(len(timed))
+    axes.barh(at, [case["time"] for case in timed], color=["C0" if case["ok"] else "C3" for case in timed])
+    axes.plot([case["within"] for case in timed], at, "k|", markersize=12, label="limit")
+    axes.set_yticks(at, [case["row"] for case in timed], fontsize=7)
+    axes.set_xlabel("from the fault to the expected mode [s]")
+    axes.legend(fontsize=8)
+    file = folder / f"faults-{report.robot}.png"
+    figure.savefig(file, dpi=110)
+    return [file]

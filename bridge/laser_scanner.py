@@ -1,0 +1,83 @@
+"""The simulated planar laser scanner."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from bridge.mujoco_plant import MujocoPlant
+from models.errors import ConfigError
+from models.mujoco_spec import WORLD_GROUP
+from models.scan import SCAN_FRAME, Scan
+
+
+class LaserScanner:
+    """Casts the rays of ``sensors.scan`` of the profile in the plane of frame ``scan``, which leans as the robot does.
+
+    All rays of a scan are taken at one instant: a real scanner takes a turn for them, in which a walking robot moves by
+    some centimetres. What is seen is ground and obstacles. The robot itself lets the rays pass, as behind a driver's
+    self-filter. Nothing is computed before ``scan`` is called, and the noise has a generator of its own, so the plant
+    does the same with a scanner and without.
+
+    Args:
+        plant: The simulated robot.
+        seed: Of the noise.
+        noise: Factor on the noise of the profile.
+
+    Attributes:
+        config: The profile's figures.
+
+    Raises:
+        ConfigError: The robot has no scanner.
+    """
+
+    def __init__(self, plant: MujocoPlant, seed: int = 0, noise: float = 1.0) -> None:
+        config = plant.robot.profile.sensors.scan
+        if config is None:
+            raise ConfigError(f"{plant.robot.name}: sensors.scan: the profile has no scanner")
+        self.config, self._plant = config, plant
+        self._site = int(plant.model.site(SCAN_FRAME).id)
+        angles = np.linspace(config.angle_min, config.angle_max, config.rays)
+        self._rays = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(config.rays)])  # (n, 3) in the frame
+        self._groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        self._groups[WORLD_GROUP] = 1
+        self._geoms = np.empty(config.rays, dtype=np.int32)
+        self._distances = np.empty(config.rays)
+        self._noise = noise * config.noise
+        self._seed = seed
+        self.reset()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin the noise anew; a seed replaces the present one."""
+        self._seed = self._seed if seed is None else seed
+        self._rng = np.random.default_rng((self._seed, 1))  # another stream than that of the other sensors
+
+    def scan(self, t: float) -> Scan:
+        """What the scanner sees now.
+
+        Args:
+            t: Stamp that the scan gets [s].
+        """
+        config, data = self.config, self._plant.data
+        rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
+        mujoco.mj_multiRay(
+            self._plant.model,
+            data,
+            data.site_xpos[self._site],
+            rays.ravel(),
+            self._groups,
+            True,  # things that do not move are seen too
+            -1,
+            self._geoms,
+            self._distances,
+            None,
+            config.rays,
+            config.range_max,
+        )
+        ranges = self._distances + self._noise * self._rng.standard_normal(config.rays)
+        ranges[ranges < config.range_min] = -math.inf
+        ranges[(self._geoms < 0) | (ranges > config.range_max)] = math.inf
+        step = (config.angle_max - config.angle_min) / (config.rays - 1)
+        return Scan(t, config.angle_min, step, ranges, config.range_min, config.range_max)

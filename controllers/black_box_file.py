@@ -1,0 +1,204 @@
+"""The file of a black box, and the folder that keeps the newest ones."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import PoiseError
+from models.state_folder import state_folder
+from models.types import Mode, SolveStatus, Vector
+
+FORMAT = 1
+"""Version of the file; another one is refused."""
+
+Array = NDArray[np.float32]
+
+
+UNITS = {
+    "t": "s",
+    "q": "m, quaternion xyzw, rad",
+    "v": "m/s, rad/s, rad/s",
+    "joint_q": "rad",
+    "joint_v": "rad/s",
+    "joint_tau": "N.m",
+    "gyro": "rad/s",
+    "accel": "m/s^2",
+    "wrenches": "N, N.m",
+    "command_q": "rad",
+    "command_v": "rad/s",
+    "command_tau": "N.m",
+    "planned_wrenches": "N, N.m",
+    "dcm": "m",
+    "zmp": "m",
+    "residual": "1",
+    "status": "place in statuses",
+    "mode": "place in modes",
+}
+"""Arrays of the file and their units."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlackBoxRecord:
+    """What a black box held: n rows, the oldest first; NaN where something was not known.
+
+    Attributes:
+        robot: Name of the profile.
+        reason: Why it was written.
+        joint_names: Of the columns of joints.
+        events: Stamp [s] and text of what happened.
+        t: Stamps on the robot's clock (n,) [s].
+        q: Estimated configuration in Pinocchio's order (n, nq).
+        v: Estimated velocity in Pinocchio's order (n, nv).
+        joint_q: Measured joint positions (n, nj).
+        joint_v: Measured joint velocities (n, nj).
+        joint_tau: Measured joint torques (n, nj).
+        gyro: Measured rate in the IMU's frame (n, 3).
+        accel: Measured specific force in the IMU's frame (n, 3).
+        wrenches: Measured ground reaction on each foot in its sole frame (n, 2, 6).
+        command_q: Commanded joint positions (n, nj).
+        command_v: Commanded joint velocities (n, nj).
+        command_tau: Commanded joint torques (n, nj).
+        planned_wrenches: Contact wrenches of the QP's solution (n, 2, 6).
+        dcm: Measured DCM in the frame of the estimate (n, 2).
+        zmp: Commanded zero-moment point in the frame of the estimate (n, 2).
+        residual: Largest KKT residual of the QP (n,).
+        status: Place in ``SolveStatus``; -1 without a command (n,).
+        mode: Place in ``Mode`` (n,).
+    """
+
+    robot: str
+    reason: str
+    joint_names: tuple[str, ...]
+    events: tuple[tuple[float, str], ...]
+    t: Vector
+    q: Array
+    v: Array
+    joint_q: Array
+    joint_v: Array
+    joint_tau: Array
+    gyro: Array
+    accel: Array
+    wrenches: Array
+    command_q: Array
+    command_v: Array
+    command_tau: Array
+    planned_wrenches: Array
+    dcm: Array
+    zmp: Array
+    residual: Array
+    status: NDArray[np.int8]
+    mode: NDArray[np.int8]
+
+    @property
+    def modes(self) -> list[Mode]:
+        """Mode of each row."""
+        return [tuple(Mode)[int(i)] for i in self.mode]
+
+    def last(self, duration: float) -> BlackBoxRecord:
+        """The rows of the last so many seconds, and the events among them."""
+        begin = float(self.t.max(initial=-np.inf)) - duration
+        rows = self.t >= begin
+        arrays = {name: getattr(self, name)[rows] for name in UNITS}
+        return replace(self, events=tuple(event for event in self.events if event[0] >= begin), **arrays)
+
+    def save(self, path: Path) -> None:
+        """Write the record beside its place, see it onto the disk, and rename it: the name never holds half a file.
+
+        Raises:
+            PoiseError: The disk refuses; nothing is left then.
+        """
+        fresh = path.with_name(f".{path.name}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                with fresh.open("wb") as stream:
+                    arrays = {name: getattr(self, name) for name in UNITS}
+                    np.savez(stream, meta=np.array(json.dumps(self._meta())), **arrays)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+                fresh.replace(path)
+            finally:
+                fresh.unlink(missing_ok=True)
+        except OSError as error:
+            raise PoiseError(f"{path}: black box not written: {error.strerror or error}") from error
+
+    def _meta(self) -> dict[str, object]:
+        return {
+            "format": FORMAT,
+            "robot": self.robot,
+            "reason": self.reason,
+            "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "joint_names": self.joint_names,
+            "units": UNITS,
+            "modes": [mode.value for mode in Mode],
+            "statuses": [status.value for status in SolveStatus],
+            "events": self.events,
+        }
+
+    @classmethod
+    def load(cls, path: Path) -> BlackBoxRecord:
+        """Read what ``save`` wrote.
+
+        Raises:
+            PoiseError: It is not the file of a black box, or of another version.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                meta = json.loads(str(data["meta"]))
+                if meta["format"] != FORMAT:
+                    raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")
+                return cls(
+                    robot=meta["robot"],
+                    reason=meta["reason"],
+                    joint_names=tuple(meta["joint_names"]),
+                    events=tuple((float(t), str(text)) for t, text in meta["events"]),
+                    **{name: data[name] for name in UNITS},
+                )
+        except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
+            raise PoiseError(f"{path}: not the file of a black box: {error}") from error
+
+
+class BlackBoxFolder:
+    """Keeps the newest files of one robot.
+
+    Args:
+        name: Of the robot, and of its namespace if it has one; others' files are left alone.
+        folder: Where they go; ``poise/black_box`` in the user's state folder when empty.
+        keep: How many stay.
+
+    Raises:
+        ConfigError: There is no user's state folder.
+    """
+
+    def __init__(self, name: str, folder: str | Path, keep: int) -> None:
+        self._folder = Path(folder).expanduser() if str(folder) else state_folder("black_box")
+        self._name, self._keep = name, keep
+
+    def files(self) -> list[Path]:
+        """Files of this robot, the oldest first."""
+        return sorted(self._folder.glob(f"{self._name}-*.npz"))
+
+    def save(self, record: BlackBoxRecord) -> Path:
+        """Write a record under the present time, and remove the oldest files.
+
+        Raises:
+            PoiseError: The disk refuses.
+        """
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+        path = self._folder / f"{self._name}-{stamp}Z.npz"
+        record.save(path)
+        others = [file for file in self.files() if file != path]  # a clock set back must not cost the new one
+        for file in others[: max(len(others) - self._keep + 1, 0)]:
+            try:
+                file.unlink(missing_ok=True)
+            except OSError as error:
+                raise PoiseError(f"{file}: old black box not removed: {error.strerror}") from error
+        return path

@@ -1,0 +1,185 @@
+"""Signed text commands: who sent them, that nobody changed them, and that they are not sent a second time.
+
+    v1 <source> <stamp> <tag> <text>        tag = HMAC-SHA256(key, "v1 <source> <stamp> <text>") in hexadecimal
+
+The stamp is the sender's wall time in nanoseconds, and at least one more than that of the command before it. A command
+is taken when its tag is right, its stamp is newer than that of the last one taken from the same source, and not
+farther than a window from the verifier's wall time. So a sender that is restarted goes on without keeping a file, as
+one with a counter could not, and what is replayed, overtaken or held back is refused. The window bounds how far a
+command may be delayed, and how far the two clocks may be apart.
+
+A verifier that is restarted has forgotten the stamps. It takes nothing stamped before its start and one window; as
+nothing taken before had a stamp farther ahead than that, no replay passes. The price: signed commands are refused
+with that reason for the first window.
+
+Limits:
+    - A clock that is set back makes commands of this sender fail until it has caught up, and they are refused with
+      that reason. A verifier whose clock is set back and that is restarted then can be played what it has taken since
+      that time of day: make a new key.
+    - All who have the key can write any source, and nothing is encrypted.
+    - A command that is kept from arriving is not noticed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from models.constants import NANOSECONDS
+from models.errors import CommandError, ConfigError
+
+VERSION = "v1"
+
+KEY_BYTES = 32
+"""Least length of a key."""
+
+MAX_TEXT = 256
+"""Longest text that is signed [characters]; a supervisor takes no longer ones."""
+
+_MAX_LINE = 512
+"""Longest line that is looked at [characters]."""
+
+_SOURCE = re.compile(r"[a-z0-9_-]{1,32}", re.ASCII)
+_STAMP = re.compile(r"[1-9][0-9]{0,18}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedCommand:
+    """A command whose signature was right.
+
+    Attributes:
+        source: Who sent it.
+        text: The command.
+    """
+
+    source: str
+    text: str
+
+
+def _tag(key: bytes, source: str, stamp: str, text: str) -> str:
+    """No two triples give the same signed bytes: neither source nor stamp holds a blank."""
+    signed = f"{VERSION} {source} {stamp} {text}".encode("utf-8", "surrogatepass")
+    return hmac.new(key, signed, hashlib.sha256).hexdigest()
+
+
+def _checked_key(key: bytes) -> bytes:
+    if len(key) < KEY_BYTES:
+        raise ConfigError(f"key: {len(key)} bytes are fewer than {KEY_BYTES}")
+    return bytes(key)
+
+
+class Signer:
+    """Signs the commands of one source.
+
+    Args:
+        key: Secret that the verifier has too, at least ``KEY_BYTES`` long.
+        source: Name of the sender: 1 to 32 of a-z, 0-9, ``_`` and ``-``.
+        clock: Wall time [ns].
+
+    Raises:
+        ConfigError: The key is short or the name of the source is not usable.
+    """
+
+    def __init__(self, key: bytes, source: str, clock: Callable[[], int] = time.time_ns) -> None:
+        if not _SOURCE.fullmatch(source):
+            raise ConfigError(f"source: '{source[:40]}' is not 1 to 32 of a-z, 0-9, '_' and '-'")
+        self._key, self._source, self._clock = _checked_key(key), source, clock
+        self._last = 0
+
+    def sign(self, text: str) -> str:
+        """The line that carries a command.
+
+        Args:
+            text: One line of printable characters.
+
+        Raises:
+            CommandError: The text is empty, too long, or more than one line.
+        """
+        if not text.strip() or len(text) > MAX_TEXT or not text.isprintable():
+            raise CommandError(f"cannot be signed: {text[:32]!r} is not one line of 1 to {MAX_TEXT} characters")
+        self._last = max(self._clock(), self._last + 1)
+        return f"{VERSION} {self._source} {self._last} {_tag(self._key, self._source, str(self._last), text)} {text}"
+
+
+class Verifier:
+    """Opens signed commands; what it refuses changes nothing in it.
+
+    Args:
+        key: Secret that the signers have too, at least ``KEY_BYTES`` long.
+        window: How far a stamp may be from the wall time, to either side [s].
+        clock: Wall time [ns].
+
+    Raises:
+        ConfigError: The key is short or the window is not a positive time.
+    """
+
+    def __init__(self, key: bytes, window: float, clock: Callable[[], int] = time.time_ns) -> None:
+        if not 0.0 < window < float("inf"):
+            raise ConfigError(f"window: {window} s is not a positive time")
+        self._key, self._clock = _checked_key(key), clock
+        self._window = round(window * NANOSECONDS)
+        self._first = clock() + self._window
+        self._newest: dict[str, int] = {}
+
+    def verify(self, line: str) -> VerifiedCommand:
+        """Open a line that ``Signer.sign`` made.
+
+        Args:
+            line: As it was received.
+
+        Raises:
+            CommandError: It is unsigned, of another version, forged, replayed, too old or ahead of time; the message
+                says which.
+        """
+        source, stamp, tag, text = self._parts(line)
+        if not hmac.compare_digest(tag.encode("utf-8", "replace"), _tag(self._key, source, stamp, text).encode()):
+            raise CommandError(f"forged: the signature of '{source[:32]}' is wrong; signed with another key or changed")
+        self._check_stamp(source, int(stamp))
+        self._newest[source] = int(stamp)
+        return VerifiedCommand(source, text)
+
+    def _parts(self, line: str) -> tuple[str, str, str, str]:
+        """Source, stamp, tag and text of a line."""
+        if len(line) > _MAX_LINE:
+            raise CommandError(f"{len(line)} characters are too long for a signed command")
+        version, *rest = line.split(" ", 4)
+        if len(rest) != 4:
+            raise CommandError("unsigned: sign it (poise send --key FILE TEXT)")
+        if version != VERSION:
+            unknown = re.fullmatch(r"v[0-9]+", version, re.ASCII) is not None
+            raise CommandError(
+                f"version '{version[:8]}' of the signature is unknown; this is {VERSION}"
+                if unknown
+                else "unsigned: sign it (poise send --key FILE TEXT)"
+            )
+        source, stamp, tag, text = rest
+        if not _SOURCE.fullmatch(source) or not _STAMP.fullmatch(stamp):
+            raise CommandError("forged: source or stamp is malformed")
+        return source, stamp, tag, text
+
+    def _check_stamp(self, source: str, stamp: int) -> None:
+        """Refuse a rightly signed command of another time; a change of a clock explains it as well as a replay."""
+        now, newest = self._clock(), self._newest.get(source)
+        if newest is not None and stamp <= newest:
+            behind = (newest - stamp) / NANOSECONDS
+            raise CommandError(
+                f"replayed: '{source}' has sent a newer command, stamped {behind:.3f} s later"
+                + (
+                    f"; or the sender's clock was set back: wait {behind:.0f} s"
+                    if stamp + self._window < newest
+                    else ""
+                )
+            )
+        age = (now - stamp) / NANOSECONDS
+        if now - stamp > self._window:
+            raise CommandError(f"too old: stamped {age:.3f} s ago; delayed, replayed, or the clocks differ")
+        if stamp - now > self._window:
+            raise CommandError(f"stamped {-age:.3f} s ahead: the clocks of sender and robot differ")
+        if stamp <= self._first:
+            wait = self._first - stamp
+            why = "the robot has just begun to listen" if wait <= 2 * self._window else "the robot's clock was set back"
+            raise CommandError(f"{why}, so this may be a replay: send it again in {wait / NANOSECONDS:.1f} s")

@@ -1,0 +1,153 @@
+"""Black box of the control process: filled after each command, written by a thread once the robot is damped."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import String
+
+from controllers.black_box import BlackBox, BlackBoxConfig
+from controllers.black_box_file import BlackBoxFolder
+from controllers.supervisor import ACTIVE_MODES
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.parameters import declare_config
+from models.nodes.qos import EVENT, LATCHED
+from models.types import ControlResult, Mode, RobotState, SensorData
+
+
+class BlackBoxKeeper:
+    """Fills the ring, and has it written once after each time that the robot leaves the active modes for damp or off.
+
+    What the supervisor then says in its diagnostics becomes the reason; they are listened to only until the file is
+    written, because they would cost the tick. It is written as well when the drivers have damped by themselves, whether
+    or not a supervisor is left to say so. What goes wrong with a file is counted and told in the diagnostics, and stops
+    nothing.
+
+    Args:
+        node: Whose parameters, diagnostics and log.
+    """
+
+    def __init__(self, node: PoiseNode) -> None:
+        self._node = node
+        self._config = declare_config(node, default_config(BlackBoxConfig, "controllers", "black_box"), "black_box.")
+        self._box: BlackBox | None = None
+        self._mode = Mode.OFF
+        self._drivers = ""
+        self._t = 0.0
+        self._armed = False
+        self._due: float | None = None
+        self._reason = self._said = ""
+        self._supervisor = f"{node.get_namespace().rstrip('/')}/supervisor"
+        self._ear: Any = None
+        self._thread: threading.Thread | None = None
+        self._outcome: tuple[bool, str] | None = None
+
+    def configure(self) -> None:
+        """Make the ring and listen to the drivers."""
+        self._box = BlackBox(self._node.model, self._config)
+        self._armed, self._due = False, None
+        self._node.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+
+    def add(self, state: RobotState, sensors: SensorData | None, result: ControlResult | None, mode: Mode) -> None:
+        """Keep one tick; see ``BlackBox.add``."""
+        if self._box is None:
+            return
+        self._t = state.t
+        if mode is not self._mode:
+            self._enter(mode)
+        self._box.add(state, sensors, result, mode)
+
+    def _enter(self, mode: Mode) -> None:
+        """A change of mode."""
+        self._mode = mode
+        self._note(f"mode {mode.value}")
+        if mode in ACTIVE_MODES:
+            self._armed = True
+        else:
+            self._want(f"mode {mode.value}")
+
+    def _on_driver_state(self, message: String) -> None:
+        before, self._drivers = self._drivers, message.data[:32]
+        self._note(f"drivers {self._drivers}")
+        if before == topics.ACTIVE and self._drivers in (topics.DAMPED, topics.OFF):
+            self._want(f"drivers {self._drivers}")
+
+    def _note(self, text: str) -> None:
+        if self._box is not None:
+            self._box.event(self._t, text)
+
+    def _want(self, reason: str) -> None:
+        """Have it written when what comes ``after`` is in the ring, once for each time in an active mode."""
+        if self._armed:
+            self._armed, self._reason, self._said = False, reason, ""
+            self._stop_listening()
+            self._due = time.monotonic() + self._config.after
+            self._ear = self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Hear once what the supervisor says about it."""
+        said = next((status.message for status in message.status if status.name == self._supervisor), "")
+        if said and not self._said:
+            self._said = said[:1000]
+            self._note(f"supervisor: {said}")
+
+    def _stop_listening(self) -> None:
+        if self._ear is not None:
+            self._node.destroy_subscription(self._ear)
+            self._ear = None
+
+    def poll(self) -> None:
+        """Begin to write when it is time, and tell what became of it; with the diagnostics, never within a tick."""
+        if self._thread is not None and not self._thread.is_alive():
+            self._thread = None
+            self._tell()
+        if self._due is not None and self._thread is None and time.monotonic() >= self._due:
+            self._begin()
+
+    def flush(self) -> None:
+        """Write now what is still due, and wait for it: the node is about to stop."""
+        if self._due is not None and self._thread is None:
+            self._begin()
+        if self._thread is not None:
+            self._thread.join()
+            self.poll()
+
+    def _begin(self) -> None:
+        box, self._due = self._box, None
+        self._stop_listening()
+        if box is None:
+            return
+        box.seal()
+        reason = f"{self._reason}; supervisor: {self._said}" if self._said else self._reason
+        self._thread = threading.Thread(target=self._write, args=(box, reason), name="black_box")
+        self._thread.start()
+
+    def _write(self, box: BlackBox, reason: str) -> None:
+        """In the thread: touches nothing of the node but the outcome."""
+        try:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread only: a disk has no deadline
+            name = ".".join([self._node.model.name, *filter(None, self._node.get_namespace().split("/"))])
+            folder = BlackBoxFolder(name, self._config.folder, self._config.keep)
+            self._outcome = True, str(folder.save(box.record(reason)))
+        except (PoiseError, OSError, MemoryError) as error:
+            self._outcome = False, str(error)
+        finally:
+            box.unseal()
+
+    def _tell(self) -> None:
+        """Counters and log of what the thread did."""
+        outcome, self._outcome = self._outcome, None
+        written, text = outcome or (False, "the writing thread failed")
+        self._node.values["black box"] = text
+        if written:
+            self._node.get_logger().info(f"black box written: {text}")
+        else:
+            self._node.counters["black boxes not written"] += 1
+            self._node.get_logger().error(text)

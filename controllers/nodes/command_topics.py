@@ -1,0 +1,228 @@
+"""Commands from all sources, words and velocities: who is in command, and what the gait is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from std_msgs.msg import Bool, Empty, String
+
+from controllers.arbitration import STILL, Arbiter, Velocity
+from controllers.arbitration_config import PLAIN, ArbitrationConfig
+from controllers.command_signature import Verifier
+from controllers.nodes.health_topics import HealthTopics
+from controllers.nodes.scan_topic import ScanTopic
+from controllers.obstacle_stop import ObstacleStop
+from controllers.supervisor import Supervisor
+from models.errors import CommandError, MessageError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import stamp_ns
+from models.nodes.qos import COMMAND, EVENT, LATCHED
+from models.nodes.velocity import require_base_frame, velocity_from_twist, velocity_to_twist
+from models.types import CommandReply, Mode
+
+VELOCITY = "velocity "
+"""Beginning of a word that carries a velocity."""
+
+STOP = "stop"
+"""The word that everybody may say, whoever is in command."""
+
+
+def velocity_from_words(text: str) -> Velocity:
+    """Read ``velocity FORWARD LEFT TURN`` [m/s, m/s, rad/s].
+
+    Raises:
+        CommandError: It is not three finite numbers.
+    """
+    try:
+        forward, left, turn = (float(value) for value in text.split()[1:])
+    except ValueError:
+        raise CommandError(f"{text[:40]!r} is not 'velocity FORWARD LEFT TURN'") from None
+    if not all(math.isfinite(value) for value in (forward, left, turn)):
+        raise CommandError(f"{text[:40]!r} is not finite")
+    return forward, left, turn
+
+
+class CommandTopics:
+    """Hears every source, has the supervisor's law answer its words, and repeats the velocity that counts.
+
+    Each source has a topic for words and one for velocities; ``humanoid_commands``, ``cmd_vel`` and ``cmd_vel_stamped``
+    are those of the source ``plain``. In mode ``walk`` the gait is told the velocity at every ``tell``, zero included:
+    when that falls silent, the supervisor is gone, and the gait comes to a standstill by itself.
+
+    With a key, words must be signed (``controllers/command_signature.py``), all but ``stop``: their source is then the
+    one that signed, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
+
+    Args:
+        node: Node that subscribes.
+        config: Sources and locks.
+        law: Answers words.
+        reports: The time, how the robot moves, and whether anybody can walk.
+        reply: Called with topic and answer.
+        obstacles: Limits the velocity; None where nobody looks.
+        verifier: Opens signed words; None to take unsigned ones.
+    """
+
+    def __init__(
+        self,
+        node: PoiseNode,
+        config: ArbitrationConfig,
+        law: Supervisor,
+        reports: HealthTopics,
+        reply: Callable[[str, CommandReply], None],
+        obstacles: ObstacleStop | None = None,
+        verifier: Verifier | None = None,
+    ) -> None:
+        self._node, self._law, self._reports, self._reply = node, law, reports, reply
+        self._arbiter, self._verifier = Arbiter(config), verifier
+        self._obstacles, self._obstacle, self._on_the_way = obstacles, "", False
+        if obstacles is not None:
+            ScanTopic(node, obstacles, lambda: reports.t)
+        self._speaker, self._commander = PLAIN, ""
+        self._last_stamp = 0
+        self._walking = False
+        self._velocity = node.announce(Twist, topics.GAIT_VELOCITY, COMMAND)
+        self._stop = node.announce(Empty, topics.GAIT_STOP, EVENT)
+        self._commander_topic = node.announce(String, topics.COMMANDER, LATCHED)
+        for source in config.sources:
+            word, velocity = (
+                (topics.HUMANOID_COMMANDS, topics.CMD_VEL) if source == PLAIN else topics.source_topics(source)
+            )
+            node.listen(String, word, self._on_word(source, word), EVENT)
+            node.listen(Twist, velocity, self._on_velocity(source, velocity), COMMAND)
+        node.listen(TwistStamped, topics.CMD_VEL_STAMPED, self._on_stamped, COMMAND)
+        for name in config.locks:
+            node.listen(Bool, f"{topics.LOCKS}/{name}", self._on_lock(name), EVENT)
+        node.listen(String, topics.GAIT_ROUTE, self._on_route, EVENT)
+
+    def values(self) -> dict[str, str]:
+        """For the diagnostics."""
+        t = self._reports.t
+        return {
+            "in command": self._arbiter.in_command(t),
+            "locks": ", ".join(self._arbiter.locks(t)) or "none",
+            "obstacles": self._obstacle or ("none in the way" if self._obstacles is not None else "nobody looks"),
+        }
+
+    def take(self) -> None:
+        """Act on the velocity that a word has set, or on the standstill that it asks for."""
+        velocity = self._law.take_velocity()
+        if velocity is None:
+            return
+        if any(velocity):
+            self._arbiter.hold(self._speaker, velocity)
+        else:
+            self._arbiter.forget()
+            self._stop.publish(Empty())
+
+    def tell(self) -> None:
+        """Repeat the velocity while the robot walks, and tell who is in command when that changes."""
+        t, walking = self._reports.t, self._law.mode is Mode.WALK
+        if walking:
+            self._velocity.publish(velocity_to_twist(self._allowed(t)))
+        elif self._walking:
+            self._arbiter.forget()
+        self._walking = walking
+        commander = self._arbiter.in_command(t)
+        if commander != self._commander:
+            self._commander = commander
+            self._commander_topic.publish(String(data=commander))
+
+    def _allowed(self, t: float) -> Velocity:
+        """What the obstacles leave of the commanded velocity; a walk to a goal that they do not allow is ended."""
+        velocity = STILL if self._law.still else self._arbiter.velocity(t)
+        if self._obstacles is None:
+            return velocity
+        before, wanted = self._obstacle, self._reports.walking_velocity if self._on_the_way else velocity
+        allowed, self._obstacle = self._obstacles.limit(wanted, t)
+        if self._obstacle != before:
+            self._node.get_logger().info(f"obstacles: {self._obstacle or 'none in the way'}")
+        if not self._on_the_way:
+            return allowed
+        if not any(allowed[:2]) and any(wanted[:2]):
+            self._on_the_way = False
+            self._stop.publish(Empty())
+        return velocity
+
+    def _on_word(self, source: str, topic: str) -> Callable[[Any], None]:
+        def on_word(message: Any) -> None:
+            if not self._node.active:
+                return
+            self._law.gait = self._reports.gait_present
+            try:
+                reply = self._hear(source, message.data)
+            except PoiseError as error:
+                reply = CommandReply(False, str(error))
+            self._reply(topic, reply)
+
+        return on_word
+
+    def _hear(self, source: str, text: str) -> CommandReply:
+        """Answer a word; ``PoiseError`` when its source may not speak, or it is not signed as it must be."""
+        t = self._reports.t
+        if text.strip().lower() != STOP:
+            if self._verifier is not None:
+                command = self._verifier.verify(text)
+                source, text = command.source, command.text
+            if text.startswith(VELOCITY):
+                self._require_walking()
+                velocity = velocity_from_words(text)
+                self._arbiter.repeat(source, velocity, t)
+                return CommandReply(True, f"velocity {velocity}")
+            self._arbiter.require(source, t)
+        self._speaker = source
+        reply = self._law.text(text)
+        if reply.accepted:
+            self._arbiter.spoke(source, t)
+        return reply
+
+    def _require_walking(self) -> None:
+        if self._law.mode is not Mode.WALK:
+            raise CommandError(f"no walking in mode '{self._law.mode.value}': request mode/walk first")
+
+    def _on_velocity(self, source: str, topic: str) -> Callable[[Any], None]:
+        return lambda message: self._repeat(source, topic, message)
+
+    def _on_stamped(self, message: Any) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._repeat(PLAIN, topics.CMD_VEL_STAMPED, message.twist, stamp, message.header.frame_id)
+
+    def _repeat(self, source: str, topic: str, twist: Any, stamp: int = 0, frame_id: str = "") -> None:
+        if not self._node.active:
+            return
+        try:
+            if self._verifier is not None:
+                raise CommandError("unsigned: velocities come as the signed word 'velocity FORWARD LEFT TURN'")
+            self._require_walking()
+            require_base_frame(frame_id)
+            velocity: Velocity = velocity_from_twist(twist)
+            if stamp:
+                self._judge_stamp(stamp, self._arbiter.config.sources[source].timeout)
+            self._arbiter.repeat(source, velocity, self._reports.t)
+        except PoiseError as error:
+            self._node.refuse(topic, error)
+
+    def _judge_stamp(self, stamp: int, timeout: float) -> None:
+        """Refuse what is old, repeated, or of another clock than the graph's. A stamp of zero means now."""
+        age = self._reports.now - stamp
+        if age > timeout * NANOSECONDS:
+            raise MessageError(f"header.stamp: {age / NANOSECONDS:.3f} s old; a stamp is of /clock, or zero for now")
+        if -age > timeout * NANOSECONDS:
+            raise MessageError(f"header.stamp: {-age / NANOSECONDS:.3f} s ahead; a stamp is of /clock, or zero for now")
+        if stamp <= self._last_stamp:
+            raise MessageError(f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
+        self._last_stamp = stamp
+
+    def _on_lock(self, name: str) -> Callable[[Any], None]:
+        return lambda message: self._arbiter.lock(name, message.data, self._reports.t)
+
+    def _on_route(self, message: Any) -> None:
+        """Who walks to a goal has done with the velocity of a word."""
+        word = message.data.partition(":")[0]
+        self._on_the_way = word == topics.ROUTE_RUNNING or (self._on_the_way and word == topics.ROUTE_REFUSED)
+        if word == topics.ROUTE_RUNNING:
+            self._arbiter.forget()

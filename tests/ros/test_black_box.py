@@ -1,0 +1,130 @@
+"""The control node's black box: written once for each fault, off the tick, and harmless where it cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_msgs.msg import String
+
+from controllers.black_box_file import BlackBoxRecord
+from controllers.nodes.balance_controller import BalanceControllerNode
+from models.nodes import topics
+from models.nodes.qos import EVENT, LATCHED
+from models.robot_model import RobotModel
+from models.types import Mode, SensorData
+from tests.support import standing
+
+pytestmark = pytest.mark.ros
+
+SOON = {"diagnostics_period": 0.02, "black_box.after": 0.1}
+
+
+class Ticking:
+    """A controller that gets states and sensors as in the control process."""
+
+    def __init__(self, bench: Any, g1: RobotModel, **parameters: object) -> None:
+        self.bench, self.stamp = bench, 0
+        world = bench.world
+        self.mode = world.create_publisher(String, topics.MODE, LATCHED)
+        self.drivers = world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
+        make = lambda **kwargs: BalanceControllerNode(local=True, **kwargs)  # noqa: E731
+        self.node = bench.add(make, **{**SOON, **parameters})
+        for publisher in (self.mode, self.drivers):
+            bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
+        self.state, zero = standing(g1), np.zeros(g1.nj)
+        self.sensors = SensorData(0.0, self.state.q[7:], zero, zero, np.full(3, 0.5), np.zeros(3), np.zeros((2, 6)))
+
+    def tick(self, count: int = 20) -> None:
+        for _ in range(count):
+            self.stamp += 1_000_000
+            state = replace(self.state, t=1e-9 * self.stamp)
+            self.node.on_state(state, self.stamp)
+            self.node.keep(state, self.sensors)
+
+    def set_mode(self, mode: str) -> None:
+        self.mode.publish(String(data=mode))
+        self.bench.wait(lambda: self.node._mode.value == mode)
+        self.tick()
+
+    def wait_outcome(self) -> str:
+        self.node.values.pop("black box", None)
+        self.bench.wait(lambda: "black box" in self.node.values)
+        return str(self.node.values["black box"])
+
+
+def test_a_fault_is_written_once(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes"})
+    robot.set_mode("damp")  # nothing was active: no reason to write
+    robot.set_mode("stand")
+    robot.tick(50)
+    robot.set_mode("damp")
+    robot.drivers.publish(String(data=topics.ACTIVE))
+    robot.drivers.publish(String(data=topics.DAMPED))  # follows from it
+    file = Path(robot.wait_outcome())
+    bench.spin(0.3)
+    assert list((tmp_path / "boxes").iterdir()) == [file]
+    record = BlackBoxRecord.load(file)
+    assert record.reason == "mode damp"
+    assert [text for _, text in record.events[:3]] == ["mode damp", "mode stand", "mode damp"]
+    np.testing.assert_allclose(np.diff(record.t), 0.001, atol=1e-9)
+    stands = np.array([mode is Mode.STAND for mode in record.modes])
+    assert stands.sum() == 70 and np.isfinite(record.command_q[stands]).all()
+    assert np.isnan(record.command_q[~stands]).all() and (record.gyro == 0.5).all()
+    robot.set_mode("stand")  # it goes on
+    robot.set_mode("off")
+    robot.wait_outcome()
+    assert len(list((tmp_path / "boxes").iterdir())) == 2
+
+
+def test_drivers_that_damp_by_themselves_are_enough(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes"})
+    robot.set_mode("stand")
+    robot.drivers.publish(String(data=topics.ACTIVE))
+    bench.spin(0.1)
+    robot.drivers.publish(String(data=topics.DAMPED))
+    assert BlackBoxRecord.load(Path(robot.wait_outcome())).reason == "drivers damped"
+
+
+def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes", "black_box.after": 1.0})
+    says = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+
+    def say(*names: str) -> None:
+        says.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, message=f"said by {name}") for name in names]))
+
+    robot.set_mode("stand")
+    assert says.get_subscription_count() == 0  # while it stands they cost nothing
+    robot.set_mode("damp")
+    bench.wait(lambda: says.get_subscription_count() == 1)
+    say("/cell/supervisor", "/mujoco_bridge")  # another robot's, another node's
+    say("/mujoco_bridge", "/supervisor")
+    say("/supervisor")
+    file = Path(robot.wait_outcome())
+    bench.wait(lambda: says.get_subscription_count() == 0)
+    record = BlackBoxRecord.load(file)
+    assert record.reason == "mode damp; supervisor: said by /supervisor"
+    assert [text for _, text in record.events].count("supervisor: said by /supervisor") == 1
+
+
+def test_a_folder_that_refuses_is_counted_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "file"})
+    robot.set_mode("stand")
+    robot.set_mode("damp")
+    assert "black box not written" in robot.wait_outcome()
+    assert robot.node.counters["black boxes not written"] == 1
+    robot.set_mode("stand")
+    assert robot.node.scheduled == (True, True)  # it works on
+
+
+def test_a_node_that_stops_writes_what_is_due(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes"})
+    robot.set_mode("stand")
+    robot.set_mode("damp")
+    robot.node.trigger_deactivate()
+    assert len(list((tmp_path / "boxes").iterdir())) == 1

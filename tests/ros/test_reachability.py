@@ -1,0 +1,159 @@
+"""Who reaches the graph: a plain rclpy process on this machine always, another machine only with ``--network``.
+
+The other machine is a network namespace, joined by a pair of virtual interfaces. All of it ends with its processes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+NODE = '''
+"""Part of a graph: says whom it has heard, and at which addresses it listens."""
+import sys, time
+
+from bridge.ros.environment import join_graph
+
+join_graph(network=sys.argv[1] == "network")
+
+import rclpy
+from std_msgs.msg import String
+
+rclpy.init()
+node = rclpy.create_node("inside")
+heard = set()
+node.create_subscription(String, "humanoid_commands", lambda message: heard.add(message.data), 10)
+said = node.create_publisher(String, "chatter", 10)
+with open("/proc/self/net/udp") as table:
+    addresses = sorted({line.split()[1].split(":")[0] for line in list(table)[1:]})
+print(" ".join(addresses), flush=True)
+end = time.monotonic() + 60.0
+while time.monotonic() < end:
+    said.publish(String(data=" ".join(["up", *sorted(heard)])))
+    rclpy.spin_once(node, timeout_sec=0.05)
+'''
+
+VISITOR = '''
+"""A plain rclpy process: commands, and prints what it has heard by the time it is answered, or in vain."""
+import sys, time
+
+import rclpy
+from std_msgs.msg import String
+
+name, patience = sys.argv[1], float(sys.argv[2])
+rclpy.init()
+node = rclpy.create_node(name)
+heard = set()
+node.create_subscription(String, "chatter", lambda message: heard.update(message.data.split()), 10)
+command = node.create_publisher(String, "humanoid_commands", 10)
+end = time.monotonic() + patience
+while time.monotonic() < end and name not in heard:
+    command.publish(String(data=name))
+    rclpy.spin_once(node, timeout_sec=0.05)
+print(" ".join(sorted(heard)))
+'''
+
+STAGE = '''
+"""Two machines with one cable, in the first a graph and a visitor, in the second another visitor."""
+import json, os, subprocess, sys
+
+reach, patience = sys.argv[1:]
+
+def ip(*words, inside=()):
+    subprocess.run([*inside, "ip", *words], check=True)
+
+other = subprocess.Popen(["unshare", "--net", "sh", "-c", "echo; exec sleep 120"], stdout=subprocess.PIPE)
+other.stdout.readline()  # it has its namespace
+there = ("nsenter", f"--target={other.pid}", "--net")
+python = (sys.executable, "-u")
+node = None
+try:
+    ip("link", "set", "lo", "up")
+    ip("link", "set", "lo", "up", inside=there)
+    ip("link", "add", "cable0", "type", "veth", "peer", "name", "cable1", "netns", str(other.pid))
+    ip("address", "add", "10.213.0.1/24", "dev", "cable0")
+    ip("address", "add", "10.213.0.2/24", "dev", "cable1", inside=there)
+    ip("link", "set", "cable0", "up")
+    ip("link", "set", "cable1", "up", inside=there)
+    node = subprocess.Popen([*python, "node.py", reach], stdout=subprocess.PIPE, text=True)
+    addresses = node.stdout.readline().split()
+    plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+    knowing = {**plain, "ROS_STATIC_PEERS": "10.213.0.1"}  # it need not even search
+    visit, heard = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
+    far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **heard)
+    near = subprocess.Popen([*visit, "near", "30"], env=plain, **heard)
+    result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
+    # After that, has the graph heard the one from outside?
+    late = subprocess.run([*visit, "late", "30"], env=plain, **heard)
+    result |= {"late": late.stdout.split(), "addresses": addresses}
+finally:
+    other.kill()
+    if node is not None:
+        node.terminate()  # in order, or its shared memory would stay
+        node.wait(20)
+print(json.dumps(result))
+'''
+
+
+@cache
+def isolation() -> tuple[str, ...] | str:
+    """Command that gives a program a network namespace, or why that is not permitted here."""
+    why = ""
+    for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
+        trial = "ip link set lo up && ip link add t0 type veth peer name t1 && unshare --net true"
+        try:
+            done = subprocess.run(
+                [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return f"no network namespaces here: {error}"
+        if done.returncode == 0:
+            return command
+        why = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
+    return f"no network namespaces here: {why}"
+
+
+def reached(reach: str, patience: float, folder: Path, root: Path) -> Any:
+    """What ``STAGE`` prints for a graph of this reach."""
+    command = isolation()
+    if isinstance(command, str):
+        pytest.skip(command)
+    for name, text in (("node.py", NODE), ("visitor.py", VISITOR), ("stage.py", STAGE)):
+        (folder / name).write_text(text, encoding="utf-8")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "FAST"))}
+    environment |= {"PYTHONPATH": str(root), "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": str(folder / "log")}
+    done = subprocess.run(
+        [*command, sys.executable, "stage.py", reach, str(patience)],
+        cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+LOOPBACK = "0100007F"
+"""127.0.0.1 as the kernel writes it."""
+
+
+def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path) -> None:
+    result = reached("loopback", 6.0, tmp_path, root)
+    assert "near" in result["near"]  # heard, and answered
+    assert result["far"] == []
+    assert "late" in result["late"] and "near" in result["late"] and "far" not in result["late"]
+    assert result["addresses"] == [LOOPBACK]
+
+
+def test_network_opens_it(tmp_path: Path, root: Path) -> None:
+    """The control: the cable carries, and the visitor from outside would have been heard."""
+    result = reached("network", 30.0, tmp_path, root)
+    assert "near" in result["near"] and "far" in result["far"]
+    assert "far" in result["late"]
+    assert set(result["addresses"]) - {LOOPBACK}

@@ -1,0 +1,84 @@
+"""Motors that do not give what they are told, encoders that are stuck, and what is no fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.joint_monitor import JointMonitor
+from models.robot_model import RobotModel
+from models.types import JointCommand, RobotState
+from tests.support import standing
+
+
+class Joints:
+    """Joints that do as they are told, apart from one; their measurements are noisy."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.monitor = model, JointMonitor(model)
+        self.rng = np.random.default_rng(0)
+        self.joint = model.joint_index("left_knee_joint")
+        self.command = JointCommand(model.posture("stand"), np.zeros(model.nj), np.zeros(model.nj))
+
+    def state(self) -> RobotState:
+        state = standing(self.model)
+        v = np.append(np.zeros(6), 0.01 * self.rng.standard_normal(self.model.nj))
+        told = (
+            self.command.tau + self.model.kp * (self.command.q - state.q[7:]) + self.model.kd * (self.command.v - v[6:])
+        )
+        noise = 0.005 * self.model.tau_max * self.rng.standard_normal(self.model.nj)
+        return replace(state, v=v, tau=told + noise)
+
+    def run(self, ticks: int, **changed: float) -> int:
+        """Ticks until a fault is found, at most so many; changed values of the one joint."""
+        for tick in range(ticks):
+            state = self.state()
+            q, v, tau = state.q.copy(), state.v.copy(), state.tau.copy()
+            tau[self.joint] = changed.get("given", tau[self.joint])
+            q[7 + self.joint] = changed.get("q", q[7 + self.joint])
+            v[6 + self.joint] = changed.get("v", v[6 + self.joint])
+            self.monitor.step(replace(state, q=q, v=v, tau=tau), self.command)
+            if self.monitor.fault:
+                return tick + 1
+        return ticks
+
+
+@pytest.fixture
+def joints(g1: RobotModel) -> Joints:
+    joints = Joints(g1)
+    assert joints.run(1100) == 1100
+    return joints
+
+
+def test_a_motor_that_gives_nothing_is_found_within_a_tenth_of_a_second(joints: Joints) -> None:
+    joints.command.tau[joints.joint] = -30.0
+    assert joints.run(200) == 200  # as long as it does as it is told
+    assert joints.run(100, given=0.0) < 60
+    assert joints.monitor.fault.startswith("motor of 'left_knee_joint' gives")
+
+
+def test_a_motor_that_gives_much_more_than_it_is_told_is_found(joints: Joints) -> None:
+    assert joints.run(100, given=130.0) < 60
+    joints.monitor.reset()
+    assert joints.run(900, given=130.0) == 900  # the grace after a start
+
+
+def test_a_stuck_encoder_is_found_whatever_it_says(joints: Joints) -> None:
+    assert joints.run(100, q=0.5, v=0.02) == 51
+    assert joints.monitor.fault == "encoder of 'left_knee_joint' stuck at 0.5000 rad for 0.05 s"
+
+
+def test_a_position_that_stands_still_with_a_velocity_that_does_not_is_no_fault(joints: Joints) -> None:
+    assert joints.run(300, q=0.5) == 300
+
+
+def test_near_a_limit_the_drivers_do_less_than_they_are_told(joints: Joints) -> None:
+    joints.command.tau[joints.joint] = -30.0
+    assert joints.run(200, given=0.0, q=float(joints.model.q_upper[joints.joint]) - 0.01) == 200
+
+
+def test_missing_samples_tell_nothing(joints: Joints) -> None:
+    assert joints.run(100, given=float("nan"), q=float("nan"), v=float("nan")) == 100
+    assert joints.run(100) == 100
