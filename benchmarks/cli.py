@@ -151,6 +151,9 @@ _add_command("stand", "A minute of quiet standing, and wave and squat while push
 
 _add_scenarios("walk", "Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping.")
 _add_scenarios("faults", "Faults of sensors, motors, solver, users and world, and what the robot does.", usual_seeds=1)
+_add_scenarios(
+    "graph_faults", "Faults of processes, topics and host, done to the real graph in real time.", usual_seeds=1
+)
 _add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")

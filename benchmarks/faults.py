@@ -17,10 +17,10 @@ import numpy as np
 from benchmarks.commands import demand
 from benchmarks.fault_acts import ACTS, Doing
 from benchmarks.fault_rows import Row, config, with_knee
+from benchmarks.fault_table import draw, report_rows
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from bridge.closed_loop import ClosedLoop
 from bridge.fault_plan import Fault
-from bridge.plots import new_figure
 from bridge.sensor_errors import SensorErrors
 from models.errors import ConfigError, PoiseError
 from models.robot_model import RobotModel
@@ -162,46 +162,9 @@ def run(options: Options) -> Report:
     chosen = options.scenarios or tuple(known)
     inputs = [{"robot": options.robot, "seed": seed, "row": row} for row in chosen for seed in range(options.seeds)]
     results = run_cases(trial, inputs, title="faults", workers=options.workers)
-    lines = [f"{'ok    ' if case['ok'] else 'FAILED'} {_line(case)}" for case in results]
-    figures = {
-        "survived": float(sum(case["ok"] for case in results)),
-        "total": float(len(results)),
-        "torque_step_max": max(case["torque_step"] for case in results),
-    }
-    passed = all(case["ok"] for case in results)
-    return Report("faults", options.robot, options.seeds, figures, results, passed, load.read(), lines)
-
-
-def _line(case: Case) -> str:
-    """One row of the table."""
-    limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
-    time = "" if case["time"] is None else f" after {case['time']:.3f} s"
-    told = f": {case['reason']}" if case["reason"] else ""
-    return (
-        f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}, "
-        f"torque step {case['torque_step']:.2f}{told}"
-    )
+    return report_rows("faults", options, results, load)
 
 
 def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the time that each reaction took, beside its limit.
-
-    Args:
-        report: What ``run`` found.
-        folder: Where the picture goes.
-
-    Returns:
-        The file written.
-    """
-    timed = [case for case in report.cases if case["time"] is not None]
-    figure = new_figure(7.0, 1.0 + 0.28 * max(len(timed), 1))
-    axes = figure.subplots()
-    at = np.arange(len(timed))
-    axes.barh(at, [case["time"] for case in timed], color=["C0" if case["ok"] else "C3" for case in timed])
-    axes.plot([case["within"] for case in timed], at, "k|", markersize=12, label="limit")
-    axes.set_yticks(at, [case["row"] for case in timed], fontsize=7)
-    axes.set_xlabel("from the fault to the expected mode [s]")
-    axes.legend(fontsize=8)
-    file = folder / f"faults-{report.robot}.png"
-    figure.savefig(file, dpi=110)
-    return [file]
+    """Draw the time that each reaction took, beside its limit; see ``fault_table.draw``."""
+    return draw(report, folder)

@@ -85,9 +85,9 @@ class Observer:
         return sole_middle(self._model, self._data, q)
 
     @property
-    def base_height(self) -> float:
-        """Height of the base in the newest sample [m]; NaN before the first."""
-        return float(self._base_rows[-1][1][2]) if self._base_rows else float("nan")
+    def base_position(self) -> Vector:
+        """Where the base really is in the newest sample (3,) [m]; NaN before the first."""
+        return self._base_rows[-1][1][:3] if self._base_rows else np.full(3, np.nan)
 
     def recording(self, events: list[tuple[float, str]]) -> Recording:
         """What was seen, at the stamps of the true base pose; joints and wrenches are interpolated to these.
