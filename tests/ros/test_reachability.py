@@ -71,9 +71,10 @@ reach, patience = sys.argv[1:]
 def ip(*words, inside=()):
     subprocess.run([*inside, "ip", *words], check=True)
 
-other = subprocess.Popen(["unshare", "--net", "sh", "-c", "echo; exec sleep 120"], stdout=subprocess.PIPE)
-other.stdout.readline()  # it has its namespace
-there = ("nsenter", f"--target={other.pid}", "--net")
+own_memory = "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep 120"  # or both would open the same ports in it
+other = subprocess.Popen(["unshare", "--net", "--mount", "sh", "-c", own_memory], stdout=subprocess.PIPE)
+other.stdout.readline()  # it has its namespaces
+there = ("nsenter", f"--target={other.pid}", "--net", "--mount", f"--wd={os.getcwd()}")
 python = (sys.executable, "-u")
 node = None
 try:
@@ -109,7 +110,7 @@ def isolation() -> tuple[str, ...] | str:
     """Command that gives a program a network namespace, or why that is not permitted here."""
     why = ""
     for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
-        trial = "ip link set lo up && ip link add t0 type veth peer name t1 && unshare --net true"
+        trial = "ip link set lo up && ip link add t0 type veth peer name t1 && unshare --net --mount mount -t tmpfs tmpfs /dev/shm"
         try:
             done = subprocess.run(
                 [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
