@@ -43,14 +43,14 @@ def _spoiled(loop: ClosedLoop, ticks: int) -> Doing:
 
 
 def _contradicted(loop: ClosedLoop) -> Doing:
-    """For half a second the knees may only accelerate in ways that the joint limits forbid: rows contradict."""
+    """For half a second the limits of a joint contradict each other: faster than 1 rad/s^2, slower than -1."""
     builder = _solver(loop).whole_body.builder
     build = builder.build
 
     def contradict(*arguments: object) -> object:
         qp = build(*arguments)  # type: ignore[arg-type]  # handed through
         soft = np.flatnonzero(qp.soft)[0]
-        qp.lower[soft] = qp.upper[soft] + 1.0
+        qp.lower[soft], qp.upper[soft] = 1.0, -1.0
         return qp
 
     with patch.object(builder, "build", contradict):

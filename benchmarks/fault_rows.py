@@ -48,6 +48,7 @@ class Row:
         duration: Watched from the fault on [s]; None for the usual time.
         loop: What differs from a plain closed loop.
         box: Whether a black box must be left.
+        mode: In which it must be afterwards; empty for that of before, or what is expected.
     """
 
     group: str
@@ -60,6 +61,7 @@ class Row:
     duration: Positive | None = None
     loop: LoopChanges = Field(default_factory=LoopChanges)
     box: bool = False
+    mode: str = ""
 
 
 @schema(frozen=True, slots=True, config=STRICT)

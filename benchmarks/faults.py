@@ -103,7 +103,7 @@ class _Trial:
     def _outcome(self, before: Mode) -> Case:
         loop, row = self._loop, self._row
         told = "; ".join(loop.faults) or self._answer
-        wanted = {"damps": Mode.DAMP, "stands": Mode.STAND}.get(row.expect, before)
+        wanted = Mode(row.mode) if row.mode else {"damps": Mode.DAMP, "stands": Mode.STAND}.get(row.expect, before)
         time = next((t for t, mode in self._modes if mode is wanted), float("nan"))
         as_wanted = loop.mode is wanted and with_knee(row.reason, self.knee) in told
         if row.expect == "damps":

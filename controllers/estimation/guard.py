@@ -37,7 +37,7 @@ class EstimatorHealth:
         invalid_torques: Samples with a joint torque that was not finite; the last good ones were passed on.
         invalid_imu: Samples with a rate or specific force that was not finite; the last good one was held.
         invalid_feet: Samples with a wrench that was not finite; the last one was held, then the leg torques' took over.
-        saturated_imu: Samples with a rate or specific force at full scale; taken with more noise.
+        saturated_imu: Samples with a rate at full scale, not taken, or a specific force, taken with more noise.
         saturated_feet: Samples with a wrench at full scale; its centre of pressure taken for less.
         rejected: Measurement updates refused because their innovation was not finite or not positive definite.
         gated: Sole measurements weighed down because they contradicted the prediction (a slip, or a bad sensor).
@@ -191,9 +191,11 @@ def _accept(
         bad += BAD_TORQUES
     for i in range(3):
         previous_rate[i] = imu[0, i]
-    if not _copy_finite(new_imu, imu):
+    if _saturated(new_imu[0], scales[0]):
+        bad += BAD_IMU + SATURATED_IMU  # an angle that is off by any amount
+    elif not _copy_finite(new_imu, imu):
         bad += BAD_IMU
-    elif _saturated(imu[0], scales[0]) or _saturated(imu[1], scales[1]):
+    elif _saturated(imu[1], scales[1]):
         bad += SATURATED_IMU
     invalid = saturated = False
     for foot in range(2):

@@ -167,12 +167,15 @@ class QPSolver:
 
     def _relaxed(self, qp: QP) -> tuple[Vector | None, float]:
         sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
+        crossed = qp.soft & (qp.lower > qp.upper)  # rows that contradict themselves
+        lower, upper = qp.lower.copy(), qp.upper.copy()
+        lower[crossed] = upper[crossed] = 0.5 * (lower[crossed] + upper[crossed])
         z, _, flag, info = daqp.solve(
             qp.hessian,
             qp.gradient,
             qp.matrix,
-            qp.upper,
-            qp.lower,
+            upper,
+            lower,
             sense,
             iter_limit=self._iterations,
             rho_soft=self._rho,
@@ -181,7 +184,7 @@ class QPSolver:
             return None, float("nan")
         # The answer is optimal for bounds moved to where the soft rows ended; the hard ones stay where they were.
         values = np.concatenate([z[: len(qp.lower) - len(qp.matrix)], qp.matrix @ z])
-        lower = np.where(qp.soft, np.minimum(qp.lower, values), qp.lower)
-        upper = np.where(qp.soft, np.maximum(qp.upper, values), qp.upper)
+        lower = np.where(qp.soft, np.minimum(lower, values), lower)
+        upper = np.where(qp.soft, np.maximum(upper, values), upper)
         residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, lower, upper, z, info["lam"])
         return (z, residual) if residual < self._residual_max else (None, residual)

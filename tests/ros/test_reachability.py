@@ -110,7 +110,8 @@ def isolation() -> tuple[str, ...] | str:
     """Command that gives a program a network namespace, or why that is not permitted here."""
     why = ""
     for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
-        trial = "ip link set lo up && ip link add t0 type veth peer name t1 && unshare --net --mount mount -t tmpfs tmpfs /dev/shm"
+        cable = "ip link set lo up && ip link add t0 type veth peer name t1"
+        trial = f"{cable} && unshare --net --mount mount -t tmpfs tmpfs /dev/shm"
         try:
             done = subprocess.run(
                 [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False

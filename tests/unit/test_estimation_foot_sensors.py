@@ -12,7 +12,7 @@ from bridge.sensor_errors import FootFault
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.foot_sensors import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState
-from controllers.estimation.guard import SATURATED_FEET, SATURATED_IMU, SensorBuffer
+from controllers.estimation.guard import BAD_IMU, SATURATED_FEET, SATURATED_IMU, SensorBuffer
 from controllers.estimation.slip import SlipMonitor
 from models.config import default_config
 from models.constants import GRAVITY
@@ -151,7 +151,7 @@ def test_samples_at_full_scale_are_recognised(g1: RobotModel) -> None:
     buffer.reset(sample(g1, 0.0))
     good = sample(g1, 0.001)
     cases = {
-        "gyro": (np.array([0.0, -sensors.imu.gyro_range, 0.0]), SATURATED_IMU),
+        "gyro": (np.array([0.0, -sensors.imu.gyro_range, 0.0]), SATURATED_IMU | BAD_IMU),
         "accel": (np.array([0.0, 0.0, sensors.imu.accel_range]), SATURATED_IMU),
     }
     for k, (name, (value, flag)) in enumerate(cases.items()):
@@ -176,17 +176,19 @@ def test_one_absent_foot_leaves_the_other_its_readings(g1: RobotModel) -> None:
     np.testing.assert_array_equal(buffer.wrenches, [[0.0] * 6, [3.0] * 6])
 
 
-def test_a_saturated_rate_is_counted_and_widens_the_tilt(g1: RobotModel) -> None:
+def test_a_saturated_rate_is_not_taken_and_widens_the_tilt(g1: RobotModel) -> None:
     estimator = StateEstimator(g1)
     spread = []
     for rate in (0.9, 1.0):
         estimator.reset(sample(g1, 0.0))
         for k in range(1, 21):
             gyro = np.array([0.0, 0.0, rate * g1.profile.sensors.imu.gyro_range])
-            estimator.step(replace(sample(g1, k * DT), gyro=gyro), DT)
+            state = estimator.step(replace(sample(g1, k * DT), gyro=gyro), DT)
         spread.append(estimator.filter.covariance[2, 2])
         assert estimator.health.saturated_imu == (20 if rate == 1.0 else 0)
-        assert estimator.health.coasting == 0.0
+        assert estimator.health.coasting == pytest.approx(20 * DT if rate == 1.0 else 0.0)
+        turned = 2.0 * np.arccos(min(abs(state.q[6]), 1.0))
+        assert (turned < 0.01) == (rate == 1.0)  # [rad]
     assert spread[1] > 1.01 * spread[0]
 
 

@@ -191,6 +191,16 @@ def test_infeasible_problem_is_relaxed_on_its_soft_rows_only() -> None:
     assert solution.residual < 1e-6
 
 
+def test_a_soft_row_that_contradicts_itself_is_met_halfway() -> None:
+    """At least 0.5 and at most 0.3."""
+    solution = solver().solve(
+        toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 0.5]), upper=np.array([1.0, 0.3]))
+    )
+    assert solution.status is SolveStatus.RELAXED
+    assert solution.z is not None and solution.z[0] == pytest.approx(0.4, abs=5e-3)
+    assert solution.residual < 1e-6
+
+
 def test_relaxed_answer_that_breaks_a_hard_row_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     import controllers.qp.solve as module
 
