@@ -19,13 +19,14 @@ class GraphRow:
 
     Attributes:
         group: Heading in the table.
-        act: Name of what is done, of ``benchmarks/graph_acts.py``.
-        expect: 'rides': same mode, drivers active all the time; 'stands': so, at rest in mode stand; 'damps': drivers
-            damped, which lasts, and arming refused.
+        act: Name of what is done, of ``benchmarks/nodes/graph_acts.py``.
+        expect: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand; 'damps': mode
+            damp or drivers damped, nothing active afterwards, and arming refused.
         within: Time for it, for 'damps' and 'stands' [s].
         reason: Word that the supervisor's diagnostics must hold, for 'damps' the refusal.
         walk: Whether the robot walks.
         duration: Watched from the fault on [s]; None for the usual time.
+        mode: In which it stands; empty for stand.
         restarted: Module of the process that must have been started again, it alone; empty for none.
     """
 
@@ -36,6 +37,7 @@ class GraphRow:
     reason: str = ""
     walk: bool = False
     duration: Positive | None = None
+    mode: str = ""
     restarted: str = ""
 
 

@@ -8,67 +8,24 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Protocol
 
-from geometry_msgs.msg import Twist
 from sensor_msgs.msg import JointState
 
 from benchmarks.nodes import flood
-from bridge.launch import Graph
+from benchmarks.nodes.graph_stage import GraphStage
 from bridge.ros.layout import BRIDGE, CONTROL, PLANNER, SUPERVISOR
 from models.nodes import topics
-from models.nodes.qos import COMMAND, SENSOR
+from models.nodes.qos import SENSOR
 
 FREEZE_TIME = 0.2
 """For which a process is stopped [s]."""
 
-VELOCITY_PERIOD = 0.1
-"""Between two velocities of the user [s]."""
-
-
-class Stage(Protocol):
-    """The robot that an act is done to."""
-
-    @property
-    def graph(self) -> Graph:
-        """The graph."""
-        ...
-
-    @property
-    def user(self) -> User:
-        """Who has the robot walk."""
-        ...
-
-
-class User:
-    """Says where to walk, ten times a second, until told to fall silent.
-
-    Args:
-        graph: The graph.
-    """
-
-    def __init__(self, graph: Graph) -> None:
-        self._publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
-        self._velocity: float | None = None
-        graph.node.create_timer(VELOCITY_PERIOD, self._speak)
-
-    def walk(self, forward: float | None) -> None:
-        """Walk at a velocity from now on [m/s]; None: fall silent."""
-        self._velocity = forward
-
-    def _speak(self) -> None:
-        if self._velocity is not None:
-            message = Twist()
-            message.linear.x = self._velocity
-            self._publisher.publish(message)
-
-
-Act = Callable[[Stage], Iterator[float]]
+Act = Callable[[GraphStage], Iterator[float]]
 """Does something, then yields for how long the robot is to be watched before the next part [s]."""
 
 
 def _kill(module: str) -> Act:
-    def act(stage: Stage) -> Iterator[float]:
+    def act(stage: GraphStage) -> Iterator[float]:
         os.kill(stage.graph.pids[module], signal.SIGKILL)
         yield from ()
 
@@ -76,7 +33,7 @@ def _kill(module: str) -> Act:
 
 
 def _freeze(module: str) -> Act:
-    def act(stage: Stage) -> Iterator[float]:
+    def act(stage: GraphStage) -> Iterator[float]:
         pid = stage.graph.pids[module]
         os.kill(pid, signal.SIGSTOP)
         try:
@@ -87,7 +44,7 @@ def _freeze(module: str) -> Act:
     return act
 
 
-def _second_publisher(stage: Stage) -> Iterator[float]:
+def _second_publisher(stage: GraphStage) -> Iterator[float]:
     publisher = stage.graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
     try:
         yield 1.0
@@ -110,20 +67,20 @@ def _beside(target: Callable[..., None], count: int, *arguments: object) -> Iter
 
 
 def _flood(target: Callable[..., None], rate: float) -> Act:
-    def act(stage: Stage) -> Iterator[float]:
+    def act(stage: GraphStage) -> Iterator[float]:
         with _beside(target, 1, rate):
             yield flood.START_TIME + 2.0
 
     return act
 
 
-def _starve(stage: Stage) -> Iterator[float]:
+def _starve(stage: GraphStage) -> Iterator[float]:
     """Twice as many processes as cores want all of the machine."""
     with _beside(flood.burn, 2 * multiprocessing.cpu_count()):
         yield flood.START_TIME + 2.0
 
 
-def _fall_silent(stage: Stage) -> Iterator[float]:
+def _fall_silent(stage: GraphStage) -> Iterator[float]:
     stage.user.walk(None)
     yield from ()
 

@@ -1,0 +1,123 @@
+"""The stage of ``poise bench graph_faults``: a running graph, who has the robot walk, and what is seen of it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from functools import partial
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+from std_msgs.msg import String
+
+from benchmarks.graph_rows import GraphRow, config
+from bridge.launch import Graph
+from bridge.ros.observer import Observer
+from models.nodes import topics
+from models.nodes.qos import COMMAND, EVENT, LATCHED
+from models.robot_model import RobotModel
+from models.types import Vector
+
+LOOK = 0.02
+"""Between two looks at the robot [s]."""
+
+SPEED_TIME = 0.5
+"""Over which its speed is taken [s]."""
+
+BACK_TIME = 90.0
+"""Longest wait for the robot to stand or walk again [s]."""
+
+VELOCITY_PERIOD = 0.1
+"""Between two velocities of the user [s]."""
+
+
+class User:
+    """Says where to walk, ten times a second, until told to fall silent.
+
+    Args:
+        graph: The graph.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+        self._velocity: float | None = None
+        graph.node.create_timer(VELOCITY_PERIOD, self._speak)
+
+    def walk(self, forward: float | None) -> None:
+        """Walk at a velocity from now on [m/s]; None: fall silent."""
+        self._velocity = forward
+
+    def _speak(self) -> None:
+        if self._velocity is not None:
+            message = Twist()
+            message.linear.x = self._velocity
+            self._publisher.publish(message)
+
+
+class GraphStage:
+    """The robot that things are done to, and what is seen of it.
+
+    Args:
+        model: The robot.
+        graph: The running graph.
+    """
+
+    def __init__(self, model: RobotModel, graph: Graph) -> None:
+        self.graph, self.user = graph, User(graph)
+        self.words: list[tuple[float, str, str]] = []
+        self.told: dict[str, str] = {}
+        self.still_since: float | None = None
+        self._observer = Observer(model)
+        self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
+        graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
+        listen = graph.node.create_subscription
+        for topic in (topics.MODE, topics.DRIVER_STATE):
+            listen(String, topic, partial(self._hear, topic), LATCHED)
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    @property
+    def height(self) -> float:
+        """Of the base [m]."""
+        return float(self._observer.base_position[2])
+
+    @property
+    def speed(self) -> float:
+        """Over the last ``SPEED_TIME`` [m/s]."""
+        (t0, first), (t1, last) = self._path[0], self._path[-1]
+        return float(np.linalg.norm((last - first)[:2]) / max(t1 - t0, LOOK))
+
+    def _look(self) -> None:
+        self._observer.poll()
+        now = time.monotonic()
+        self._path.append((now, self._observer.base_position))
+        if self.speed > config().still:
+            self.still_since = None
+        elif self.still_since is None:
+            self.still_since = now
+
+    def begin(self, row: GraphRow) -> None:
+        """Have the robot stand or walk as the row wants it."""
+        given = config()
+        if row.walk:
+            self.graph.send("walk")
+            self.graph.wait_for(lambda: self.graph.mode == "walk", BACK_TIME, "walking")
+            self.user.walk(given.forward)
+        self.graph.spin(given.settle + (SPEED_TIME if row.walk else 0.0))
+
+    def bring_back(self) -> None:
+        """Have it stand where it began, without faults."""
+        self.user.walk(None)
+        self.graph.call("reset_faults")
+        self.graph.call("reset")
+        self.graph.wait_standing(BACK_TIME)
+
+    def close(self) -> None:
+        """Look no more."""
+        self._observer.close()
+
+    def _hear(self, topic: str, message: String) -> None:
+        self.words.append((time.monotonic(), topic, message.data))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.told |= {status.name: status.message for status in message.status}

@@ -1,0 +1,91 @@
+"""Rows of ``poise bench graph_faults``: acts and rows belong together, and a row that goes wrong is told so."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+
+from benchmarks import graph_faults
+from benchmarks.graph_rows import GraphRow, config
+from benchmarks.harness import Options
+from benchmarks.nodes.graph_acts import ACTS
+from models.errors import ConfigError
+from models.nodes import topics
+
+pytestmark = pytest.mark.ros
+
+Word = tuple[str, str]
+
+DAMPED: list[Word] = [(topics.DRIVER_STATE, topics.DAMPED), (topics.MODE, "damp")]
+
+
+class FakeStage:
+    """A robot of which the given words are heard after the act."""
+
+    def __init__(self, words: list[Word], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
+        self.words: list[tuple[float, str, str]] = []
+        self.told = {"/supervisor": "mode 'stand'"}
+        self.still_since: float | None = None
+        self.height = 0.8
+        self.graph = SimpleNamespace(
+            mode="stand", driver_state=topics.ACTIVE, pids={"a": 1, "b": 2}, spin=time.sleep, call=self._call
+        )
+        self._after = words, rest, height, restarted
+
+    def begin(self, row: GraphRow) -> None:
+        """It stands."""
+
+    def act(self, stage: Any) -> Iterator[float]:
+        """What follows happens at once."""
+        words, rest, self.height, restarted = self._after
+        for topic, word in words:
+            self.words.append((time.monotonic(), topic, word))
+            setattr(self.graph, "mode" if topic == topics.MODE else "driver_state", word)
+        self.still_since = time.monotonic() if rest else None
+        self.graph.pids = {"a": 1, "b": 3 if restarted else 2}
+        yield 0.01
+
+    def _call(self, service: str) -> tuple[bool, str]:
+        return self.graph.mode != "damp", "latched faults"
+
+
+def judged(stage: FakeStage, **row: Any) -> Any:
+    given = GraphRow(group="g", act="fake", duration=0.02, **row)
+    with patch.dict(ACTS, fake=stage.act):
+        return graph_faults._Watch(stage, given).run()  # type: ignore[arg-type]
+
+
+def test_every_act_is_of_a_row_and_every_row_has_its_act() -> None:
+    assert {row.act for row in config().rows.values()} == set(ACTS)
+
+
+def test_an_unknown_row_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match="unknown scenario 'meteor'; known: control_killed"):
+        graph_faults.run(Options(scenarios=("meteor",)))
+
+
+@pytest.mark.parametrize(
+    ("stage", "row", "ok"),
+    [
+        (lambda: FakeStage([]), {"expect": "rides"}, True),
+        (lambda: FakeStage([(topics.MODE, "damp"), (topics.MODE, "stand")]), {"expect": "rides"}, False),
+        (lambda: FakeStage([], height=0.3), {"expect": "rides"}, False),
+        (lambda: FakeStage([]), {"expect": "rides", "restarted": "b"}, False),
+        (lambda: FakeStage([], restarted=True), {"expect": "rides", "restarted": "b"}, True),
+        (lambda: FakeStage([]), {"expect": "rides", "reason": "second publisher"}, False),
+        (lambda: FakeStage([(topics.MODE, "stand")]), {"expect": "stands", "within": 1.0}, True),
+        (lambda: FakeStage([(topics.MODE, "walk")]), {"expect": "stands", "within": 1.0}, False),
+        (lambda: FakeStage([], rest=False), {"expect": "stands", "within": 1.0}, False),
+        (lambda: FakeStage(DAMPED), {"expect": "damps", "within": 1.0, "reason": "latched"}, True),
+        (lambda: FakeStage(DAMPED), {"expect": "damps", "within": 1e-9, "reason": "latched"}, False),
+        (lambda: FakeStage([*DAMPED, (topics.MODE, "stand")]), {"expect": "damps", "within": 1.0}, False),
+        (lambda: FakeStage([]), {"expect": "damps", "within": 1.0}, False),
+    ],
+)
+def test_rows_are_judged(stage: Callable[[], FakeStage], row: dict[str, Any], ok: bool) -> None:
+    assert judged(stage(), **row)["ok"] is ok
