@@ -18,11 +18,11 @@ from benchmarks.commands import demand
 from benchmarks.fault_acts import ACTS, Doing
 from benchmarks.fault_rows import Row, config, with_knee
 from benchmarks.fault_table import draw, report_rows
-from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
 from bridge.closed_loop import ClosedLoop
 from bridge.fault_plan import Fault
 from bridge.sensor_errors import SensorErrors
-from models.errors import ConfigError, PoiseError
+from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, Vector
 
@@ -154,13 +154,9 @@ def run(options: Options) -> Report:
     Raises:
         ConfigError: A chosen row is unknown.
     """
-    known = config().rows
-    unknown = [name for name in options.scenarios if name not in known]
-    if unknown:
-        raise ConfigError(f"bench faults: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    rows = chosen("faults", options.scenarios, list(config().rows))
     load = LoadMeter()
-    chosen = options.scenarios or tuple(known)
-    inputs = [{"robot": options.robot, "seed": seed, "row": row} for row in chosen for seed in range(options.seeds)]
+    inputs = [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in range(options.seeds)]
     results = run_cases(trial, inputs, title="faults", workers=options.workers)
     return report_rows("faults", options, results, load)
 

@@ -16,13 +16,13 @@ import numpy as np
 
 from benchmarks.fault_table import draw, report_rows
 from benchmarks.graph_rows import GraphRow, config
-from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen
 from benchmarks.nodes.graph_acts import ACTS
 from benchmarks.nodes.graph_stage import BACK_TIME, LOOK, GraphStage
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain
 from controllers.supervisor import ACTIVE_MODES
-from models.errors import ConfigError, PoiseError
+from models.errors import PoiseError
 from models.nodes import topics
 from models.robot_model import RobotModel
 
@@ -106,22 +106,18 @@ def run(options: Options) -> Report:
         ConfigError: A chosen row is unknown.
         PoiseError: The graph does not come up.
     """
-    known = config().rows
-    unknown = [name for name in options.scenarios if name not in known]
-    if unknown:
-        raise ConfigError(f"bench graph_faults: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    rows = chosen("graph_faults", options.scenarios, list(config().rows))
     load, model = LoadMeter(), RobotModel.load(options.robot)
-    chosen = options.scenarios or tuple(known)
     results: list[Case] = []
     with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
         for seed in range(options.seeds):
-            results += _with_seed(model, options.robot, seed, chosen, Path(folder))
+            results += _with_seed(model, options.robot, seed, rows, Path(folder))
     return report_rows("graph_faults", options, results, load)
 
 
-def _with_seed(model: RobotModel, robot: str, seed: int, chosen: tuple[str, ...], folder: Path) -> list[Case]:
+def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> list[Case]:
     results: list[Case] = []
-    left = list(chosen)
+    left = list(rows)
     while left:  # a new graph where a row has left one that cannot be brought back
         os.environ["ROS_LOG_DIR"] = str(folder)
         with ExitStack() as stack:

@@ -59,6 +59,24 @@ class Options:
     mode: str = ""
 
 
+def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
+    """Scenarios that the user has chosen, or the usual ones.
+
+    Args:
+        bench: What is run, for the message.
+        scenarios: The user's choice; empty for none.
+        known: Those there are.
+        usual: Those without a choice; all that are known when None.
+
+    Raises:
+        ConfigError: One is unknown; the known ones are listed.
+    """
+    unknown = [name for name in scenarios if name not in known]
+    if unknown:
+        raise ConfigError(f"bench {bench}: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    return list(scenarios or (known if usual is None else usual))
+
+
 @dataclass(frozen=True, slots=True)
 class Report:
     """What a benchmark found.

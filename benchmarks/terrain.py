@@ -13,11 +13,10 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.fall_plot import FAILED, PASSED, draw_failures
 from benchmarks.fall_signals import last_moments
-from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
-from models.errors import ConfigError
 from models.heading import heading
 from models.robot_model import RobotModel
 from models.terrain import FLAT, terrain_named
@@ -122,12 +121,8 @@ def cases(robot: str, seeds: int, scenarios: tuple[str, ...] = ()) -> list[Case]
         ConfigError: A chosen condition is unknown.
     """
     config = _config()
-    known = [*config.conditions, *config.goals]
-    unknown = [name for name in scenarios if name not in known]
-    if unknown:
-        raise ConfigError(f"bench terrain: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
-    chosen = scenarios or tuple(config.conditions)
-    return [{"robot": robot, "seed": seed, "scenario": name} for name in chosen for seed in range(seeds)]
+    names = chosen("terrain", scenarios, [*config.conditions, *config.goals], list(config.conditions))
+    return [{"robot": robot, "seed": seed, "scenario": name} for name in names for seed in range(seeds)]
 
 
 def judge(results: list[Case]) -> tuple[dict[str, float], list[str]]:

@@ -7,34 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
 from benchmarks.walk_cases import measure
 from benchmarks.walk_config import robot_walk, walk_config
 from benchmarks.walk_measure import speed_error
 from benchmarks.walk_plot import plot
-from models.errors import ConfigError
 
 __all__ = ["cases", "judge", "plot", "run"]
 
 
-def cases(robot: str, seeds: int, chosen: Sequence[str] = ()) -> list[Case]:
+def cases(robot: str, seeds: int, scenarios: Sequence[str] = ()) -> list[Case]:
     """Inputs of every case.
 
     Args:
         robot: Name of a profile.
         seeds: How many seeds.
-        chosen: Scenarios; all of the robot's when empty.
+        scenarios: Chosen ones; all of the robot's when empty.
 
     Raises:
         ConfigError: There are no scenarios for this robot, or one that is chosen is unknown.
     """
     config, wanted = walk_config(), robot_walk(robot)
-    unknown = [name for name in chosen if name not in wanted.names]
-    if unknown:
-        raise ConfigError(f"bench walk: unknown scenario '{unknown[0]}' of {robot}; known: {', '.join(wanted.names)}")
+    names = chosen(f"walk --robot {robot}", scenarios, wanted.names)
     found: list[Case] = []
     for seed in range(seeds):
-        for name in chosen or wanted.names:
+        for name in names:
             case: dict[str, Any] = {"kind": name}
             if name in wanted.scenarios:
                 case = {"kind": "steady", "command": wanted.scenarios[name], "duration": config.duration}

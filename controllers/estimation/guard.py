@@ -191,12 +191,14 @@ def _accept(
         bad += BAD_TORQUES
     for i in range(3):
         previous_rate[i] = imu[0, i]
-    if _saturated(new_imu[0], scales[0]):
-        bad += BAD_IMU + SATURATED_IMU  # an angle that is off by any amount
-    elif not _copy_finite(new_imu, imu):
+    if not np.isfinite(new_imu).all():
         bad += BAD_IMU
-    elif _saturated(imu[1], scales[1]):
-        bad += SATURATED_IMU
+    elif _saturated(new_imu[0], scales[0]):
+        bad += BAD_IMU + SATURATED_IMU  # an angle that is off by any amount
+    else:
+        imu[:] = new_imu
+        if _saturated(imu[1], scales[1]):
+            bad += SATURATED_IMU
     invalid = saturated = False
     for foot in range(2):
         feet[foot] = 0.0

@@ -70,7 +70,7 @@ def test_a_choice_of_scenarios_is_judged_by_itself() -> None:
 
 
 def test_an_unknown_scenario_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"unknown scenario 'uphill' of g1; known: forward, .*random, stop, top"):
+    with pytest.raises(ConfigError, match=r"--robot g1: unknown scenario 'uphill'; known: forward, .*stop, top"):
         walk.cases("g1", 1, ("forward", "uphill"))
 
 
