@@ -81,7 +81,7 @@ class Footing:
 
 
 @njit(
-    "UniTuple(float64, 2)(float64, float64, float64, float64, float64, float64, float64, float64[::1])",
+    "UniTuple(float64, 2)(float64, float64, float64, float64, float64, float64, float64, float64, float64[::1])",
     cache=True,
 )
 def _cut(
@@ -92,6 +92,7 @@ def _cut(
     edge: float,
     speed: float,
     angle: float,
+    fallen: float,
     limits: Vector,
 ) -> tuple[float, float]:
     """Take off the side that goes down: that of low coordinates where the speed is positive.
@@ -99,17 +100,11 @@ def _cut(
     Not where the sole falls back to how it last lay, nor while the other side is off.
     """
     turning, turned, strip = limits[_TURNING], limits[_TURNED], limits[_STRIP]
-    if speed > turning and angle > turned and high == whole_high:
+    if speed > turning and min(angle, fallen) > turned and high == whole_high:
         low = max(low, min(edge, high - strip))
-    elif speed < -turning and angle < -turned and low == whole_low:
+    elif speed < -turning and max(angle, fallen) < -turned and low == whole_low:
         high = min(high, max(edge, low + strip))
     return low, high
-
-
-@njit("float64(float64, float64)", cache=True)
-def _nearer(a: float, b: float) -> float:
-    """The smaller of two angles of one sense; 0 for angles of different senses."""
-    return min(a, b) if a > 0.0 and b > 0.0 else max(a, b) if a < 0.0 and b < 0.0 else 0.0
 
 
 @njit(
@@ -168,7 +163,8 @@ def _look(
             whole[foot, high],
             cops[foot, axis],
             sign * turning[foot, about],
-            _nearer(sign * turned[foot, about], sign * fallen[foot, about]),
+            sign * turned[foot, about],
+            sign * fallen[foot, about],
             limits,
         )
     still = max(abs(turning[foot, 0]), abs(turning[foot, 1])) < limits[_STILL]
