@@ -33,35 +33,44 @@ class LoopChanges:
     misalignment: list[float] | None = None
 
 
-@schema(frozen=True, slots=True, config=STRICT)
-class Row:
-    """One fault.
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class AnyRow:
+    """One fault, in lockstep or of the graph.
 
     Attributes:
         group: Heading in the table.
-        expect: What the robot must do.
-        within: Time for it, for 'damps' and 'stands' [s].
-        reason: Word in the reason that is told; '{knee}' stands for the knee's name.
-        faults: As ``bridge.fault_plan`` reads them.
-        act: Name of what else is done, of ``benchmarks/fault_acts.py``.
+        act: Name of what is done, besides ``faults``.
+        within: Time for what is expected, for 'damps' and 'stands' [s].
+        reason: Word in the reason that is told.
         walk: Whether the robot walks.
         duration: Watched from the fault on [s]; None for the usual time.
-        loop: What differs from a plain closed loop.
-        box: Whether a black box must be left.
         mode: In which it must be afterwards; empty for that of before, or what is expected.
     """
 
     group: str
-    expect: Literal["rides", "damps", "stands", "refuses"]
+    act: str = ""
     within: Positive | None = None
     reason: str = ""
-    faults: list[dict[str, Any]] = Field(default_factory=list)
-    act: str = ""
     walk: bool = False
     duration: Positive | None = None
+    mode: str = ""
+
+
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class Row(AnyRow):
+    """One fault in lockstep; acts are of ``benchmarks/fault_acts.py``, '{knee}' in a reason is the knee's name.
+
+    Attributes:
+        expect: What the robot must do.
+        faults: As ``bridge.fault_plan`` reads them.
+        loop: What differs from a plain closed loop.
+        box: Whether a black box must be left.
+    """
+
+    expect: Literal["rides", "damps", "stands", "refuses"]
+    faults: list[dict[str, Any]] = Field(default_factory=list)
     loop: LoopChanges = Field(default_factory=LoopChanges)
     box: bool = False
-    mode: str = ""
 
 
 @schema(frozen=True, slots=True, config=STRICT)

@@ -3,41 +3,25 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.fault_rows import AnyRow, Positive
 from models.config import STRICT, default_config
 
-Positive = Annotated[float, Field(gt=0.0)]
 
-
-@schema(frozen=True, slots=True, config=STRICT)
-class GraphRow:
-    """One fault.
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class GraphRow(AnyRow):
+    """One fault of the graph; acts are of ``benchmarks/nodes/graph_acts.py``.
 
     Attributes:
-        group: Heading in the table.
-        act: Name of what is done, of ``benchmarks/nodes/graph_acts.py``.
-        expect: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand; 'damps': mode
-            damp or drivers damped, nothing active afterwards, and arming refused.
-        within: Time for it, for 'damps' and 'stands' [s].
-        reason: Word that the supervisor's diagnostics must hold, for 'damps' the refusal.
-        walk: Whether the robot walks.
-        duration: Watched from the fault on [s]; None for the usual time.
-        mode: In which it stands; empty for stand.
+        expect: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand, or ``mode``;
+            'damps': mode damp or drivers damped, nothing active afterwards, and arming refused with the ``reason``.
         restarted: Module of the process that must have been started again, it alone; empty for none.
     """
 
-    group: str
-    act: str
     expect: Literal["rides", "stands", "damps"]
-    within: Positive | None = None
-    reason: str = ""
-    walk: bool = False
-    duration: Positive | None = None
-    mode: str = ""
     restarted: str = ""
 
 
