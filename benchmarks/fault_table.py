@@ -16,20 +16,28 @@ def report_rows(bench: str, options: Options, results: list[Case], load: LoadMet
     Args:
         bench: Name of the benchmark.
         options: Robot and seeds.
-        results: ``row``, ``expected``, ``within`` [s], ``seen``, ``reason``, ``time`` [s], ``ok``, and
-            ``torque_step`` where it was watched [-].
+        results: ``row``, ``expected``, ``within`` [s], ``seen``, ``reason``, ``time`` [s], ``ok``, and where they
+            were watched ``torque_step`` [-] and ``silence`` of the drivers [s]; ``not_run`` where that was impossible.
         load: Since the beginning.
 
     Returns:
-        Figures ``survived`` of ``total``, and ``torque_step_max`` where it was watched; a line for each row.
+        Figures ``survived`` of ``total``, and ``torque_step_max`` where it was watched; a line for each row. Rows that
+        could not be run here count for neither; ``not_run`` says how many they are.
     """
-    lines = [f"{'ok    ' if case['ok'] else 'FAILED'} {_line(case)}" for case in results]
-    figures = {"survived": float(sum(case["ok"] for case in results)), "total": float(len(results))}
+    lines = [f"{_verdict(case)} {_line(case)}" for case in results]
+    run = [case for case in results if not case.get("not_run")]
+    figures = {"survived": float(sum(case["ok"] for case in run)), "total": float(len(run))}
+    if len(run) < len(results):
+        figures["not_run"] = float(len(results) - len(run))
     steps = [case["torque_step"] for case in results if "torque_step" in case]
     if steps:
         figures["torque_step_max"] = max(steps)
-    passed = all(case["ok"] for case in results)
+    passed = all(case["ok"] for case in run)
     return Report(bench, options.robot, options.seeds, figures, results, passed, load.read(), lines)
+
+
+def _verdict(case: Case) -> str:
+    return "------" if case.get("not_run") else "ok    " if case["ok"] else "FAILED"
 
 
 def _line(case: Case) -> str:
@@ -37,8 +45,9 @@ def _line(case: Case) -> str:
     limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
     time = "" if case["time"] is None else f" after {case['time']:.3f} s"
     step = f", torque step {case['torque_step']:.2f}" if "torque_step" in case else ""
+    silence = "" if case.get("silence") is None else f", drivers after {case['silence']:.4f} s without a command"
     told = f": {case['reason']}" if case["reason"] else ""
-    return f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}{step}{told}"
+    return f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}{step}{silence}{told}"
 
 
 def draw(report: Report, folder: Path) -> list[Path]:

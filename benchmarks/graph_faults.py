@@ -1,12 +1,11 @@
 """Faults of processes, topics and host, done to the real graph over DDS: what the robot must do, and what it does.
 
-One graph for all rows; after each the robot is brought back by ``reset_faults`` and ``reset``. Times run from the act
-to the message that tells of the reaction, on the monotonic clock: its way here, some milliseconds, counts.
+One graph for all rows of a kind; after each the robot is brought back by ``reset_faults`` and ``reset``. Times run from
+the act to the message that tells of the reaction, on the monotonic clock: its way here, some milliseconds, counts.
 """
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from contextlib import ExitStack
@@ -15,16 +14,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fault_table import draw, report_rows
-from benchmarks.graph_rows import GraphRow, config
+from benchmarks.graph_rows import GraphRow, Kind, config
 from benchmarks.harness import Case, LoadMeter, Options, Report, chosen
 from benchmarks.nodes.graph_acts import ACTS
+from benchmarks.nodes.graph_kinds import NotHere, graph_of
 from benchmarks.nodes.graph_stage import BACK_TIME, LOOK, GraphStage
-from bridge.launch import Graph
-from bridge.ros.environment import free_domain
 from controllers.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
 from models.robot_model import RobotModel
+
+REASON_MAX = 300
+"""Longest reason in the report [characters]."""
 
 FALLEN = 0.5
 """Part of its height that is left of a robot that has fallen [-]."""
@@ -41,6 +42,7 @@ class _Watch:
     def __init__(self, stage: GraphStage, row: GraphRow) -> None:
         self._stage, self._row = stage, row
         self._supervisor: set[str] = set()
+        self._before = 0, 0, 0
 
     def run(self) -> Case:
         """Do it, watch, judge."""
@@ -48,6 +50,7 @@ class _Watch:
         stage.begin(row)
         height, mode, pids = stage.height, stage.graph.mode, dict(stage.graph.pids)
         stage.words.clear()
+        self._before = len(stage.refusals), len(stage.silences), len(stage.made.lines)
         began = time.monotonic()
         for pause in ACTS[row.act](stage):
             self._watch_until(time.monotonic() + pause)
@@ -55,18 +58,26 @@ class _Watch:
         fallen = not stage.height > FALLEN * height
         restarted = [name for name, pid in stage.graph.pids.items() if pid != pids[name]]
         ok, seen, at = {"rides": self._rides, "stands": self._stands, "damps": self._damps}[row.expect](mode, began)
-        told = "; ".join(sorted(self._supervisor))
+        told = "; ".join([*sorted(self._supervisor), *dict.fromkeys(stage.refusals[self._before[0] :])])
         if row.expect == "damps":
-            accepted, told = stage.graph.call("mode/stand")
-            ok = ok and not accepted
+            accepted, answer = stage.graph.call("mode/stand")
+            ok, told = ok and not accepted, f"{answer}; {told}"
         else:
             ok = ok and not fallen
         ok = ok and (not row.restarted or restarted == [row.restarted])
+        ok = ok and any(row.said in line for line in (*stage.made.lines[self._before[2] :], ""))
+        silence = next(iter(stage.silences[self._before[1] :]), None)
         return {
+            "silence": silence,
             "seen": ("fell, " if fallen and row.expect != "damps" else "") + seen,
-            "reason": told[:160],
+            "reason": told[:REASON_MAX],
             "time": at,
-            "ok": bool(ok and row.reason in told and (at is None or at <= (row.within or np.inf))),
+            "ok": bool(
+                ok
+                and row.reason in told
+                and (at is None or at <= (row.within or np.inf))
+                and (row.silence is None or (silence is not None and silence <= row.silence))
+            ),
         }
 
     def _watch_until(self, end: float) -> None:
@@ -85,8 +96,21 @@ class _Watch:
     def _stands(self, mode: str, began: float) -> tuple[bool, str, float | None]:
         stage = self._stage
         damped = {word for _, word in self._heard(topics.DRIVER_STATE)} - {topics.ACTIVE}
-        at = float("nan") if stage.still_since is None else stage.still_since - began
-        return not damped and stage.graph.mode == (self._row.mode or "stand"), f"at rest in {stage.graph.mode}", at
+        at = float("nan") if stage.still_since is None else max(stage.still_since - began, 0.0)
+        seen = f"at rest in {stage.graph.mode}"
+        if foot := self._foot_in_the_air():
+            return False, f"{seen}; left mode walk in '{foot}'", at
+        return not damped and stage.graph.mode == (self._row.mode or "stand"), seen, at
+
+    def _foot_in_the_air(self) -> str:
+        """Phase of the gait in which mode walk was left, if a foot was in the air then; empty if none was."""
+        phase = ""
+        for _, topic, word in self._stage.words:
+            if topic == topics.GAIT_PHASE:
+                phase = word
+            elif topic == topics.MODE and word == "stand" and phase.startswith("single"):
+                return phase
+        return ""
 
     def _damps(self, mode: str, began: float) -> tuple[bool, str, float | None]:
         told = {topics.MODE: "damp", topics.DRIVER_STATE: topics.DAMPED}
@@ -117,26 +141,47 @@ def run(options: Options) -> Report:
 
 def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> list[Case]:
     results: list[Case] = []
-    left = list(rows)
-    while left:  # a new graph where a row has left one that cannot be brought back
-        os.environ["ROS_LOG_DIR"] = str(folder)
-        with ExitStack() as stack:
-            parameters = {"mujoco_bridge": {"seed": seed}}
-            graph = Graph(robot, domain_id=free_domain(), parameters=parameters, log=folder / "log", say=lambda _: None)
-            stage = GraphStage(model, stack.enter_context(graph))
-            stack.callback(stage.close)
-            graph.wait_standing(BACK_TIME)
-            try:
-                while left:
-                    name = left.pop(0)
-                    row = config().rows[name]
-                    case = {"row": name, "seed": seed, "group": row.group, "expected": row.expect, "within": row.within}
-                    results.append(case | _Watch(stage, row).run())
-                    stage.bring_back()
-            except PoiseError as error:
-                if not results or results[-1]["row"] != name:
-                    results.append(case | {"seen": "lost", "reason": str(error)[:160], "time": None, "ok": False})
+    for kind in dict.fromkeys(config().rows[name].graph for name in rows):
+        left = [name for name in rows if config().rows[name].graph == kind]
+        while left:  # a new graph where a row has left one that cannot be brought back
+            results += _on_graph(model, kind, robot, seed, left, folder)
     return results
+
+
+def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[str], folder: Path) -> list[Case]:
+    """Do rows to one graph and take them out of ``left``, as long as it can be brought back."""
+    results: list[Case] = []
+    name = ""
+    try:
+        with ExitStack() as stack:
+            made = stack.enter_context(graph_of(kind, robot, seed, folder))
+            stage = GraphStage(model, made)
+            stack.callback(stage.close)
+            made.graph.wait_standing(BACK_TIME)
+            while left:
+                name = left.pop(0)
+                results.append(_case(name, seed) | _Watch(stage, config().rows[name]).run())
+                stage.bring_back()
+    except NotHere as error:
+        not_run = [_case(other, seed) | _without(f"not run: {error}") | {"not_run": True} for other in left]
+        left.clear()
+        return not_run
+    except PoiseError as error:
+        name = name or left.pop(0)
+        if not results or results[-1]["row"] != name:
+            results.append(_case(name, seed) | _without("lost") | {"reason": str(error)[:REASON_MAX]})
+    return results
+
+
+def _case(name: str, seed: int) -> Case:
+    row = config().rows[name]
+    given = {"row": name, "seed": seed, "group": row.group, "graph": row.graph}
+    return given | {"expected": row.expect, "within": row.within}
+
+
+def _without(seen: str) -> Case:
+    """What there is to say of a row in which nothing could be watched."""
+    return {"seen": seen, "reason": "", "time": None, "ok": False}
 
 
 def plot(report: Report, folder: Path) -> list[Path]:

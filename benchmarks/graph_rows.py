@@ -10,6 +10,9 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.fault_rows import AnyRow, Positive
 from models.config import STRICT, default_config
 
+Kind = Literal["plain", "wrapped", "split", "shuffled", "signed", "full_disk", "wall_clock"]
+"""Graphs that rows are done to; see ``benchmarks/nodes/graph_kinds.py``."""
+
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class GraphRow(AnyRow):
@@ -18,11 +21,17 @@ class GraphRow(AnyRow):
     Attributes:
         expect: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand, or ``mode``;
             'damps': mode damp or drivers damped, nothing active afterwards, and arming refused with the ``reason``.
+        graph: Which graph it is done to; see ``benchmarks/nodes/graph_kinds.py``.
         restarted: Module of the process that must have been started again, it alone; empty for none.
+        said: What the launcher must have said.
+        silence: Longest time without a command before the drivers damped for want of one, by their own clock [s].
     """
 
     expect: Literal["rides", "stands", "damps"]
+    graph: Kind = "plain"
     restarted: str = ""
+    said: str = ""
+    silence: Positive | None = None
 
 
 @schema(frozen=True, slots=True, config=STRICT)

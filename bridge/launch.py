@@ -18,13 +18,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.layout import BRIDGE, node_parameters, process_specs
+from bridge.ros.layout import activation_order, node_parameters, process_specs
 from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
-from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, stop_all
+from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
-from models.nodes.spin import make_executor
+from models.nodes.spin import log_arguments, make_executor
 
 START_TIMEOUT = 300.0
 """Longest wait for a node to answer while it starts; the first start on a machine compiles [s]."""
@@ -48,6 +48,8 @@ class Graph:
         domain_id: ROS domain; that of the environment when None.
         network: Whether other machines may join.
         parameters: Further parameters by node.
+        specs: Processes to run, in the order of their start; those of ``process_specs`` when None.
+        activation: Nodes in the order of their activation; that of ``activation_order`` when None.
         calibration: Folder of the calibration files. When None, one of this graph's own, gone when it ends: a file of
             the user's is for another robot than the simulated one.
         log: File for the processes' output; this process's output when None.
@@ -69,6 +71,8 @@ class Graph:
         domain_id: int | None = None,
         network: bool = False,
         parameters: Parameters | None = None,
+        specs: Sequence[ProcessSpec] | None = None,
+        activation: Sequence[str] | None = None,
         calibration: Path | None = None,
         log: Path | None = None,
         say: Callable[[str], object] = print,
@@ -81,14 +85,15 @@ class Graph:
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
         self._domain_id, self._network = domain_id, network
-        self._specs = process_specs(merged=merged)
+        self._specs = list(specs or process_specs(merged=merged))
+        self._activation = list(activation or activation_order(self._specs))
         self._parameters = node_parameters(self._specs, robot, lockstep, calibration, parameters or {})
         self._processes: list[GraphProcess] = []
         self._output: IO[bytes] | None = None
 
     def __enter__(self) -> Graph:
         join_graph(domain_id=self._domain_id, network=self._network)
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=log_arguments(), signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("poise")
         self._executor = make_executor()
         self._executor.add_node(self.node)
@@ -182,7 +187,7 @@ class Graph:
         self._processes = [GraphProcess(spec, self._parameters, environment, self._output) for spec in self._specs]
         for process in self._processes:
             process.start()
-        names = [name for spec in self._specs[1:] for name in spec.nodes] + list(BRIDGE.nodes)
+        names = self._activation
         self._change(names, CONFIGURE)
         for name in names:
             self._change([name], ACTIVATE)

@@ -62,6 +62,7 @@ class JointServo:
         state: What the drivers do.
         refused: Set-points refused because they were not finite or of the wrong size.
         timeouts: Times that the driver damped because no set-point came.
+        silence: From the last set-point to the newest of these times [s].
 
     Assumptions:
         ``step`` is called at the rate of the drivers with times that do not decrease.
@@ -72,6 +73,7 @@ class JointServo:
         self.state = ServoState.OFF
         self.refused = 0
         self.timeouts = 0
+        self.silence = 0.0
         self._model = model
         nj = model.nj
         self._gains = np.array([model.kp, model.kd])  # (2, nj)
@@ -213,6 +215,7 @@ class JointServo:
         """
         if self.overdue(t):
             self.timeouts += 1
+            self.silence = t - self._last_command
             self.damp()
         target = self._target
         if self.state is ServoState.ACTIVE:

@@ -3,45 +3,30 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
 
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from benchmarks.nodes import flood
-from benchmarks.nodes.graph_stage import GraphStage
-from bridge.ros.layout import BRIDGE, CONTROL, PLANNER, SUPERVISOR
+from benchmarks.nodes.graph_command_acts import replayed, stand_while_walking, two_commanders, unsigned
+from benchmarks.nodes.graph_kinds import PRODDED_CONTROL, PRODDED_PLANNER
+from benchmarks.nodes.graph_process_acts import Act, collect, freeze, kill, reactivate, shift_wall_clock, throw
+from benchmarks.nodes.graph_stage import LOOK, GraphStage
+from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR, process_specs
 from models.nodes import topics
 from models.nodes.qos import SENSOR
 
 FREEZE_TIME = 0.2
-"""For which a process is stopped [s]."""
+"""For which a process is stopped that is not to be missed [s]."""
 
-Act = Callable[[GraphStage], Iterator[float]]
-"""Does something, then yields for how long the robot is to be watched before the next part [s]."""
+LONG_FREEZE_TIME = 1.0
+"""For which one is stopped that is [s]."""
 
-
-def _kill(module: str) -> Act:
-    def act(stage: GraphStage) -> Iterator[float]:
-        os.kill(stage.graph.pids[module], signal.SIGKILL)
-        yield from ()
-
-    return act
-
-
-def _freeze(module: str) -> Act:
-    def act(stage: GraphStage) -> Iterator[float]:
-        pid = stage.graph.pids[module]
-        os.kill(pid, signal.SIGSTOP)
-        try:
-            yield FREEZE_TIME
-        finally:
-            os.kill(pid, signal.SIGCONT)
-
-    return act
+SPOILT_TIME, ONCE = 1.0, 0.001
+"""For which messages are spoilt [s]; the second is one message of a sensor."""
 
 
 def _second_publisher(stage: GraphStage) -> Iterator[float]:
@@ -50,6 +35,36 @@ def _second_publisher(stage: GraphStage) -> Iterator[float]:
         yield 1.0
     finally:
         stage.graph.node.destroy_publisher(publisher)
+
+
+def _second_clock(stage: GraphStage) -> Iterator[float]:
+    """Somebody else says that it is an hour later, half as often as the plant says what time it is."""
+    publisher = stage.graph.node.create_publisher(Clock, topics.CLOCK, SENSOR)
+    message = Clock()
+    message.clock.sec = 3600
+    try:
+        for _ in range(round(1.0 / LOOK)):
+            publisher.publish(message)
+            yield LOOK
+    finally:
+        stage.graph.node.destroy_publisher(publisher)
+
+
+def _spoil(topic: str, spoil: str, duration: float = SPOILT_TIME) -> Act:
+    def act(stage: GraphStage) -> Iterator[float]:
+        stage.spoil(topic, spoil, duration)
+        yield duration
+
+    return act
+
+
+def _estop(stage: GraphStage) -> Iterator[float]:
+    stage.graph.call("estop")
+    yield from ()
+
+
+def _nothing(stage: GraphStage) -> Iterator[float]:
+    yield from ()
 
 
 @contextmanager
@@ -85,16 +100,41 @@ def _fall_silent(stage: GraphStage) -> Iterator[float]:
     yield from ()
 
 
+_JOINT_SPOILS = ("reordered", "missing", "extra", "duplicate", "repeated", "backward", "old", "future")
+
 ACTS: dict[str, Act] = {
-    "kill_control": _kill(CONTROL.module),
-    "kill_planner": _kill(PLANNER.module),
-    "kill_supervisor": _kill(SUPERVISOR.module),
-    "kill_bridge": _kill(BRIDGE.module),
-    "freeze_control": _freeze(CONTROL.module),
+    "nothing": _nothing,
+    "kill_control": kill(CONTROL.module),
+    "kill_planner": kill(PLANNER.module),
+    "kill_supervisor": kill(SUPERVISOR.module),
+    "kill_bridge": kill(BRIDGE.module),
+    "kill_estimator": kill(ESTIMATOR.module),
+    "freeze_control": freeze(CONTROL.module, FREEZE_TIME),
+    "freeze_bridge": freeze(BRIDGE.module, FREEZE_TIME),
+    "freeze_bridge_long": freeze(BRIDGE.module, LONG_FREEZE_TIME),
+    "throw_in_control": throw(PRODDED_CONTROL.module),
+    "throw_in_planner": throw(PRODDED_PLANNER.module),
+    "collect_garbage": collect(PRODDED_CONTROL.module),
+    **{f"reactivate_{name}": reactivate(name) for spec in process_specs(merged=True) for name in spec.nodes},
+    **{f"joints_{spoil}": _spoil(topics.JOINT_STATES, spoil) for spoil in _JOINT_SPOILS},
+    "joints_old_once": _spoil(topics.JOINT_STATES, "old", ONCE),
+    "joints_future_once": _spoil(topics.JOINT_STATES, "future", ONCE),
+    "imu_unnormalised": _spoil(topics.IMU_RAW, "unnormalised"),
+    "clock_silent": _spoil(topics.CLOCK, "silent"),
+    "clock_hour_back": _spoil(topics.CLOCK, "hour_back"),
+    "clock_hour_ahead": _spoil(topics.CLOCK, "hour_ahead"),
+    "second_clock": _second_clock,
     "second_publisher": _second_publisher,
     "flood_texts": _flood(flood.texts, 10_000.0),
     "flood_services": _flood(flood.services, 1000.0),
     "fall_silent": _fall_silent,
+    "two_commanders": two_commanders,
+    "unsigned": unsigned,
+    "replayed": replayed,
+    "stand_while_walking": stand_while_walking,
+    "estop": _estop,
     "starve": _starve,
+    "wall_clock_ahead": shift_wall_clock(1.0),
+    "wall_clock_back": shift_wall_clock(-1.0),
 }
 """By the name that a row gives them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -12,8 +13,10 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 
 from benchmarks.graph_rows import GraphRow, config
+from benchmarks.nodes.graph_kinds import Made
 from bridge.launch import Graph
 from bridge.ros.observer import Observer
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.robot_model import RobotModel
@@ -28,6 +31,12 @@ SPEED_TIME = 0.5
 BACK_TIME = 90.0
 """Longest wait for the robot to stand or walk again [s]."""
 
+SENSOR_RATE, CLOCK_RATE = 1000.0, 100.0
+"""Of the bridge's topics [Hz]."""
+
+TIMEOUTS = "driver timeouts"
+"""Count in the bridge's diagnostics."""
+
 VELOCITY_PERIOD = 0.1
 """Between two velocities of the user [s]."""
 
@@ -37,10 +46,11 @@ class User:
 
     Args:
         graph: The graph.
+        topic: Where velocities are said.
     """
 
-    def __init__(self, graph: Graph) -> None:
-        self._publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    def __init__(self, graph: Graph, topic: str = topics.CMD_VEL) -> None:
+        self._publisher = graph.node.create_publisher(Twist, topic, COMMAND)
         self._velocity: float | None = None
         graph.node.create_timer(VELOCITY_PERIOD, self._speak)
 
@@ -60,19 +70,31 @@ class GraphStage:
 
     Args:
         model: The robot.
-        graph: The running graph.
+        made: The running graph.
+
+    Attributes:
+        words: When, on which topic, and what was said.
+        told: Newest message of each node's diagnostics.
+        refusals: What nodes have refused, as they told it.
+        silences: What the drivers waited for a command before each time that they damped for want of one [s].
+        still_since: Since when the robot is at rest; None: it is not.
     """
 
-    def __init__(self, model: RobotModel, graph: Graph) -> None:
-        self.graph, self.user = graph, User(graph)
+    def __init__(self, model: RobotModel, made: Made) -> None:
+        graph = made.graph
+        self.made, self.graph, self.user = made, graph, User(graph)
         self.words: list[tuple[float, str, str]] = []
         self.told: dict[str, str] = {}
+        self.refusals: list[str] = []
+        self.silences: list[float] = []
         self.still_since: float | None = None
+        self._counts: dict[tuple[str, str], int] = {}
+        self._spoil = graph.node.create_publisher(String, "spoil", EVENT)
         self._observer = Observer(model)
         self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
         graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
         listen = graph.node.create_subscription
-        for topic in (topics.MODE, topics.DRIVER_STATE):
+        for topic in (topics.MODE, topics.DRIVER_STATE, topics.GAIT_PHASE, topics.COMMANDER):
             listen(String, topic, partial(self._hear, topic), LATCHED)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
 
@@ -87,8 +109,14 @@ class GraphStage:
         (t0, first), (t1, last) = self._path[0], self._path[-1]
         return float(np.linalg.norm((last - first)[:2]) / max(t1 - t0, LOOK))
 
+    def spoil(self, topic: str, spoil: str, duration: float) -> None:
+        """Have the wrapped bridge spoil the messages of a topic for a time [s]; see ``SPOILS``."""
+        rate = CLOCK_RATE if topic == topics.CLOCK else SENSOR_RATE
+        self._spoil.publish(String(data=f"{topic} {spoil} {round(duration * rate)}"))
+
     def _look(self) -> None:
-        self._observer.poll()
+        with suppress(PoiseError):  # a message that is spoilt on purpose
+            self._observer.poll()
         now = time.monotonic()
         self._path.append((now, self._observer.base_position))
         if self.speed > config().still:
@@ -120,4 +148,16 @@ class GraphStage:
         self.words.append((time.monotonic(), topic, message.data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.told |= {status.name: status.message for status in message.status}
+        for status in message.status:
+            self.told[status.name] = status.message
+            values = {item.key: item.value for item in status.values}
+            refused = sum(int(value) for key, value in values.items() if key.startswith("refused "))
+            if self._grown(status.name, "refused", refused):
+                self.refusals.append(values["last refusal"])
+            if self._grown(status.name, TIMEOUTS, int(values.get(TIMEOUTS, 0))):
+                self.silences.append(float(values["silence before timeout [s]"]))
+
+    def _grown(self, node: str, what: str, count: int) -> bool:
+        """Whether a count of a node is larger than it was; one that begins anew has none."""
+        before, self._counts[node, what] = self._counts.get((node, what), 0), count
+        return count > before

@@ -154,6 +154,7 @@ class MujocoBridge(PoiseNode):
             self.message = "paused" if self._paused else self._driven.state
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+            self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
             self.values["starts interrupted"] = str(self._driven.interruptions)
             self.values["faults injected"] = self._driven.plant.faults.summary
 

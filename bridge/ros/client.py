@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -23,6 +24,7 @@ from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
+from models.nodes.spin import log_arguments
 from models.types import CommandReply
 
 SPIN = 0.01
@@ -56,7 +58,9 @@ class Client:
 
     def __enter__(self) -> Client:
         join_graph(network=self._network)
-        rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=[*sys.argv, *log_arguments()], context=self.context, signal_handler_options=SignalHandlerOptions.NO
+        )
         self._node = Node("poise_client", context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self._node)

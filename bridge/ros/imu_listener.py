@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 
@@ -19,7 +20,7 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.qos import SENSOR_QUEUE
-from models.nodes.spin import Stop
+from models.nodes.spin import Stop, log_arguments
 
 SPIN = 0.1
 """Longest wait for a callback [s]."""
@@ -77,7 +78,8 @@ class ImuListener:
         """
         join_graph(network=network)
         context = Context()
-        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        args = [*sys.argv, *log_arguments()]
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("poise_imu_log", context=context)
         executor = SingleThreadedExecutor(context=context)
         try:

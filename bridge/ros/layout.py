@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bridge.ros.processes import Parameters, ProcessSpec
@@ -34,6 +34,11 @@ def process_specs(*, merged: bool) -> list[ProcessSpec]:
     """
     control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
     return [BRIDGE, *control, PLANNER, SUPERVISOR]
+
+
+def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:
+    """Nodes in the order of their activation: as the processes host them, the plant last."""
+    return [*(name for spec in specs for name in spec.nodes if name not in BRIDGE.nodes), *BRIDGE.nodes]
 
 
 def node_parameters(

@@ -12,9 +12,11 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from models.errors import PoiseError
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
-_LABELS = {CONFIGURE: "configure", ACTIVATE: "activate"}
-_GOALS = {CONFIGURE: State.PRIMARY_STATE_INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE}
-_STARTS = {CONFIGURE: State.PRIMARY_STATE_UNCONFIGURED, ACTIVATE: State.PRIMARY_STATE_INACTIVE}
+DEACTIVATE = Transition.TRANSITION_DEACTIVATE
+_LABELS = {CONFIGURE: "configure", ACTIVATE: "activate", DEACTIVATE: "deactivate"}
+_UNCONFIGURED, _INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
+_GOALS = {CONFIGURE: _INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE, DEACTIVATE: _INACTIVE}
+_STARTS = {CONFIGURE: _UNCONFIGURED, ACTIVATE: _INACTIVE, DEACTIVATE: State.PRIMARY_STATE_ACTIVE}
 
 ASK_AGAIN = 1.0
 """Time without an answer after which a node is asked for its state [s]."""
@@ -76,7 +78,7 @@ def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], tran
         node: Node that calls.
         spin: Serves callbacks for a short while; raises to give up.
         names: Node names.
-        transition: ``CONFIGURE`` or ``ACTIVATE``.
+        transition: ``CONFIGURE``, ``ACTIVATE`` or ``DEACTIVATE``.
         timeout: Longest wait [s].
 
     Raises:

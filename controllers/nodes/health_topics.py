@@ -11,6 +11,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from controllers.clock_guard import ClockGuard
 from controllers.health import Health, tilt
 from controllers.supervisor_config import SupervisorConfig
 from models.errors import PoiseError
@@ -49,14 +50,17 @@ class HealthTopics:
 
     Args:
         node: Node that subscribes.
+        clock_leap: Largest step of ``/clock`` that is believed at once [s].
 
     Attributes:
+        moving: Whether the robot moves; ``/clock`` may not go back then. Kept up to date by the node.
         description: URDF that the robot publishes; None before it has arrived.
         clock_seen: When ``/clock`` was last heard, on the monotonic clock [s].
     """
 
-    def __init__(self, node: PoiseNode) -> None:
+    def __init__(self, node: PoiseNode, clock_leap: float) -> None:
         self._node, self._odom_codec = node, OdometryCodec()
+        self._clock, self.moving = ClockGuard(round(clock_leap * NANOSECONDS)), False
         self.description: str | None = None
         self.clock_seen = time.monotonic()
         self._now = self._odom_stamp = self._command_stamp = self._started = 0
@@ -69,7 +73,7 @@ class HealthTopics:
         self._twist: Vector = np.zeros(6)
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
-        self._sensors = [node.resolve_topic_name(topic) for topic in topics.sensor_topics(node.model)]
+        self._sensors = [node.resolve_topic_name(topic) for topic in (*topics.sensor_topics(node.model), topics.CLOCK)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
@@ -120,7 +124,7 @@ class HealthTopics:
 
     @property
     def intruders(self) -> tuple[str, ...]:
-        """Sensor topics with more than one publisher: whose samples arrive, nobody could say."""
+        """Sensor topics, and the clock, with more than one publisher: whose samples arrive, nobody could say."""
         now = time.monotonic()
         if now >= self._count_at:
             self._count_at = now + COUNT_PERIOD
@@ -164,7 +168,13 @@ class HealthTopics:
         self.description = message.data
 
     def _on_clock(self, message: Clock) -> None:
-        self._now = stamp_ns(message.clock)
+        stamp = stamp_ns(message.clock)
+        try:
+            self._clock.judge(stamp, moving=self.moving)
+        except PoiseError as error:
+            self._node.refuse(topics.CLOCK, error)
+            return
+        self._now = stamp
         self.clock_seen = time.monotonic()
 
     def _on_odom(self, data: bytes) -> None:

@@ -77,7 +77,7 @@ class SupervisorNode(PoiseNode):
         """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
         self._rates = {} if self._lockstep else dict.fromkeys(topics.sensor_topics(self.model), self._sensor_rate)
-        self._probe, self._reports = PreflightProbe(self), HealthTopics(self)
+        self._probe, self._reports = PreflightProbe(self), HealthTopics(self, self._clock_timeout)
         self._driver_state = self._published = self._requested = ""
         self._requests = 0
         self._probe_until = self._adopting_until = time.monotonic()
@@ -122,7 +122,8 @@ class SupervisorNode(PoiseNode):
         if not self.active:
             return
         law = self._law
-        if law.mode in ACTIVE_MODES:
+        self._reports.moving = law.mode in ACTIVE_MODES
+        if self._reports.moving:
             self._watch()
         elif not self._probe.open:
             if time.monotonic() >= self._probe_until:

@@ -8,6 +8,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,22 @@ def log_variables() -> dict[str, str]:
     if "HOME" in os.environ or "ROS_LOG_DIR" in os.environ:
         return {}
     return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
+
+
+def log_arguments() -> list[str]:
+    """For ``rclpy.init``, which would fail where no log can be written: they go to the terminal alone then."""
+    home = Path(os.environ.get("ROS_HOME") or Path(os.environ.get("HOME", "/")) / ".ros")
+    folder = Path(os.environ.get("ROS_LOG_DIR") or home / "log")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        reason = "" if os.access(folder, os.W_OK | os.X_OK) else "not writable"
+    except OSError as error:
+        reason = str(error.strerror)
+    if not reason:
+        return []
+    with suppress(OSError):  # the terminal may be a file on the same disk
+        print(f"no logs in {folder}: {reason}; they go to the terminal alone", file=sys.stderr, flush=True)
+    return ["--ros-args", "--disable-external-lib-logs"]
 
 
 class Stop:
@@ -78,7 +95,8 @@ def run(
     if os.environ.get(SUPERVISED):
         realtime.die_with_parent()
     os.environ.update(log_variables())
-    rclpy.init(args=list(sys.argv if args is None else args), signal_handler_options=SignalHandlerOptions.NO)
+    given = [*(sys.argv if args is None else args), *log_arguments()]
+    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
     nodes: list[Any] = []
     executor = make_executor()

@@ -14,12 +14,15 @@ from benchmarks import graph_faults
 from benchmarks.graph_rows import GraphRow, config
 from benchmarks.harness import Options
 from benchmarks.nodes.graph_acts import ACTS
-from models.errors import ConfigError
+from benchmarks.nodes.graph_kinds import NotHere
+from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 
 pytestmark = pytest.mark.ros
 
 Word = tuple[str, str]
+
+NAMES = {topics.MODE: "mode", topics.DRIVER_STATE: "driver_state"}
 
 DAMPED: list[Word] = [(topics.DRIVER_STATE, topics.DAMPED), (topics.MODE, "damp")]
 
@@ -30,6 +33,9 @@ class FakeStage:
     def __init__(self, words: list[Word], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
         self.words: list[tuple[float, str, str]] = []
         self.told = {"/supervisor": "mode 'stand'"}
+        self.refusals: list[str] = []
+        self.silences: list[float] = []
+        self.made = SimpleNamespace(lines=[])
         self.still_since: float | None = None
         self.height = 0.8
         self.graph = SimpleNamespace(
@@ -45,9 +51,13 @@ class FakeStage:
         words, rest, self.height, restarted = self._after
         for topic, word in words:
             self.words.append((time.monotonic(), topic, word))
-            setattr(self.graph, "mode" if topic == topics.MODE else "driver_state", word)
+            if topic in NAMES:
+                setattr(self.graph, NAMES[topic], word)
         self.still_since = time.monotonic() if rest else None
         self.graph.pids = {"a": 1, "b": 3 if restarted else 2}
+        self.refusals.append("joint_states: 'knee' is missing")
+        self.silences.append(0.041)
+        self.made.lines.append("b ended with code 1: restart 1 of 5")
         yield 0.01
 
     def _call(self, service: str) -> tuple[bool, str]:
@@ -78,7 +88,14 @@ def test_an_unknown_row_is_refused_with_those_there_are() -> None:
         (lambda: FakeStage([]), {"expect": "rides", "restarted": "b"}, False),
         (lambda: FakeStage([], restarted=True), {"expect": "rides", "restarted": "b"}, True),
         (lambda: FakeStage([]), {"expect": "rides", "reason": "second publisher"}, False),
+        (lambda: FakeStage([]), {"expect": "rides", "reason": "'knee' is missing"}, True),
+        (lambda: FakeStage([]), {"expect": "rides", "said": "ended with code 1"}, True),
+        (lambda: FakeStage([]), {"expect": "rides", "said": "ended with code 0"}, False),
+        (lambda: FakeStage(DAMPED), {"expect": "damps", "silence": 0.0415}, True),
+        (lambda: FakeStage(DAMPED), {"expect": "damps", "silence": 0.0405}, False),
         (lambda: FakeStage([(topics.MODE, "stand")]), {"expect": "stands", "within": 1.0}, True),
+        (lambda: FakeStage([(topics.GAIT_PHASE, "settled"), (topics.MODE, "stand")]), {"expect": "stands"}, True),
+        (lambda: FakeStage([(topics.GAIT_PHASE, "single left"), (topics.MODE, "stand")]), {"expect": "stands"}, False),
         (lambda: FakeStage([(topics.MODE, "walk")]), {"expect": "stands", "within": 1.0}, False),
         (lambda: FakeStage([], rest=False), {"expect": "stands", "within": 1.0}, False),
         (lambda: FakeStage(DAMPED), {"expect": "damps", "within": 1.0, "reason": "latched"}, True),
@@ -89,3 +106,23 @@ def test_an_unknown_row_is_refused_with_those_there_are() -> None:
 )
 def test_rows_are_judged(stage: Callable[[], FakeStage], row: dict[str, Any], ok: bool) -> None:
     assert judged(stage(), **row)["ok"] is ok
+
+
+def test_a_row_whose_graph_cannot_be_made_here_is_told_as_not_run() -> None:
+    def lacking(*arguments: object) -> Any:
+        raise NotHere("no C compiler")
+
+    with patch.object(graph_faults, "graph_of", lacking):
+        report = graph_faults.run(Options(scenarios=("wall_clock_ahead", "wall_clock_back")))
+    assert report.figures == {"survived": 0.0, "total": 0.0, "not_run": 2.0}
+    assert [case["seen"] for case in report.cases] == ["not run: no C compiler"] * 2
+
+
+def test_a_graph_that_does_not_come_up_fails_its_rows_one_by_one() -> None:
+    def broken(*arguments: object) -> Any:
+        raise PoiseError("supervisor ended with code 1 while starting")
+
+    with patch.object(graph_faults, "graph_of", broken):
+        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed")))
+    assert report.figures == {"survived": 0.0, "total": 2.0}
+    assert all("ended with code 1" in case["reason"] for case in report.cases)
