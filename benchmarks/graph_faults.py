@@ -60,7 +60,7 @@ class _Watch:
         ok, seen, at = {"rides": self._rides, "stands": self._stands, "damps": self._damps}[row.expect](mode, began)
         told = "; ".join([*sorted(self._supervisor), *dict.fromkeys(stage.refusals[self._before[0] :])])
         if row.expect == "damps":
-            accepted, answer = stage.graph.call("mode/stand")
+            accepted, answer = stage.ask("mode/stand")
             ok, told = ok and not accepted, f"{answer}; {told}"
         else:
             ok = ok and not fallen

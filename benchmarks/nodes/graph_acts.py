@@ -15,7 +15,7 @@ from benchmarks.nodes.graph_command_acts import replayed, stand_while_walking, t
 from benchmarks.nodes.graph_kinds import PRODDED_CONTROL, PRODDED_PLANNER
 from benchmarks.nodes.graph_process_acts import Act, collect, freeze, kill, reactivate, shift_wall_clock, throw
 from benchmarks.nodes.graph_stage import LOOK, GraphStage
-from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR, process_specs
+from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR
 from models.nodes import topics
 from models.nodes.qos import SENSOR
 
@@ -25,8 +25,8 @@ FREEZE_TIME = 0.2
 LONG_FREEZE_TIME = 1.0
 """For which one is stopped that is [s]."""
 
-SPOILT_TIME, ONCE = 1.0, 0.001
-"""For which messages are spoilt [s]; the second is one message of a sensor."""
+SPOILT_TIME, MOMENT = 1.0, 0.005
+"""For which messages are spoilt [s]."""
 
 
 def _second_publisher(stage: GraphStage) -> Iterator[float]:
@@ -59,7 +59,7 @@ def _spoil(topic: str, spoil: str, duration: float = SPOILT_TIME) -> Act:
 
 
 def _estop(stage: GraphStage) -> Iterator[float]:
-    stage.graph.call("estop")
+    stage.ask("estop")
     yield from ()
 
 
@@ -115,10 +115,10 @@ ACTS: dict[str, Act] = {
     "throw_in_control": throw(PRODDED_CONTROL.module),
     "throw_in_planner": throw(PRODDED_PLANNER.module),
     "collect_garbage": collect(PRODDED_CONTROL.module),
-    **{f"reactivate_{name}": reactivate(name) for spec in process_specs(merged=True) for name in spec.nodes},
+    **{f"reactivate_{name}": reactivate(name) for name in (*CONTROL.nodes, *PLANNER.nodes, *SUPERVISOR.nodes)},
     **{f"joints_{spoil}": _spoil(topics.JOINT_STATES, spoil) for spoil in _JOINT_SPOILS},
-    "joints_old_once": _spoil(topics.JOINT_STATES, "old", ONCE),
-    "joints_future_once": _spoil(topics.JOINT_STATES, "future", ONCE),
+    "joints_old_5ms": _spoil(topics.JOINT_STATES, "old", MOMENT),
+    "joints_future_5ms": _spoil(topics.JOINT_STATES, "future", MOMENT),
     "imu_unnormalised": _spoil(topics.IMU_RAW, "unnormalised"),
     "clock_silent": _spoil(topics.CLOCK, "silent"),
     "clock_hour_back": _spoil(topics.CLOCK, "hour_back"),

@@ -45,7 +45,7 @@ def replayed(stage: GraphStage) -> Iterator[float]:
     yield SPIN_TIMEOUT
     stage.graph.send(signed)
     stage.graph.wait_for(lambda: stage.graph.mode == "walk", WATCH, "walking as a signed command says")
-    stage.graph.call("mode/stand")
+    stage.ask("mode/stand")
     stage.graph.wait_for(lambda: stage.graph.mode == "stand", WATCH, "standing again")
     stage.graph.send(signed)
     yield WATCH
@@ -53,5 +53,5 @@ def replayed(stage: GraphStage) -> Iterator[float]:
 
 def stand_while_walking(stage: GraphStage) -> Iterator[float]:
     """Mode stand, while the user goes on commanding a velocity."""
-    stage.graph.call("mode/stand")
+    stage.ask("mode/stand")
     yield from ()

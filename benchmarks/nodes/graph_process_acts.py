@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 from benchmarks.nodes.graph_stage import GraphStage
 from bridge.ros.lifecycle_client import ACTIVATE, DEACTIVATE, change_state
+from models.errors import PoiseError
 
 Act = Callable[[GraphStage], Iterator[float]]
 """Does something, then yields for how long the robot is to be watched before the next part [s]."""
@@ -86,6 +87,10 @@ def shift_wall_clock(hours: float) -> Act:
             raise ValueError("the wall clock of this graph cannot be shifted")
         clock.shift(hours * HOUR)
         yield 2.0
+        if abs(stage.wall_lead - hours * HOUR) > 1.0:
+            raise PoiseError(
+                f"the wall clock of the processes is {stage.wall_lead:.1f} s off, not {hours * HOUR:.1f} s"
+            )
         clock.shift(0.0)
 
     return act

@@ -18,6 +18,8 @@ from bridge.launch import Graph
 from bridge.ros.observer import Observer
 from models.errors import PoiseError
 from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import stamp_ns
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.robot_model import RobotModel
 from models.types import Vector
@@ -78,6 +80,7 @@ class GraphStage:
         refusals: What nodes have refused, as they told it.
         silences: What the drivers waited for a command before each time that they damped for want of one [s].
         still_since: Since when the robot is at rest; None: it is not.
+        wall_lead: What the wall clock of the processes is ahead of this one's [s].
     """
 
     def __init__(self, model: RobotModel, made: Made) -> None:
@@ -88,6 +91,7 @@ class GraphStage:
         self.refusals: list[str] = []
         self.silences: list[float] = []
         self.still_since: float | None = None
+        self.wall_lead = 0.0
         self._counts: dict[tuple[str, str], int] = {}
         self._spoil = graph.node.create_publisher(String, "spoil", EVENT)
         self._observer = Observer(model)
@@ -136,9 +140,16 @@ class GraphStage:
     def bring_back(self) -> None:
         """Have it stand where it began, without faults."""
         self.user.walk(None)
-        self.graph.call("reset_faults")
-        self.graph.call("reset")
+        self.ask("reset_faults")
+        self.ask("reset")
         self.graph.wait_standing(BACK_TIME)
+
+    def ask(self, service: str) -> tuple[bool, str]:
+        """Call a service, twice where the reply to the first call is lost; see ``Graph.call``."""
+        try:
+            return self.graph.call(service)
+        except PoiseError:
+            return self.graph.call(service)
 
     def close(self) -> None:
         """Look no more."""
@@ -148,6 +159,7 @@ class GraphStage:
         self.words.append((time.monotonic(), topic, message.data))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.wall_lead = stamp_ns(message.header.stamp) / NANOSECONDS - time.time()
         for status in message.status:
             self.told[status.name] = status.message
             values = {item.key: item.value for item in status.values}

@@ -36,6 +36,10 @@ class SpoiltPublisher:
         """Spoil so many messages from now on; see ``SPOILS``."""
         self._spoil, self._left, self._began = spoil, count, None
 
+    def get_subscription_count(self) -> int:
+        """Of the other one."""
+        return int(self._publisher.get_subscription_count())
+
     def publish(self, message: Any) -> None:
         """Publish a message or its bytes."""
         if self._left:

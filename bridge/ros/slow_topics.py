@@ -36,15 +36,18 @@ class SlowTopics:
 
     def publish_latched(self, description: str, stamp: int) -> None:
         """Publish description, encoder offsets and state; to be called once the node is active, at a stamp [ns]."""
-        self._said = ""
         self._description.publish(String(data=description))
         self.publish_start(stamp)
 
     def publish_start(self, stamp: int) -> None:
-        """Publish what the drivers begin with at a stamp [ns]: the offsets that they subtract, and their state."""
+        """Publish what the drivers begin with at a stamp [ns]: the offsets that they subtract, and their state.
+
+        The state is told even if it is the same: held twice is a robot that has been put back while it was held.
+        """
         offsets = self._driven.encoder_offsets
         offsets = self._zero if offsets is None else offsets
         self._offsets.publish(self._joint_codec.encode(stamp, offsets, self._zero, self._zero))
+        self._said = ""
         self.publish_state()
 
     def publish_time(self, stamp: int) -> None:

@@ -53,7 +53,6 @@ class StateEstimatorNode(PoiseNode):
         self._state: RobotState | None = None
         self._scheduled: tuple[bool, bool] | None = None
         self._last_stamp = 0
-        self._driver_state = ""
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
@@ -112,10 +111,9 @@ class StateEstimatorNode(PoiseNode):
         self._estimates.publish_odometry(self._state, self._last_stamp)
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the robot has been put back to its start."""
-        if message.data == topics.HELD and self._driver_state != topics.HELD and self._state is not None:
+        """Start over when the robot has been put back to its start, from wherever it was."""
+        if message.data == topics.HELD and self._state is not None:
             self.activate()
-        self._driver_state = message.data
 
 
 def main(args: list[str] | None = None) -> None:

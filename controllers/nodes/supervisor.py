@@ -215,7 +215,7 @@ class SupervisorNode(PoiseNode):
         Active drivers: the robot keeps standing. Damped ones: it stays damped, with a latched fault.
         """
         before, self._driver_state = self._driver_state, message.data
-        if message.data == topics.HELD and before not in ("", topics.HELD):
+        if message.data == topics.HELD and before:
             self._law.reset()
         elif message.data == topics.HANGING:
             self._law.reset()

@@ -38,9 +38,7 @@ class FakeStage:
         self.made = SimpleNamespace(lines=[])
         self.still_since: float | None = None
         self.height = 0.8
-        self.graph = SimpleNamespace(
-            mode="stand", driver_state=topics.ACTIVE, pids={"a": 1, "b": 2}, spin=time.sleep, call=self._call
-        )
+        self.graph = SimpleNamespace(mode="stand", driver_state=topics.ACTIVE, pids={"a": 1, "b": 2}, spin=time.sleep)
         self._after = words, rest, height, restarted
 
     def begin(self, row: GraphRow) -> None:
@@ -60,7 +58,7 @@ class FakeStage:
         self.made.lines.append("b ended with code 1: restart 1 of 5")
         yield 0.01
 
-    def _call(self, service: str) -> tuple[bool, str]:
+    def ask(self, service: str) -> tuple[bool, str]:
         return self.graph.mode != "damp", "latched faults"
 
 

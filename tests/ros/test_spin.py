@@ -45,6 +45,19 @@ def test_exit_code(ros_domain_id: int, act: str, code: int) -> None:
     assert ("ValueError: a bug" in ended.stderr) == (code == 1)
 
 
+def test_where_no_log_can_be_written_a_process_says_so_and_runs(ros_domain_id: int) -> None:
+    environment = {**os.environ, **graph_environment(), "ROS_LOG_DIR": "/dev/null/logs"}
+    ended = subprocess.run(
+        [sys.executable, "-c", NODE.format(act="os.kill(os.getpid(), signal.SIGTERM)")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+    )
+    assert ended.returncode == 0
+    assert "no logs in /dev/null/logs: Not a directory" in ended.stderr
+
+
 MAINS = """
 import os, signal
 from importlib import import_module

@@ -1,7 +1,8 @@
-"""Ways in which ``poise bench graph_faults`` spoils messages: each does what it is called, and its receiver says why."""
+"""Ways in which ``poise bench graph_faults`` spoils messages: each does what it is called, and receivers say why."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -55,14 +56,9 @@ def test_stamps_are_changed_where_a_message_has_its_own(spoil: str, stamp: int, 
 
 
 def test_a_publisher_spoils_as_many_messages_as_it_is_told(g1: RobotModel) -> None:
-    class Sink:
-        sent: list[Any] = []
-
-        def publish(self, message: Any) -> None:
-            self.sent.append(message)
-
-    publisher = SpoiltPublisher(Sink(), JointState)
+    sent: list[Any] = []
+    publisher = SpoiltPublisher(SimpleNamespace(publish=sent.append), JointState)
     publisher.spoil("silent", 2)
     for _ in range(3):
         publisher.publish(joint_bytes(g1))
-    assert Sink.sent == [joint_bytes(g1)]
+    assert sent == [joint_bytes(g1)]

@@ -428,6 +428,34 @@ def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
     bench.wait(lambda: "second publisher" not in world.call("mode/stand")[1])
 
 
+def test_a_robot_put_back_while_it_is_held_stands_up_anew(bench: Any, world: World, g1: RobotModel) -> None:
+    """Else the supervisor takes it for standing and the drivers wait for a mode, for ever."""
+    world.robot(g1)
+    world.drivers(topics.HELD)
+    bench.add(SupervisorNode, lockstep=True, preflight_time=0.2)
+    bench.wait(lambda: world.modes[-1:] == ["stand"])
+    del world.modes[:]
+    world.drivers(topics.HELD)
+    bench.wait(lambda: world.modes == ["off", "stand"])
+
+
+def test_a_second_clock_is_told_and_its_times_are_not_believed(bench: Any, world: World, g1: RobotModel) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    bench.wait(lambda: world.modes and node._reports.heard)
+    second = bench.world.create_publisher(Clock, topics.CLOCK, SENSOR)
+    bench.wait(lambda: second.get_subscription_count() == 1)
+    for sec, why in ((3600, "leaps ahead"), (0, "is before")):
+        time = Clock()
+        time.clock.sec = sec
+        bench.wait(lambda time=time, why=why: second.publish(time) or why in node.values.get("last refusal", ""))
+        assert 0.0 < node._reports.t < 3600.0
+    bench.wait(lambda: node._law.faults == ("'/clock' has a second publisher",))
+    assert world.modes == ["stand"]
+    bench.world.destroy_publisher(second)
+
+
 def test_stamped_velocities_are_of_now_and_of_the_base(bench: Any, sources: Sources) -> None:
     assert sources.world.call("mode/walk")[0]
 

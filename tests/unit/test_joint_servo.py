@@ -110,6 +110,7 @@ def test_command_that_is_not_finite_is_refused_then_times_out(g1: RobotModel, fi
         servo.step(t + k * DT, q, zero, DT)
     assert servo.state is ServoState.DAMPED
     assert servo.timeouts == 1
+    assert 0.0 < servo.silence - servo.config.command_timeout <= 2.0 * DT
 
 
 def test_command_of_wrong_size_is_refused(g1: RobotModel) -> None:
