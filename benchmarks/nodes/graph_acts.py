@@ -118,7 +118,7 @@ ACTS: dict[str, Act] = {
     **{f"reactivate_{name}": reactivate(name) for name in (*CONTROL.nodes, *PLANNER.nodes, *SUPERVISOR.nodes)},
     **{f"joints_{spoil}": _spoil(topics.JOINT_STATES, spoil) for spoil in _JOINT_SPOILS},
     "joints_old_5ms": _spoil(topics.JOINT_STATES, "old", MOMENT),
-    "joints_future_5ms": _spoil(topics.JOINT_STATES, "future", MOMENT),
+    "joints_leaping": _spoil(topics.JOINT_STATES, "leaping"),
     "imu_unnormalised": _spoil(topics.IMU_RAW, "unnormalised"),
     "clock_silent": _spoil(topics.CLOCK, "silent"),
     "clock_hour_back": _spoil(topics.CLOCK, "hour_back"),

@@ -58,7 +58,7 @@ def throw(module: str) -> Act:
 
 
 def collect(module: str) -> Act:
-    """Have a prodded process collect its garbage, all that lives included, several times."""
+    """Have a prodded process collect its garbage, several times."""
 
     def act(stage: GraphStage) -> Iterator[float]:
         for _ in range(COLLECTIONS):

@@ -36,8 +36,8 @@ BACK_TIME = 90.0
 SENSOR_RATE, CLOCK_RATE = 1000.0, 100.0
 """Of the bridge's topics [Hz]."""
 
-TIMEOUTS = "driver timeouts"
-"""Count in the bridge's diagnostics."""
+TIMEOUTS, BOXES = "driver timeouts", "black boxes not written"
+"""Counts in the diagnostics of bridge and controller."""
 
 VELOCITY_PERIOD = 0.1
 """Between two velocities of the user [s]."""
@@ -166,6 +166,8 @@ class GraphStage:
             refused = sum(int(value) for key, value in values.items() if key.startswith("refused "))
             if self._grown(status.name, "refused", refused):
                 self.refusals.append(values["last refusal"])
+            if self._grown(status.name, BOXES, int(values.get(BOXES, 0))):
+                self.refusals.append(f"black box not written: {values['black box']}")
             if self._grown(status.name, TIMEOUTS, int(values.get(TIMEOUTS, 0))):
                 self.silences.append(float(values["silence before timeout [s]"]))
 

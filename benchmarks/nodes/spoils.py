@@ -12,6 +12,9 @@ from models.nodes.messages import set_stamp, stamp_ns
 SHIFT = NANOSECONDS
 """How far an old or future stamp is off [ns]."""
 
+TICK = NANOSECONDS // 1000
+"""Between two messages of a sensor [ns]."""
+
 HOUR = 3600 * NANOSECONDS
 """How far ``/clock`` jumps [ns]."""
 
@@ -58,6 +61,7 @@ SPOILS: dict[str, Spoil] = {
     "backward": _stamped(lambda now, began: 2 * began - now),
     "old": _stamped(lambda now, began: now - SHIFT),
     "future": _stamped(lambda now, began: now + SHIFT),
+    "leaping": _stamped(lambda now, began: now + SHIFT * ((now - began) // TICK % 2)),
     "hour_back": _stamped(lambda now, began: now - HOUR),
     "hour_ahead": _stamped(lambda now, began: now + HOUR),
     "reordered": _joints(lambda values: values[::-1], lambda names: names[::-1]),

@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from models.nodes import topics
 from models.nodes.messages import JointCommandCodec, decode, doubles
-from models.nodes.qos import COMMAND, SENSOR
+from models.nodes.qos import COMMAND, LATCHED, SENSOR
 from models.nodes.scan import scan_from_message
 from models.robot_model import RobotModel
 from models.scan import Scan
@@ -134,6 +134,14 @@ def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotMode
     assert culprit in bridge.values["last refusal"]
     assert bridge.commands.stamp == 99 * MS
     np.testing.assert_array_equal(bridge._driven.servo.setpoint.q, before.q)
+
+
+def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, bridge: MujocoBridge) -> None:
+    heard: list[str] = []
+    bench.world.create_subscription(String, topics.DRIVER_STATE, lambda message: heard.append(message.data), LATCHED)
+    bench.wait(lambda: heard == [topics.HELD])
+    bridge.restart()
+    bench.wait(lambda: heard == [topics.HELD, topics.HELD])
 
 
 def test_unknown_modes_are_refused_by_name(bridge: MujocoBridge) -> None:
