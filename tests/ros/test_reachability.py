@@ -64,12 +64,20 @@ print(" ".join(sorted(heard)))
 
 STAGE = '''
 """Two machines with one cable, in the first a graph and a visitor, in the second another visitor."""
-import json, os, subprocess, sys
+import json, os, subprocess, sys, time
 
 reach, patience = sys.argv[1:]
 
 def ip(*words, inside=()):
-    subprocess.run([*inside, "ip", *words], check=True)
+    return subprocess.run([*inside, "ip", *words], check=True, stdout=subprocess.PIPE, text=True).stdout
+
+def plugged(end, inside=()):
+    """The kernel calls an end up as much as a second late, and a participant never uses one that was not up before."""
+    give_up = time.monotonic() + 20.0
+    while " UP " not in ip("-brief", "link", "show", end, inside=inside):
+        if time.monotonic() > give_up:
+            sys.exit(f"{end} does not come up")
+        time.sleep(0.01)
 
 own_memory = "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep 120"  # or both would open the same ports in it
 other = subprocess.Popen(["unshare", "--net", "--mount", "sh", "-c", own_memory], stdout=subprocess.PIPE)
@@ -85,6 +93,8 @@ try:
     ip("address", "add", "10.213.0.2/24", "dev", "cable1", inside=there)
     ip("link", "set", "cable0", "up")
     ip("link", "set", "cable1", "up", inside=there)
+    plugged("cable0")
+    plugged("cable1", inside=there)
     node = subprocess.Popen([*python, "node.py", reach], stdout=subprocess.PIPE, text=True)
     addresses = node.stdout.readline().split()
     plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
@@ -93,6 +103,7 @@ try:
     far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **heard)
     near = subprocess.Popen([*visit, "near", "30"], env=plain, **heard)
     result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
+    result["exits"] = [near.returncode, far.returncode]  # who has crashed has heard nothing either
     # After that, has the graph heard the one from outside?
     late = subprocess.run([*visit, "late", "30"], env=plain, **heard)
     result |= {"late": late.stdout.split(), "addresses": addresses}
@@ -148,15 +159,15 @@ LOOPBACK = "0100007F"
 def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path) -> None:
     result = reached("loopback", 6.0, tmp_path, root)
     assert "near" in result["near"]  # heard, and answered
-    assert result["far"] == []
+    assert (result["far"], result["exits"]) == ([], [0, 0])
     assert "late" in result["late"] and "near" in result["late"] and "far" not in result["late"]
     assert result["addresses"] == [LOOPBACK]
 
 
-@pytest.mark.slow  # after nodes in the same test process the far visitor sometimes hears nothing; why is not known yet
 def test_network_opens_it(tmp_path: Path, root: Path) -> None:
     """The control: the cable carries, and the visitor from outside would have been heard."""
     result = reached("network", 30.0, tmp_path, root)
-    assert "near" in result["near"] and "far" in result["far"]
+    assert result["exits"] == [0, 0]
+    assert "near" in result["near"] and "far" in result["far"], result
     assert "far" in result["late"]
     assert set(result["addresses"]) - {LOOPBACK}
