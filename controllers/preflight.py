@@ -25,6 +25,7 @@ class Evidence:
         refusals: Why messages were refused, by topic.
         base_quaternion: Estimated orientation of B in W, xyzw (4,).
         rates: Measured rate of each sensor topic by stamp [Hz].
+        incompatible: Who at the other end of a needed topic does not agree on which policy of its QoS, by topic.
     """
 
     description: str | None = None
@@ -32,6 +33,7 @@ class Evidence:
     refusals: Mapping[str, str] = field(default_factory=dict)
     base_quaternion: Vector | None = None
     rates: Mapping[str, float] = field(default_factory=dict)
+    incompatible: Mapping[str, str] = field(default_factory=dict)
 
 
 def preflight(
@@ -50,6 +52,7 @@ def preflight(
     """
     return (
         *(f"{topic}: {reason}" for topic, reason in evidence.refusals.items()),
+        *(f"'{topic}' has incompatible QoS: {who}" for topic, who in evidence.incompatible.items()),
         *_mass(model, config, evidence.description),
         *_joints(model, config, evidence.joints),
         *_attitude(config, evidence.base_quaternion),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -73,6 +73,8 @@ class HealthTopics:
         self._twist: Vector = np.zeros(6)
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
+        self._incompatible: dict[str, dict[str, str]] = {}
+        self._needed = frozenset(topics.needed_topics(node.model))
         self._sensors = [node.resolve_topic_name(topic) for topic in (*topics.sensor_topics(node.model), topics.CLOCK)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
@@ -130,6 +132,11 @@ class HealthTopics:
             self._count_at = now + COUNT_PERIOD
             self._intruders = tuple(topic for topic in self._sensors if self._node.count_publishers(topic) > 1)
         return self._intruders
+
+    @property
+    def incompatible(self) -> dict[str, str]:
+        """Needed topics whose ends do not agree on their QoS: who and on what. A node's last word counts."""
+        return {topic: who for found in self._incompatible.values() for topic, who in found.items()}
 
     def health(self, driver_state: str, config: SupervisorConfig) -> Health:
         """Everything that is known.
@@ -200,12 +207,24 @@ class HealthTopics:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            self._hear_qos(status)
             if status.name.rpartition("/")[2] in WATCHED:
                 self._alive[status.name.rpartition("/")[2]] = time.monotonic()
             if status.name.endswith("/balance_controller"):
                 self._judge(status.message, {item.key: item.value for item in status.values})
             elif status.name.endswith("/state_estimator"):
                 self._hear_estimator({item.key: item.value for item in status.values})
+
+    def _hear_qos(self, status: DiagnosticStatus) -> None:
+        found = {}
+        for item in status.values:
+            words, _, topic = item.key.rpartition(" ")
+            if words == topics.INCOMPATIBLE_QOS and topic in self._needed:
+                found[topic] = f"{item.value[:REASON_MAX]}, says {status.name[:REASON_MAX]}"
+        if found:
+            self._incompatible[status.name] = found
+        else:
+            self._incompatible.pop(status.name, None)
 
     def _hear_estimator(self, values: dict[str, str]) -> None:
         """Since when the estimator coasts. A stamp that is none counts from now: it may be a drop-out."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -72,17 +72,18 @@ class PreflightProbe:
         while self._subscriptions:
             self._node.destroy_subscription(self._subscriptions.pop())
 
-    def evidence(self, description: str | None) -> Evidence:
+    def evidence(self, description: str | None, incompatible: Mapping[str, str]) -> Evidence:
         """What was seen since ``start``.
 
         Args:
             description: The robot's URDF, if it has arrived.
+            incompatible: What the nodes report of the QoS of needed topics.
         """
         rates = {}
         for topic, stamps in self._stamps.items():
             span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0
             rates[topic] = (len(stamps) - 1) * NANOSECONDS / span if span > 0 else 0.0
-        return Evidence(description, self._joints, dict(self._refusals), self._quaternion, rates)
+        return Evidence(description, self._joints, dict(self._refusals), self._quaternion, rates, incompatible)
 
     def _foot_decoder(self, foot: int) -> Callable[[bytes], int]:
         return lambda data: self._foot_codecs[foot].decode(data)[0]

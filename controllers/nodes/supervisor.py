@@ -131,7 +131,8 @@ class SupervisorNode(PoiseNode):
                 self._probe_until = time.monotonic() + self._listen_time
         elif time.monotonic() >= self._probe_until:
             self._probe.stop()
-            findings = preflight(self.model, self._config, self._probe.evidence(self._reports.description), self._rates)
+            evidence = self._probe.evidence(self._reports.description, self._reports.incompatible)
+            findings = preflight(self.model, self._config, evidence, self._rates)
             intruders = map(second_publisher, self._reports.intruders)
             findings = (*self._hanging(), *intruders, *findings)
             if findings != law.preflight:

@@ -17,6 +17,7 @@ from models.errors import PoiseError
 from models.nodes import realtime
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT
+from models.nodes.qos_watch import QosWatch
 from models.robot_model import RobotModel
 
 LOG_PERIOD = 1.0
@@ -60,7 +61,9 @@ class PoiseNode(LifecycleNode):
         self._refused_before = 0
         self._last_log: dict[str, float] = {}
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+        self._qos = QosWatch(self)
+        watched = self._qos.publisher("/diagnostics", EVENT)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT, event_callbacks=watched)
         self._last_alarm = -ALARM_PERIOD
         self.every(float(period.value), self._on_diagnostics_due)
 
@@ -86,7 +89,9 @@ class PoiseNode(LifecycleNode):
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, *, raw: bool = False) -> None:
         """Subscribe until ``cleanup``; see ``Node.create_subscription``."""
-        self._owned.append((self.destroy_subscription, self.create_subscription(kind, topic, callback, qos, raw=raw)))
+        watched = self._qos.subscription(topic, qos)
+        subscription = self.create_subscription(kind, topic, callback, qos, raw=raw, event_callbacks=watched)
+        self._owned += [(self._qos.forget, topic), (self.destroy_subscription, subscription)]
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service until ``cleanup``; see ``Node.create_service``."""
@@ -94,8 +99,8 @@ class PoiseNode(LifecycleNode):
 
     def announce(self, kind: type, topic: str, qos: Any) -> Any:
         """Publisher that works while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
-        publisher = self.create_lifecycle_publisher(kind, topic, qos)
-        self._owned.append((self.destroy_lifecycle_publisher, publisher))
+        publisher = self.create_lifecycle_publisher(kind, topic, qos, event_callbacks=self._qos.publisher(topic, qos))
+        self._owned += [(self._qos.forget, topic), (self.destroy_lifecycle_publisher, publisher)]
         return publisher
 
     def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
@@ -132,13 +137,13 @@ class PoiseNode(LifecycleNode):
         """Publish the state of this node on ``/diagnostics`` (REP-107)."""
         self.before_diagnostics()
         refused = sum(self.counters.values())
-        level = self.level
-        if level == DiagnosticStatus.OK and refused != self._refused_before:
+        level, incompatible = self.level, self._qos.values()
+        if level == DiagnosticStatus.OK and (refused != self._refused_before or incompatible):
             level = DiagnosticStatus.WARN
         self._refused_before = refused
         status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=self.message)
         status.hardware_id = self.robot
-        items = {**self.values, **{key: str(count) for key, count in self.counters.items()}}
+        items = {**self.values, **incompatible, **{key: str(count) for key, count in self.counters.items()}}
         status.values = [KeyValue(key=key, value=value) for key, value in items.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
@@ -152,7 +157,8 @@ class PoiseNode(LifecycleNode):
             self.publish_diagnostics()
 
     def _on_diagnostics_due(self) -> None:
-        """Diagnostics, then the garbage: never within a tick."""
+        """Who is still there, diagnostics, then the garbage: never within a tick."""
+        self._qos.look()
         self.publish_diagnostics()
         if self.active:
             realtime.collect()

@@ -67,6 +67,9 @@ JOINT_FAULT = "joint at fault"
 COASTING = "coasting since [ns]"
 """Key of the estimator's diagnostics that the supervisor reads: stamp of the last usable sample; empty: all is well."""
 
+INCOMPATIBLE_QOS = "incompatible QoS"
+"""First words of a key of any node's diagnostics that the supervisor reads; the topic follows."""
+
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
 
@@ -84,6 +87,12 @@ def foot_wrenches(model: RobotModel) -> tuple[str, ...]:
 def sensor_topics(model: RobotModel) -> tuple[str, ...]:
     """Topics of every sensor of a robot."""
     return (JOINT_STATES, IMU_RAW, *foot_wrenches(model))
+
+
+def needed_topics(model: RobotModel) -> tuple[str, ...]:
+    """Topics without which a robot cannot stand: sensors, states, descriptions and commands."""
+    states = (ODOM, POSTURE, MODE, DRIVER_STATE, ENCODER_OFFSETS, CLOCK)
+    return (*sensor_topics(model), *states, ROBOT_DESCRIPTION, JOINT_COMMAND)
 
 
 def declare_lockstep(node: Any) -> bool:

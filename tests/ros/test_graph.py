@@ -54,6 +54,11 @@ def test_the_graph_offers_what_the_architecture_names(eyes: Eyes) -> None:
     assert services >= {f"/{service}" for service in SERVICES}
 
 
+def test_every_two_ends_of_the_graph_agree_on_their_qos(eyes: Eyes) -> None:
+    said = {f"{node}: {key}: {value}" for node, report in eyes.reports.items() for key, value in report.items()}
+    assert not [words for words in said if topics.INCOMPATIBLE_QOS in words]
+
+
 def test_services_answer_with_the_reason(eyes: Eyes, undisturbed: None) -> None:
     accepted, reason = eyes.ask("mode/off")
     assert not accepted

@@ -52,6 +52,7 @@ def test_each_finding_names_its_culprit(g1: RobotModel) -> None:
         "kg": replace(good, description=heavier),
         "base tilted by": replace(good, base_quaternion=np.array([1.0, 0.0, 0.0, 0.0])),  # wxyz read as xyzw
         "500 Hz instead of 1000 Hz": replace(good, rates={"joint_states": 500.0}),
+        "'odom' has incompatible QoS: publisher: DEADLINE": replace(good, incompatible={"odom": "publisher: DEADLINE"}),
         "joint 'x' is missing": replace(good, refusals={"joint_states": "joint 'x' is missing"}),
     }
     for culprit, evidence in cases.items():
