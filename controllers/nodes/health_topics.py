@@ -21,6 +21,7 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import stamp_ns
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.qos_watch import PUBLISHER
 from models.types import SolveStatus, Vector
 
 STATUSES = {status.value: status for status in SolveStatus}
@@ -74,7 +75,8 @@ class HealthTopics:
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
         self._incompatible: dict[str, dict[str, str]] = {}
-        self._needed = frozenset(topics.needed_topics(node.model))
+        self._needed_heard = frozenset(topics.needed_topics(node.model))
+        self._needed_said = frozenset([topics.JOINT_COMMAND])  # on others a listener may be deaf: he is no driver
         self._sensors = [node.resolve_topic_name(topic) for topic in (*topics.sensor_topics(node.model), topics.CLOCK)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
@@ -219,7 +221,8 @@ class HealthTopics:
         found = {}
         for item in status.values:
             words, _, topic = item.key.rpartition(" ")
-            if words == topics.INCOMPATIBLE_QOS and topic in self._needed:
+            deaf = self._needed_heard if item.value.startswith(PUBLISHER) else self._needed_said
+            if words == topics.INCOMPATIBLE_QOS and topic in deaf:
                 found[topic] = f"{item.value[:REASON_MAX]}, says {status.name[:REASON_MAX]}"
         if found:
             self._incompatible[status.name] = found

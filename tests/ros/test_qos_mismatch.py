@@ -154,13 +154,26 @@ def test_any_node_may_report_it_and_only_needed_topics_count(bench: Any, damped:
     diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
     bench.wait(lambda: diagnostics.get_subscription_count() >= 1)
 
-    def report(*found: str) -> None:
-        items = [KeyValue(key=f"{topics.INCOMPATIBLE_QOS} {topic}", value="subscriber: DEADLINE") for topic in found]
+    def report(value: str, *found: str) -> None:
+        items = [KeyValue(key=f"{topics.INCOMPATIBLE_QOS} {topic}", value=value) for topic in found]
         diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/drivers", values=items)]))
 
     for topic in topics.needed_topics(damped[1].model):
-        report("scan", topic)
+        report("publisher: DEADLINE", "scan", topic)
         bench.wait(lambda topic=topic: any(f"'{topic}' has incompatible QoS" in finding for finding in law.preflight))
         assert len(law.preflight) == 1 and "says /drivers" in law.preflight[0]
-    report("scan")
+    report("publisher: DEADLINE", "scan")
     bench.wait(lambda: not law.preflight)
+
+
+def test_of_those_who_hear_nothing_only_drivers_count(bench: Any, damped: tuple[World, SupervisorNode]) -> None:
+    law = damped[1]._law
+    diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    bench.wait(lambda: diagnostics.get_subscription_count() >= 1)
+    items = [
+        KeyValue(key=f"{topics.INCOMPATIBLE_QOS} {topic}", value="subscriber: RELIABILITY")
+        for topic in topics.needed_topics(damped[1].model)
+    ]
+    diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/bridge", values=items)]))
+    bench.wait(lambda: law.preflight)
+    assert [f"'{topics.JOINT_COMMAND}' has incompatible QoS" in finding for finding in law.preflight] == [True]
