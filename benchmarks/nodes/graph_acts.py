@@ -9,6 +9,7 @@ from multiprocessing import get_context
 
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from benchmarks.nodes import flood
 from benchmarks.nodes.graph_command_acts import replayed, stand_while_walking, two_commanders, unsigned
@@ -17,13 +18,16 @@ from benchmarks.nodes.graph_process_acts import Act, collect, freeze, kill, reac
 from benchmarks.nodes.graph_stage import LOOK, GraphStage
 from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR
 from models.nodes import topics
-from models.nodes.qos import SENSOR
+from models.nodes.qos import EVENT, SENSOR
 
 FREEZE_TIME = 0.2
 """For which a process is stopped that is not to be missed [s]."""
 
 LONG_FREEZE_TIME = 1.0
 """For which one is stopped that is [s]."""
+
+MISMATCH_TIME = 3.0
+"""After which the checks before arming have seen it [s]."""
 
 SPOILT_TIME, MOMENT = 1.0, 0.005
 """For which messages are spoilt [s]."""
@@ -46,6 +50,17 @@ def _second_clock(stage: GraphStage) -> Iterator[float]:
         for _ in range(round(1.0 / LOOK)):
             publisher.publish(message)
             yield LOOK
+    finally:
+        stage.graph.node.destroy_publisher(publisher)
+
+
+def _mismatch(stage: GraphStage) -> Iterator[float]:
+    """While the robot is damped, somebody publishes a latched topic without keeping it for those who come later."""
+    stage.ask("estop")
+    publisher = stage.graph.node.create_publisher(String, topics.DRIVER_STATE, EVENT)
+    try:
+        stage.ask("reset_faults")
+        yield MISMATCH_TIME
     finally:
         stage.graph.node.destroy_publisher(publisher)
 
@@ -123,6 +138,7 @@ ACTS: dict[str, Act] = {
     "clock_silent": _spoil(topics.CLOCK, "silent"),
     "clock_hour_back": _spoil(topics.CLOCK, "hour_back"),
     "clock_hour_ahead": _spoil(topics.CLOCK, "hour_ahead"),
+    "mismatch": _mismatch,
     "second_clock": _second_clock,
     "second_publisher": _second_publisher,
     "flood_texts": _flood(flood.texts, 10_000.0),
