@@ -154,6 +154,7 @@ _add_scenarios("faults", "Faults of sensors, motors, solver, users and world, an
 _add_scenarios(
     "graph_faults", "Faults of processes, topics and host, done to the real graph in real time.", usual_seeds=1
 )
+_add_command("endurance", "An hour of random commands and pushes: falls, latched faults, memory.")
 _add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
 _add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")

@@ -1,0 +1,80 @@
+"""The hour of random commands and pushes: what it counts, and that its verdict depends on every bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+
+from benchmarks import endurance
+from benchmarks.endurance import hour, plot, run
+from benchmarks.harness import Case, Options
+from models.robot_model import RobotModel
+
+GIVEN = endurance._config()
+NOTHING = dict.fromkeys(GIVEN.shares, 0.0)
+
+
+def minute(robot: RobotModel, duration: float = 3.0, **changes: Any) -> Case:
+    """A short one, in which somebody does something every fifth of a second."""
+    given = replace(GIVEN, **{"duration": duration, "pause": (0.2, 0.2), "warm_up": 0.5, "sample": 0.5, **changes})
+    with patch.object(endurance, "_config", lambda: given):
+        return hour(robot.name, 0)
+
+
+@pytest.fixture(scope="module")
+def short(g1: RobotModel) -> Case:
+    """Words and nonsense only."""
+    return minute(g1, shares={**NOTHING, "word": 0.5, "nonsense": 0.5})
+
+
+def test_everything_that_is_done_is_counted(short: Case) -> None:
+    assert short["word"] + short["nonsense"] == 15
+    assert short["velocity"] == short["push"] == 0
+    assert short["nonsense"] <= short["refused"] < 15
+    assert sum(short["modes"].values()) == pytest.approx(1.0)
+
+
+def test_nothing_happens_to_the_robot(short: Case) -> None:
+    assert short["ends"] == []
+    assert short["torque_step"] <= 1.0 + 1e-9
+    assert [row[0] for row in short["memory"]] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
+
+
+def test_a_fall_is_told_and_the_hour_goes_on(g1: RobotModel) -> None:
+    case = minute(g1, push_stand=2.0, push_walk=2.0, shares={**NOTHING, "push": 1.0})
+    assert not case["ok"]
+    assert "after push of" in case["ends"][0]
+    assert case["push"] == 15
+
+
+@pytest.mark.parametrize("change", [{"memory_limit": 0.5}, {"torque_step_limit": 1e-6}])
+def test_every_bound_decides(g1: RobotModel, change: dict[str, float]) -> None:
+    def grows() -> Iterator[SimpleNamespace]:
+        kib = 0
+        while True:
+            yield SimpleNamespace(ru_maxrss=kib)
+            kib += 1024
+
+    usage = grows()
+    words = {**NOTHING, "word": 1.0}
+    with patch.object(endurance, "getrusage", lambda who: next(usage)):
+        case = minute(g1, 2.0, shares=words, **{"memory_limit": 10.0, **change})
+    assert case["memory_growth"] == 2.0
+    assert case["ends"] == [] and not case["ok"]
+
+
+def test_the_report_draws_and_judges(short: Case, tmp_path: Path) -> None:
+    with patch.object(
+        endurance, "hour", lambda robot, seed: {**short, "ok": seed == 0, "ends": ["at 1.0 s: x"] * seed}
+    ):
+        report = run(Options(seeds=2))
+    assert not report.passed
+    assert report.figures["falls_and_faults"] == 1.0
+    assert report.notes == ["seed 1 at 1.0 s: x"]
+    assert plot(report, tmp_path)[0].stat().st_size > 0
