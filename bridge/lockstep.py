@@ -254,7 +254,7 @@ class Lockstep:
             return
         self.result = self.laws.step(self.state, dt)
         self._scheduled = self.laws.reference.contacts
-        self._command_t = sensors.t
+        self._command_t = self.state.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()
         self._queue.append((self.tick + self._delay_ticks, self.result.command))

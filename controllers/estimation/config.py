@@ -194,6 +194,7 @@ class EstimatorConfig:
     gate: Annotated[
         float, Field(gt=0.0, description="normalised innovation squared above which a sole is weighed down [-]")
     ]
+    stamp_gap: Annotated[float, Field(gt=0.0, description="largest step of a stamp that is believed at once [s]")]
     imu: InertialNoise
     kinematics: KinematicNoise
     contact: ContactConfig

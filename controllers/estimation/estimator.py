@@ -82,7 +82,7 @@ class StateEstimator:
         self._slip = SlipMonitor(config.slip, config.gate)
         self.filter = InvariantFilter(config)
         self.health = EstimatorHealth()
-        self._buffer = SensorBuffer(model.nj, sensors, config.foot_sensors.saturation)
+        self._buffer = SensorBuffer(model.nj, sensors, config.foot_sensors.saturation, config.stamp_gap)
         self._expected = np.full(2, UNKNOWN)
         self._unobserved = 0.0
         self._ready = False

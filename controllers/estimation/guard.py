@@ -20,7 +20,7 @@ BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
 """Bits of ``SensorBuffer.accept``: which part of a sample is not finite."""
 
 STALE = 16
-"""Bit of ``SensorBuffer.accept``: the sample is not newer than the last one."""
+"""Bit of ``SensorBuffer.accept``: the sample is not newer than the last one, or its stamp leaps ahead."""
 
 SATURATED_IMU, SATURATED_FEET = 32, 64
 """Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less."""
@@ -32,7 +32,7 @@ class EstimatorHealth:
 
     Attributes:
         steps: Calls of ``step``.
-        stale: Samples whose stamp was not newer than the last one's, or steps that were not positive and finite.
+        stale: Samples whose stamp was not newer than the last one's or leapt ahead, or steps that were not positive.
         invalid_joints: Samples with a joint position or velocity that was not finite; kinematics left out.
         invalid_torques: Samples with a joint torque that was not finite; the last good ones were passed on.
         invalid_imu: Samples with a rate or specific force that was not finite; the last good one was held.
@@ -89,14 +89,17 @@ class SensorBuffer:
         nj: Number of joints.
         sensors: Full scales.
         saturation: Share of full scale taken for saturated [-].
+        gap: Largest step of a stamp that is believed at once [s]. After a larger one, which comes of a wrong stamp or
+            of missing samples, the next sample must go on from there.
     """
 
-    def __init__(self, nj: int, sensors: Sensors, saturation: float) -> None:
+    def __init__(self, nj: int, sensors: Sensors, saturation: float, gap: float) -> None:
         imu, feet = sensors.imu, sensors.feet
         scales = [imu.gyro_range, imu.accel_range, feet.force_range or math.inf, feet.torque_range or math.inf]
         self._scales = saturation * np.array(scales)
         self.feet = np.zeros(2)
         self.t = -math.inf
+        self._gap, self._leap = gap, math.nan
         self.joints = np.zeros((3, nj))
         self.imu = np.zeros((2, 3))
         self.previous_rate = np.zeros(3)
@@ -121,7 +124,7 @@ class SensorBuffer:
                 raise MessageError(f"sensors.{name}: not finite")
         if not math.isfinite(sensors.t):
             raise MessageError("sensors.t: not finite")
-        self.t = -math.inf
+        self.t, self._leap = -math.inf, math.nan
         self.wrenches[:] = 0.0
         self.accept(sensors)
         self.previous_rate[:] = self.imu[0]
@@ -133,11 +136,12 @@ class SensorBuffer:
             sensors: Arrays as large as at ``reset``; any memory layout.
 
         Returns:
-            What was not taken over: bits of ``BAD_*``, ``STALE`` when the stamp is not newer than the last one's.
+            What was not taken over: bits of ``BAD_*``, ``STALE`` when the stamp is not newer than the last one's or
+            leaps ahead.
         """
-        if not self.t < sensors.t < math.inf:
+        if not self._goes_on(sensors.t):
             return STALE
-        self.t = sensors.t
+        self.t, self._leap = sensors.t, math.nan
         self._new_joints[0] = sensors.q
         self._new_joints[1] = sensors.v
         self._new_joints[2] = sensors.tau
@@ -150,6 +154,15 @@ class SensorBuffer:
                 self.joints, self.imu, self.previous_rate, self.wrenches, self.feet,
             )
         )  # fmt: skip
+
+    def _goes_on(self, t: float) -> bool:
+        """Whether a stamp [s] is newer than the last one, and near it or after a leap."""
+        if not self.t < t < math.inf:
+            return False
+        if t - self.t <= self._gap or 0.0 < t - self._leap <= self._gap or self.t == -math.inf:
+            return True
+        self._leap = t
+        return False
 
 
 @njit(cache=True)

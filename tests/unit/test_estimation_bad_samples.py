@@ -98,3 +98,20 @@ def test_moving_start_and_missing_reset_are_refused(g1: RobotModel) -> None:
         estimator.reset(replace(sample, accel=1.5 * sample.accel))
     with pytest.raises(MessageError, match=r"sensors\.t"):
         estimator.reset(replace(sample, t=np.nan))
+
+
+def test_a_stamp_that_leaps_ahead_is_refused_unless_the_samples_go_on_from_there(estimator: StateEstimator) -> None:
+    robot = robot_of(estimator)
+    sensors = sensors_of(robot, motion(robot), 0)[:120]
+    estimator.reset(sensors[0])
+    for sample in sensors[1:50]:
+        estimator.step(sample, DT)
+    state = estimator.step(replace(sensors[50], t=sensors[50].t + 3600.0), DT)
+    assert estimator.health.stale == 1 and state.t == pytest.approx(sensors[50].t)
+    for sample in sensors[51:60]:
+        state = estimator.step(sample, DT)
+        assert state.t == sample.t
+    assert estimator.health.stale == 1  # one wrong stamp has cost one sample
+    for sample in sensors[60:]:
+        state = estimator.step(replace(sample, t=sample.t + 1.0), DT)
+    assert estimator.health.stale == 2 and state.t == sensors[-1].t + 1.0  # the clock has been set

@@ -147,7 +147,7 @@ def sample(robot: RobotModel, t: float) -> SensorData:
 
 def test_samples_at_full_scale_are_recognised(g1: RobotModel) -> None:
     sensors = g1.profile.sensors
-    buffer = SensorBuffer(g1.nj, sensors, LIMITS.saturation)
+    buffer = SensorBuffer(g1.nj, sensors, LIMITS.saturation, 0.05)
     buffer.reset(sample(g1, 0.0))
     good = sample(g1, 0.001)
     cases = {
@@ -167,7 +167,7 @@ def test_samples_at_full_scale_are_recognised(g1: RobotModel) -> None:
 
 
 def test_one_absent_foot_leaves_the_other_its_readings(g1: RobotModel) -> None:
-    buffer = SensorBuffer(g1.nj, g1.profile.sensors, LIMITS.saturation)
+    buffer = SensorBuffer(g1.nj, g1.profile.sensors, LIMITS.saturation, 0.05)
     buffer.reset(sample(g1, 0.0))
     wrenches = np.full((2, 6), np.nan)
     wrenches[1] = 3.0
