@@ -77,27 +77,14 @@ def validate_trajectory(
     columns = _check_names(traj, model, require_all)
     _check_shapes(traj, limits)
     _check_finite(traj)
-    times = traj.times
-    if times[0] < 0.0:
-        raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if late.size:
-        i = int(late[0]) + 1
-        kind = "equal to" if times[i] == times[i - 1] else "before"
-        raise TrajectoryError(f"times: point {i} at {times[i]:g} s is {kind} point {i - 1} at {times[i - 1]:g} s")
+    _check_times(traj)
     _check_points(traj, model, columns, limits)
     if end_at_rest and traj.velocities is not None:
         last = traj.velocities[-1]
         moving = np.abs(traj.velocities[-1:]) > limits.rest_velocity
-        _refuse_first(moving, traj, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(times) - 1)
+        _refuse_first(moving, traj, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(traj.times) - 1)
     if start_q is not None:
-        allowed = limits.start_jump + model.v_max[columns] * (float(times[0]) + elapsed)  # (k,)
-        jump = traj.positions[0] - start_q[columns]  # (k,)
-        _refuse_first(
-            (np.abs(jump) > allowed)[None],
-            traj,
-            lambda _, k: f"start jump of {jump[k]:g} rad from {start_q[columns[k]]:g} rad, at most {allowed[k]:g} rad",
-        )
+        _check_start(traj, model, columns, start_q, elapsed, limits)
     _check_curve(traj, model, columns, start_q, start_v, limits)
 
 
@@ -139,6 +126,36 @@ def _check_finite(traj: JointTrajectory) -> None:
         raise TrajectoryError(f"times: point {bad[0]} is {traj.times[bad[0]]}")
     for field, values in _fields(traj):
         _refuse_first(~np.isfinite(values), traj, lambda i, k: f"{field} is {values[i, k]}")  # noqa: B023
+
+
+def _check_times(traj: JointTrajectory) -> None:
+    """None before the start, each after the one before."""
+    times = traj.times
+    if times[0] < 0.0:
+        raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if late.size:
+        i = int(late[0]) + 1
+        kind = "equal to" if times[i] == times[i - 1] else "before"
+        raise TrajectoryError(f"times: point {i} at {times[i]:g} s is {kind} point {i - 1} at {times[i - 1]:g} s")
+
+
+def _check_start(
+    traj: JointTrajectory,
+    model: RobotModel,
+    columns: NDArray[np.intp],
+    start_q: Vector,
+    elapsed: float,
+    limits: TrajectoryLimits,
+) -> None:
+    """The first point near enough to where the joints are."""
+    allowed = limits.start_jump + model.v_max[columns] * (float(traj.times[0]) + elapsed)  # (k,)
+    jump = traj.positions[0] - start_q[columns]  # (k,)
+    _refuse_first(
+        (np.abs(jump) > allowed)[None],
+        traj,
+        lambda _, k: f"start jump of {jump[k]:g} rad from {start_q[columns[k]]:g} rad, at most {allowed[k]:g} rad",
+    )
 
 
 def _check_points(
