@@ -1,23 +1,20 @@
-"""What is done to a robot besides faults of its sensors and motors: to its solver, by its users, by its world."""
+"""What is done to a robot besides faults of its sensors and motors; what is done to its solver is here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks.fault_acts_commands import COMMANDS
+from benchmarks.fault_acts_trajectories import TRAJECTORIES
+from benchmarks.fault_acts_world import WORLD
+from benchmarks.fault_doing import Act, Doing
 from bridge.closed_loop import ClosedLoop
 from controllers.balance import BalanceController
-from models.types import CommandReply
-
-Doing = Iterator[CommandReply | None]
-"""One step of an act before each tick; what was answered, where something was asked."""
-
-KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
-"""Time between two kicks, length of each [s], and the velocity that it gives [m/s]."""
 
 
 def _solver(loop: ClosedLoop) -> BalanceController:
@@ -72,60 +69,14 @@ def _nan_torques(loop: ClosedLoop, ticks: int) -> Doing:
             yield None
 
 
-def _says(text: str) -> Callable[[ClosedLoop], Doing]:
-    def act(loop: ClosedLoop) -> Doing:
-        yield loop.command(text)
-
-    return act
-
-
-def _flood(loop: ClosedLoop) -> Doing:
-    """Ten texts in every tick of a second."""
-    for _ in range(1000):
-        for _ in range(10):
-            loop.command("nonsense")
-        yield None
-
-
-def _calibrate(loop: ClosedLoop) -> Doing:
-    yield loop.calibrate("imu")
-
-
-def _busy(loop: ClosedLoop) -> Doing:
-    loop.command("squat")
-    yield loop.command("wave")
-
-
-def _kick(loop: ClosedLoop) -> Doing:
-    """A kick from another side every four seconds."""
-    force = loop.robot.mass * KICK_SPEED / KICK_TIME
-    for number in range(1000):
-        angle = 2.4 * number  # [rad] the golden angle: never the same side
-        loop.apply_push((force * np.cos(angle), force * np.sin(angle), 0.0), KICK_TIME)
-        for _ in range(round(KICK_PERIOD / loop.plant.period)):
-            yield None
-
-
-def _knock_down(loop: ClosedLoop) -> Doing:
-    """A push that nothing can take."""
-    loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
-    yield None
-
-
-ACTS: dict[str, Callable[[ClosedLoop], Doing]] = {
+ACTS: Mapping[str, Act] = {
     "contradict": _contradicted,
     "spoil_once": lambda loop: _spoiled(loop, 1),
     "spoil": lambda loop: _spoiled(loop, 100),
     "nan_once": lambda loop: _nan_torques(loop, 1),
     "nan_torque": lambda loop: _nan_torques(loop, 200),
-    "long_text": _says("x" * 1_000_000),
-    "unknown_text": _says("fly"),
-    "squat": _says("squat"),
-    "stand": _says("stand"),
-    "flood": _flood,
-    "calibrate": _calibrate,
-    "busy": _busy,
-    "kick": _kick,
-    "knock_down": _knock_down,
+    **TRAJECTORIES,
+    **COMMANDS,
+    **WORLD,
 }
 """By the name that a row gives them."""

@@ -25,12 +25,19 @@ class LoopChanges:
         payload_kg: At the torso [kg].
         terrain: Name of the ground.
         misalignment: Of the inertial unit (3,) [rad].
+        obstacle_stop: Whether the scanner stops a walk.
+        profile: What differs in the profile of the robot, as the profile nests it.
+        described_mass: Of the robot's first body, in parts of what it is, in a URDF that has changed since the laws
+            were built from it [-].
     """
 
     friction: float | None = None
     payload_kg: float = 0.0
     terrain: str = "flat"
     misalignment: list[float] | None = None
+    obstacle_stop: bool = False
+    profile: dict[str, Any] = Field(default_factory=dict)
+    described_mass: Positive = 1.0
 
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)

@@ -15,7 +15,9 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.commands import demand
-from benchmarks.fault_acts import ACTS, Doing
+from benchmarks.fault_acts import ACTS
+from benchmarks.fault_doing import Doing
+from benchmarks.fault_robots import robot_of
 from benchmarks.fault_rows import Row, config, with_knee
 from benchmarks.fault_table import draw, report_rows
 from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
@@ -23,7 +25,6 @@ from bridge.closed_loop import ClosedLoop
 from bridge.fault_plan import Fault
 from bridge.sensor_errors import SensorErrors
 from models.errors import PoiseError
-from models.robot_model import RobotModel
 from models.types import Mode, Vector
 
 ROUNDING = 1e-9
@@ -37,14 +38,15 @@ class _Trial:
     """One row on one robot.
 
     Args:
-        model: The robot.
+        robot: Name of its profile.
         seed: Of the sensor noise.
         row: What is done, and what is expected.
-        folder: For the black box.
+        folder: For the black box, and for files that are changed.
     """
 
-    def __init__(self, model: RobotModel, seed: int, row: Row, folder: Path) -> None:
-        self._model, self._row = model, row
+    def __init__(self, robot: str, seed: int, row: Row, folder: Path) -> None:
+        self._model, self._row = robot_of(robot, row.loop, folder), row
+        model = self._model
         self.knee = model.joint_names[model.feet[0].joint_ids_v[3] - 6]
         errors = None if row.loop.misalignment is None else SensorErrors(misalignment=row.loop.misalignment)
         self._loop = ClosedLoop(
@@ -54,6 +56,7 @@ class _Trial:
             payload_kg=row.loop.payload_kg,
             terrain=row.loop.terrain,
             sensor_errors=errors,
+            obstacle_stop=row.loop.obstacle_stop,
             record=False,
             black_box=folder if row.box else None,
         )
@@ -102,7 +105,7 @@ class _Trial:
 
     def _outcome(self, before: Mode) -> Case:
         loop, row = self._loop, self._row
-        told = "; ".join(loop.faults) or self._answer
+        told = "; ".join((*loop.faults, *filter(None, [self._answer])))
         wanted = Mode(row.mode) if row.mode else {"damps": Mode.DAMP, "stands": Mode.STAND}.get(row.expect, before)
         time = next((t for t, mode in self._modes if mode is wanted), float("nan"))
         as_wanted = loop.mode is wanted and with_knee(row.reason, self.knee) in told
@@ -138,7 +141,7 @@ def trial(robot: str, seed: int, row: str) -> Case:
     given = config().rows[row]
     with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
         try:
-            outcome = _Trial(RobotModel.load(robot), seed, given, Path(folder)).run()
+            outcome = _Trial(robot, seed, given, Path(folder)).run()
         except PoiseError as error:
             refused = given.expect == "refuses" and given.reason in str(error)
             outcome = {"seen": "refused", "reason": str(error)[:160], "time": None, "torque_step": 0.0, "ok": refused}

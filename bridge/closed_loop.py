@@ -19,6 +19,7 @@ from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
 from controllers.estimation.estimator import StateEstimator
+from controllers.joint_servo import JointServo
 from controllers.walker import Walker
 from models.calibration import Calibration
 from models.config import default_config
@@ -210,6 +211,11 @@ class ClosedLoop:
     def controller(self) -> Controller:
         """The whole-body controller."""
         return self._lockstep.controller
+
+    @property
+    def drivers(self) -> JointServo:
+        """The joint drivers."""
+        return self._lockstep.servo
 
     @property
     def estimator(self) -> StateEstimator:
