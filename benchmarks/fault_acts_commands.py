@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from benchmarks.fault_doing import Act, Doing, asked, pause, says
+from benchmarks.fault_doing import Act, Doing, asked, pause, says, unmet
 from bridge.closed_loop import ClosedLoop
 from bridge.fault_plan import Fault
 from controllers.arbitration import Arbiter
 from controllers.command_signature import KEY_BYTES, Signer, Verifier
 from models.constants import NANOSECONDS
-from models.types import CommandReply
+from models.types import CommandReply, Mode
 
 WALL_TIME, WINDOW = 1.7e9, 0.1
 """Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]."""
@@ -31,6 +31,15 @@ def _velocity(forward: float) -> Act:
 
 def _calibrate(loop: ClosedLoop) -> Doing:
     yield loop.calibrate("imu")
+
+
+def _stand_up(loop: ClosedLoop) -> Doing:
+    """A robot that walks is asked to stand, which it may only between two steps."""
+    yield loop.command("stand")
+    while loop.mode is Mode.WALK:
+        yield None
+    if loop.gait.walking:
+        yield unmet("stands in the middle of a step")
 
 
 def _walk_damped(loop: ClosedLoop) -> Doing:
@@ -101,7 +110,7 @@ COMMANDS: Mapping[str, Act] = {
     "long_text": says("x" * 1_000_000),
     "unknown_text": says("fly"),
     "squat": says("squat"),
-    "stand": says("stand"),
+    "stand": _stand_up,
     "busy": says("squat", "wave"),
     "walk_from_squat": says("squat", "walk"),
     "flood": _flood,

@@ -92,12 +92,13 @@ class _Trial:
         return self._outcome(before)
 
     def _watch(self, write: Any) -> Any:
-        """The plant's ``write``, which notes the largest step of a torque, in parts of the rate limit."""
+        """The plant's ``write``, noting the largest step of a torque, in parts of the rate limit; inf for a NaN."""
         scale = self._model.tau_rate_max * self._loop.plant.period
 
         def watched(tau: Vector) -> None:
             if self._before is not None:
-                self._step = max(self._step, float((np.abs(tau - self._before) / scale).max()))
+                step = float((np.abs(tau - self._before) / scale).max())
+                self._step = max(self._step, np.inf if np.isnan(step) else step)
             self._before = tau.copy()
             write(tau)
 
@@ -112,7 +113,7 @@ class _Trial:
         if row.expect == "damps":
             ok = as_wanted and bool(loop.faults) and time <= (row.within or np.inf)
         elif row.expect == "stands":
-            ok = as_wanted and not loop.faults and not loop.fallen and time <= (row.within or np.inf)
+            ok = as_wanted and not told and not loop.fallen and time <= (row.within or np.inf)
         else:
             ok = as_wanted and not loop.faults and not loop.fallen and bool(self._answer) == (row.expect == "refuses")
         left = not row.box or bool(loop.black_box and loop.black_box.files)
