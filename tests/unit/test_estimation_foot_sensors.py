@@ -161,7 +161,7 @@ def test_samples_at_full_scale_are_recognised(g1: RobotModel) -> None:
     for k, (axis, scale) in enumerate(((2, sensors.feet.force_range), (4, -sensors.feet.torque_range))):
         wrenches = np.zeros((2, 6))
         wrenches[1, axis] = scale
-        assert buffer.accept(replace(good, t=0.1 * (k + 1), wrenches=wrenches)) == SATURATED_FEET
+        assert buffer.accept(replace(good, t=0.02 * (k + 1), wrenches=wrenches)) == SATURATED_FEET
         assert buffer.feet.tolist() == [0.0, 2.0]
         assert buffer.wrenches[1, axis] == scale
 
