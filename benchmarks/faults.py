@@ -9,8 +9,6 @@ from __future__ import annotations
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
@@ -21,14 +19,12 @@ from benchmarks.fault_robots import robot_of
 from benchmarks.fault_rows import Row, config, with_knee
 from benchmarks.fault_table import draw, report_rows
 from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
+from benchmarks.torque_steps import TorqueSteps
 from bridge.closed_loop import ClosedLoop
 from bridge.fault_plan import Fault
 from bridge.sensor_errors import SensorErrors
 from models.errors import PoiseError
-from models.types import Mode, Vector
-
-ROUNDING = 1e-9
-"""Of a torque step that is as large as the drivers' limit lets it be [-]."""
+from models.types import Mode
 
 BOX_TIME = 1.0
 """Watched longer where a black box must be left, which is written a little after the fault [s]."""
@@ -60,8 +56,7 @@ class _Trial:
             record=False,
             black_box=folder if row.box else None,
         )
-        self._before: Vector | None = None
-        self._step, self._at, self._answer = 0.0, float("nan"), ""
+        self._steps, self._answer = TorqueSteps(self._loop), ""
         self._modes: list[tuple[float, Mode]] = []
 
     def run(self) -> Case:
@@ -74,7 +69,7 @@ class _Trial:
         before = loop.mode
         doing: Doing = iter(())
         start = loop.t
-        with patch.object(loop.plant, "write", self._watch(loop.plant.write)):
+        with self._steps.watch():
             if row.faults:
                 loop.inject([Fault(**item) for item in with_knee(row.faults, self.knee)])
             if row.act:
@@ -91,19 +86,6 @@ class _Trial:
             loop.run(BOX_TIME)
         return self._outcome(before)
 
-    def _watch(self, write: Any) -> Any:
-        """The plant's ``write``, noting the largest step of a torque, in parts of the rate limit; inf for a NaN."""
-        scale = self._model.tau_rate_max * self._loop.plant.period
-
-        def watched(tau: Vector) -> None:
-            if self._before is not None:
-                step = float((np.abs(tau - self._before) / scale).max())
-                self._step = max(self._step, np.inf if np.isnan(step) else step)
-            self._before = tau.copy()
-            write(tau)
-
-        return watched
-
     def _outcome(self, before: Mode) -> Case:
         loop, row = self._loop, self._row
         told = "; ".join((*loop.faults, *filter(None, [self._answer])))
@@ -117,12 +99,12 @@ class _Trial:
         else:
             ok = as_wanted and not loop.faults and not loop.fallen and bool(self._answer) == (row.expect == "refuses")
         left = not row.box or bool(loop.black_box and loop.black_box.files)
-        fine = self._step <= config().torque_step_limit * (1.0 + ROUNDING)
+        fine = self._steps.within(config().torque_step_limit)
         return {
             "seen": ("fell, " if loop.fallen and row.expect == "rides" else "") + f"mode '{loop.mode.value}'",
             "reason": told[:160],
             "time": time if row.expect in ("damps", "stands") else None,
-            "torque_step": self._step,
+            "torque_step": self._steps.largest,
             "ok": bool(ok and left and fine),
         }
 

@@ -22,7 +22,8 @@ class TorqueSteps:
         loop: The robot.
 
     Attributes:
-        largest: Largest step of a joint's torque in one tick so far, in parts of its rate limit [-].
+        largest: Largest step of a joint's torque in one tick so far, in parts of its rate limit; inf for one to a
+            torque that is no number [-].
     """
 
     def __init__(self, loop: ClosedLoop) -> None:
@@ -46,7 +47,8 @@ class TorqueSteps:
 
         def watched(tau: Vector) -> None:
             if self._before is not None:
-                self.largest = max(self.largest, float((np.abs(tau - self._before) / scale).max()))
+                step = float((np.abs(tau - self._before) / scale).max())
+                self.largest = max(self.largest, np.inf if np.isnan(step) else step)
             self._before = tau.copy()
             write(tau)
 
