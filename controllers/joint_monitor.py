@@ -44,10 +44,12 @@ class JointMonitor:
 
     .. math::
         \tau_{told} = \tau_{ff} + k_p (q_{set} - q) + k_d (v_{set} - v), \quad
-        |\overline{\tau} - \overline{\tau_{told}}| > error\;\tau_{max} + offset
+        \tau_{exp} \mathrel{+}= [\tau_{told} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
+        |\overline{\tau} - \overline{\tau_{exp}}| > error\;\tau_{max} + offset
 
-    is a motor at fault, and sooner one that gives nothing though it is told to. The drivers' own limits, as that of the
-    torque's rate, are why the first bound is wide; near a limit of position or velocity nothing is judged. An encoder
+    is a motor at fault, and sooner one that gives nothing though it is told to. The limits of torque and of its rate
+    are those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. What is
+    left is the way of a command to the drivers, which is why the first bound is wide. An encoder
     is at fault when position and velocity have not changed in the last bit for ``window``: those of a robot whose
     profile gives its velocities noise always do.
 
@@ -70,7 +72,9 @@ class JointMonitor:
         bounds = given.error * largest, given.told * largest, given.nothing * largest
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
-        self._gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside])  # (9, nj)
+        rate = period * model.tau_rate_max
+        self._gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside, rate])  # (10, nj)
+        self._expected = np.zeros(nj)
         self._command, self._torques = np.zeros((3, nj)), np.zeros((rows, 2, nj))
         self._last = np.full((2, nj), np.nan)
         self._still, self._mean = np.zeros(nj, dtype=np.int64), np.zeros((3, nj))
@@ -83,7 +87,7 @@ class JointMonitor:
         self.fault = ""
         self._tick = 0
         self._grace = round(self.config.grace / self._period)
-        self._torques[:] = 0.0
+        self._expected[:] = self._torques[:] = 0.0
         self._still[:] = 0
         self._last[:] = np.nan
 
@@ -109,6 +113,7 @@ class JointMonitor:
             self._command,
             self._gains,
             self._tick,
+            self._expected,
             self._torques,
             self._last,
             self._still,

@@ -18,6 +18,7 @@ def watch_joints(
     command: Array,
     gains: Array,
     tick: int,
+    expected: Array,
     torques: Array,
     last: Array,
     still: NDArray[np.int64],
@@ -32,12 +33,13 @@ def watch_joints(
         command: Set-points of position, velocity and torque that the drivers have (3, nj).
         gains: kp, kd, largest torque, allowed error of the mean torque; of a motor that gives nothing: least torque
             told, largest torque given; lowest and highest position and fastest velocity at which the drivers do as they
-            are told (9, nj).
+            are told; largest change of a torque in a tick (10, nj).
         tick: Number of the tick.
-        torques: In and out: torques told and given in the last ticks (rows, 2, nj) [N.m].
+        expected: In and out: torques that the drivers give (nj,) [N.m].
+        torques: In and out: torques expected and given in the last ticks (rows, 2, nj) [N.m].
         last: In and out: positions and velocities of the tick before (2, nj) [rad, rad/s].
         still: In and out: ticks for which both have been the same (nj,).
-        mean: Out: means of the torques told and given, and of the size of the latter (3, nj) [N.m].
+        mean: Out: means of the torques expected and given, and of the size of the latter (3, nj) [N.m].
 
     Returns:
         0 when all is well, 1 + the index of a motor at fault, or -1 - the index of an encoder.
@@ -49,7 +51,11 @@ def watch_joints(
         told = min(max(told, -gains[2, j]), gains[2, j])
         known = np.isfinite(told) and np.isfinite(tau[j])  # a sample that is missing tells nothing
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
-        torques[row, 0, j], torques[row, 1, j] = (told, tau[j]) if known else (0.0, 0.0)
+        if known:
+            expected[j] += min(max(told - expected[j], -gains[9, j]), gains[9, j])
+        else:  # what they make of it there cannot be told: begin again from what they give
+            expected[j] = tau[j] if np.isfinite(tau[j]) else 0.0
+        torques[row, 0, j], torques[row, 1, j] = (expected[j], tau[j]) if known else (0.0, 0.0)
         still[j] = still[j] + 1 if q[j] == last[0, j] and v[j] == last[1, j] else 0
         last[0, j], last[1, j] = q[j], v[j]
         if still[j] >= rows:

@@ -79,6 +79,18 @@ def test_near_a_limit_the_drivers_do_less_than_they_are_told(joints: Joints) -> 
     assert joints.run(200, given=0.0, q=float(joints.model.q_upper[joints.joint]) - 0.01) == 200
 
 
+def test_a_drive_that_follows_as_fast_as_it_may_is_no_fault(joints: Joints) -> None:
+    model, joint = joints.model, joints.joint
+    largest, step = model.tau_max[joint], 0.001 * model.tau_rate_max[joint]
+    there = int(np.ceil(2.0 * largest / step))  # ticks from one end to the other
+    given = 0.0
+    for tick in range(40 * there):  # told one thing for most of the way there, the other for the rest
+        told = largest if tick % there < 0.8 * there else -largest
+        joints.command.tau[joint] = told
+        assert joints.run(1, given=given) == 1 and not joints.monitor.fault
+        given += float(np.clip(told - given, -step, step))
+
+
 def test_missing_samples_tell_nothing(joints: Joints) -> None:
     assert joints.run(100, given=float("nan"), q=float("nan"), v=float("nan")) == 100
     assert joints.run(100) == 100
