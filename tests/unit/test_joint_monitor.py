@@ -84,8 +84,8 @@ def test_a_drive_that_follows_as_fast_as_it_may_is_no_fault(joints: Joints) -> N
     largest, step = model.tau_max[joint], 0.001 * model.tau_rate_max[joint]
     there = int(np.ceil(2.0 * largest / step))  # ticks from one end to the other
     given = 0.0
-    for tick in range(40 * there):  # told one thing for most of the way there, the other for the rest
-        told = largest if tick % there < 0.8 * there else -largest
+    for tick in range(40 * there):  # never long enough to get to the other end
+        told = largest if tick % there < 0.65 * there else -largest
         joints.command.tau[joint] = told
         assert joints.run(1, given=given) == 1 and not joints.monitor.fault
         given += float(np.clip(told - given, -step, step))
