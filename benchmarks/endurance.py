@@ -10,10 +10,11 @@ import math
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -29,6 +30,9 @@ from models.types import Mode, Vector
 
 Positive = Annotated[float, Field(gt=0.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+Kind = Literal["velocity", "word", "push", "nonsense"]
+"""What may be done to the robot."""
 
 KIB_PER_MIB = 1024.0
 
@@ -49,7 +53,7 @@ class EnduranceConfig:
     sample: Positive
     memory_limit: Positive
     torque_step_limit: Positive
-    shares: dict[str, Share]
+    shares: dict[Kind, Share]
     words: list[str]
 
 
@@ -71,6 +75,12 @@ class _Crowd:
         limits = loop.gait.config.velocity
         self._fastest = _config().velocity_share * np.array([limits.forward, limits.lateral, limits.turn])
         self._slowest = -_config().velocity_share * np.array([limits.backward, limits.lateral, limits.turn])
+        self._acts: dict[Kind, Callable[[], bool]] = {
+            "velocity": self._velocity,
+            "word": self._word,
+            "push": self._push,
+            "nonsense": self._nonsense,
+        }
         self.done: Counter[str] = Counter()
         self.last = ""
 
@@ -81,9 +91,10 @@ class _Crowd:
     def act(self) -> None:
         """One of them does something."""
         shares = _config().shares
-        kind = str(self._rng.choice(list(shares), p=list(shares.values())))
+        kinds = list(shares)
+        kind = kinds[int(self._rng.choice(len(kinds), p=list(shares.values())))]
         self.done[kind] += 1
-        if not getattr(self, f"_{kind}")():
+        if not self._acts[kind]():
             self.done["refused"] += 1
 
     def _velocity(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from controllers.leap import Leap
 from models.errors import MessageError
 
 
@@ -18,9 +19,8 @@ class ClockGuard:
     """
 
     def __init__(self, leap_max: int) -> None:
-        self._leap_max = leap_max
+        self._leap = Leap(leap_max)
         self._last: int | None = None
-        self._leap: int | None = None
 
     def judge(self, stamp: int, *, moving: bool) -> None:
         """Take a time [ns]. One of a robot that does not move is believed whatever it is: its plant may be a new one.
@@ -28,12 +28,9 @@ class ClockGuard:
         Raises:
             MessageError: It is not believed.
         """
-        leap, self._leap = self._leap, None
         if moving and self._last is not None:
             if stamp < self._last:
                 raise MessageError(f"clock: {stamp} ns is before {self._last} ns")
-            goes_on = leap is not None and 0 < stamp - leap <= self._leap_max
-            if stamp - self._last > self._leap_max and not goes_on:
-                self._leap = stamp
+            if not self._leap.believes(self._last, stamp):
                 raise MessageError(f"clock: {stamp} ns leaps ahead of {self._last} ns")
         self._last = stamp

@@ -53,9 +53,10 @@ def watch_joints(
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
         if known:
             expected[j] += min(max(told - expected[j], -gains[9, j]), gains[9, j])
+            torques[row, 0, j], torques[row, 1, j] = expected[j], tau[j]
         else:  # what they make of it there cannot be told: begin again from what they give
             expected[j] = tau[j] if np.isfinite(tau[j]) else 0.0
-        torques[row, 0, j], torques[row, 1, j] = (expected[j], tau[j]) if known else (0.0, 0.0)
+            torques[row, 0, j] = torques[row, 1, j] = 0.0
         still[j] = still[j] + 1 if q[j] == last[0, j] and v[j] == last[1, j] else 0
         last[0, j], last[1, j] = q[j], v[j]
         if still[j] >= rows:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from controllers.leap import Leap
 from models.errors import MessageError
 from models.types import FOOT_NAMES, SensorData, Vector
 
@@ -48,7 +49,7 @@ class SampleAssembler:
     def reset(self) -> None:
         """Forget every sample."""
         self._stamps: list[int | None] = [None] * len(_NAMES)
-        self._leaps: list[int | None] = [None] * len(_NAMES)
+        self._leaps = [Leap(self._max_gap) for _ in _NAMES]
         self._silent = set(self._absent)
         self._emitted: int | None = None
         self._joints: tuple[Vector, Vector, Vector] | None = None
@@ -100,13 +101,9 @@ class SampleAssembler:
             if stamp <= last:
                 kind = "repeats" if stamp == last else "is before"
                 raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns {kind} {last} ns")
-            leap = self._leaps[source]
-            goes_on = leap is not None and 0 < stamp - leap <= self._max_gap
-            if stamp - last > self._max_gap and not goes_on:
-                self._leaps[source] = stamp
+            if not self._leaps[source].believes(last, stamp):
                 raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns leaps ahead of {last} ns")
         self._stamps[source] = stamp
-        self._leaps[source] = None
         self._silent.discard(source)
 
     def _emit(self, *, mixed: bool) -> SensorData | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.foot_sensors import NOT_FINITE, SATURATED, FootSensorState
+from controllers.leap import Leap
 from models.compiled import njit
 from models.errors import MessageError
 from models.profile import Sensors
@@ -99,7 +100,7 @@ class SensorBuffer:
         self._scales = saturation * np.array(scales)
         self.feet = np.zeros(2)
         self.t = -math.inf
-        self._gap, self._leap = gap, math.nan
+        self._gap, self._leap = gap, Leap(gap)
         self.joints = np.zeros((3, nj))
         self.imu = np.zeros((2, 3))
         self.previous_rate = np.zeros(3)
@@ -124,7 +125,7 @@ class SensorBuffer:
                 raise MessageError(f"sensors.{name}: not finite")
         if not math.isfinite(sensors.t):
             raise MessageError("sensors.t: not finite")
-        self.t, self._leap = -math.inf, math.nan
+        self.t, self._leap = -math.inf, Leap(self._gap)
         self.wrenches[:] = 0.0
         self.accept(sensors)
         self.previous_rate[:] = self.imu[0]
@@ -141,7 +142,7 @@ class SensorBuffer:
         """
         if not self._goes_on(sensors.t):
             return STALE
-        self.t, self._leap = sensors.t, math.nan
+        self.t = sensors.t
         self._new_joints[0] = sensors.q
         self._new_joints[1] = sensors.v
         self._new_joints[2] = sensors.tau
@@ -157,12 +158,7 @@ class SensorBuffer:
 
     def _goes_on(self, t: float) -> bool:
         """Whether a stamp [s] is newer than the last one, and near it or after a leap."""
-        if not self.t < t < math.inf:
-            return False
-        if t - self.t <= self._gap or 0.0 < t - self._leap <= self._gap or self.t == -math.inf:
-            return True
-        self._leap = t
-        return False
+        return self.t < t < math.inf and (self.t == -math.inf or self._leap.believes(self.t, t))
 
 
 @njit(cache=True)
