@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.push_search import Search
 from models.config import STRICT, default_config
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -81,6 +82,21 @@ class Row(AnyRow):
 
 
 @schema(frozen=True, slots=True, config=STRICT)
+class Margin:
+    """A delay of all joint states that is looked for; see ``benchmarks/fault_margins.py``.
+
+    Attributes:
+        group: Heading in the table.
+        required: It must ride through at least this delay [s].
+        walk: Whether the robot walks.
+    """
+
+    group: str
+    required: Positive
+    walk: bool = False
+
+
+@schema(frozen=True, slots=True, config=STRICT)
 class FaultsConfig:
     """All rows; the unit of every value stands in ``benchmarks/config/faults.yaml``."""
 
@@ -88,6 +104,8 @@ class FaultsConfig:
     duration: Positive
     torque_step_limit: Positive
     forward: Positive
+    delays: Search
+    margins: dict[str, Margin]
     rows: dict[str, Row]
 
 

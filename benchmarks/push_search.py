@@ -1,13 +1,20 @@
-"""Search of the largest push that is survived."""
+"""Search of the largest disturbance that is survived."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from models.config import STRICT
+
+Positive = Annotated[float, Field(gt=0.0)]
 
 
-@dataclass(frozen=True, slots=True)
+@schema(frozen=True, slots=True, config=STRICT)
 class Search:
     """How the largest value that holds is looked for; all in the unit of that value.
 
@@ -18,10 +25,10 @@ class Search:
         resolution: Width of the bracket at which the bisection ends.
     """
 
-    first: float
-    largest: float
-    stride: float
-    resolution: float
+    first: Positive
+    largest: Positive
+    stride: Positive
+    resolution: Positive
 
 
 def largest(holds: Callable[[float], bool], search: Search) -> tuple[float, int]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from benchmarks import fault_margins
 from benchmarks.fault_acts import ACTS
-from benchmarks.fault_rows import config, with_knee
-from benchmarks.faults import run, trial
-from benchmarks.harness import Options
+from benchmarks.fault_rows import Row, config, with_knee
+from benchmarks.faults import measure, run
+from benchmarks.harness import Case, Options
 from models.errors import ConfigError
 from tests.fault_guards import GUARDS, RATE, WITHOUT_GUARD
 
@@ -44,7 +46,7 @@ QUICK = ("knee_dead", "imu_out_100ms", "joints_out_200ms", "stamp_in_the_future"
 
 def holds(name: str) -> bool:
     try:
-        return bool(trial("g1", 0, name)["ok"])
+        return bool(measure("g1", 0, name)["ok"])
     except (ArithmeticError, LookupError, ValueError):  # what a guard keeps from the arithmetic behind it
         return False
 
@@ -63,3 +65,31 @@ def test_a_row_holds_and_fails_without_its_guard(name: str, tmp_path: Path, monk
 def test_a_row_fails_when_the_drivers_limit_no_rate() -> None:
     with RATE.gone():
         assert not holds("joints_out_40ms")
+
+
+def only_to(limit: float) -> Callable[[str, int, Row], Case]:
+    """A robot that rides through delays up to a limit [s]."""
+
+    def trial(robot: str, seed: int, row: Row) -> Case:
+        ok = row.faults[0]["delay"] <= limit
+        return {"ok": ok, "seen": "mode", "reason": "too late", "torque_step": 0.5}
+
+    return trial
+
+
+def test_a_margin_is_the_largest_delay_that_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fault_margins, "trial", only_to(0.0234))
+    case = measure("g1", 0, "delay_margin")
+    assert 0.0234 - config().delays.resolution <= case["margin"] <= 0.0234
+    assert case["ok"] and case["reason"] == "then mode, too late"
+
+
+def test_a_margin_below_what_is_required_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fault_margins, "trial", only_to(0.0075))
+    assert measure("g1", 0, "delay_margin_walk")["ok"] is False
+
+
+@pytest.mark.slow
+def test_joint_states_that_never_come_on_time_have_a_margin() -> None:
+    report = run(Options(scenarios=("delay_margin_walk",)))
+    assert report.passed and report.figures["delay_margin_walk_s"] < config().delays.largest
