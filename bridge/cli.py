@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bridge import log_cli
-from bridge.command_line import need_ros, told
+from bridge.command_line import need, need_ros, told
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
@@ -139,6 +139,27 @@ def send(
 
     with told(), Client(network=network, signer=signer) as client:
         raise typer.Exit(_print_reply(client.command(text)))
+
+
+@app.command()
+def view(
+    robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
+    host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all of this machine.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port to listen on.")] = 8080,
+    key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Show the running robot in a browser, with buttons, sticks, plots and gains; Ctrl-C ends the page."""
+    need_ros()
+    need("viser", "view")
+    from bridge.view.actions import SOURCE
+    from bridge.view.page import view as serve
+    from controllers.command_key import read_key
+    from controllers.command_signature import Signer
+
+    with told():
+        signer = None if key is None else Signer(read_key(key), SOURCE)
+        serve(robot=robot, host=host, port=port, network=network, signer=signer)
 
 
 @app.command()

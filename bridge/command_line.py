@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 import typer
 from rich.console import Console
@@ -17,6 +18,19 @@ def need_ros() -> None:
         advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
         Console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
         raise typer.Exit(2) from error
+
+
+def need(module: str, extra: str) -> None:
+    """End with advice when an optional package is absent.
+
+    Args:
+        module: Name that is imported.
+        extra: Of ``poise`` that brings it, and the target of the Makefile that installs that.
+    """
+    if find_spec(module) is None:
+        advice = f"make {extra}, or pip install 'poise[{extra}]'"
+        Console(stderr=True).print(f"'{module}' is not installed: {advice}", markup=False)
+        raise typer.Exit(2)
 
 
 @contextmanager

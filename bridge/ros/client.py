@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
@@ -109,6 +110,14 @@ class Client:
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
         """Subscription until the client leaves; see ``Node.create_subscription``."""
         self._node.create_subscription(kind, topic, callback, qos)
+
+    def service(self, kind: type, name: str) -> Any:
+        """Client of a service until this one leaves; see ``Node.create_client``."""
+        return self._node.create_client(kind, name)
+
+    def parameters_of(self, node: str) -> Any:
+        """Parameters of another node, until this one leaves; see ``rclpy.parameter_client.AsyncParameterClient``."""
+        return AsyncParameterClient(self._node, node)
 
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
@@ -12,6 +10,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from bridge.recording import Recording, sole_middle
+from bridge.ros.newest import ignore, newest
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
@@ -36,11 +35,11 @@ class Observer:
         self._model, self._data = model, model.data()
         self._node = Node("poise_observer", context=context)
         subscribe = self._node.create_subscription
-        self._odom = subscribe(Odometry, topics.GROUND_TRUTH, _ignore, SENSOR, raw=True)
-        self._joints = subscribe(JointState, topics.JOINT_STATES, _ignore, SENSOR, raw=True)
-        self._estimate = subscribe(Odometry, topics.ODOM, _ignore, SENSOR, raw=True)
+        self._odom = subscribe(Odometry, topics.GROUND_TRUTH, ignore, SENSOR, raw=True)
+        self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
+        self._estimate = subscribe(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
         self._foot_topics = topics.foot_wrenches(model)
-        self._feet = [subscribe(WrenchStamped, topic, _ignore, SENSOR, raw=True) for topic in self._foot_topics]
+        self._feet = [subscribe(WrenchStamped, topic, ignore, SENSOR, raw=True) for topic in self._foot_topics]
         self._odom_codec, self._joint_codec = OdometryCodec(), JointStateCodec(model)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._base_rows: list[tuple[int, Vector]] = []
@@ -55,21 +54,21 @@ class Observer:
         Raises:
             PoiseError: A message is malformed.
         """
-        data = _take(self._odom)
+        data = newest(self._odom)
         if data is not None:
             stamp, pose, twist = self._odom_codec.decode(data)
             _append(self._base_rows, stamp, np.concatenate([pose, twist]))
             self.stamp = stamp / NANOSECONDS
-        data = _take(self._estimate)
+        data = newest(self._estimate)
         if data is not None:
             stamp, pose, _ = self._odom_codec.decode(data)
             _append(self._estimate_rows, stamp, pose)
-        data = _take(self._joints)
+        data = newest(self._joints)
         if data is not None:
             stamp, *values = self._joint_codec.decode(data)
             _append(self._joint_rows, stamp, np.concatenate(values))
         for foot, subscription in enumerate(self._feet):
-            data = _take(subscription)
+            data = newest(subscription)
             if data is not None:
                 _append(self._foot_rows[foot], *self._foot_codecs[foot].decode(data))
 
@@ -124,17 +123,6 @@ class Observer:
     def close(self) -> None:
         """Leave the graph."""
         self._node.destroy_node()
-
-
-def _ignore(message: Any) -> None:
-    """Callback of subscriptions that are polled; nothing ever calls it."""
-
-
-def _take(subscription: Any) -> bytes | None:
-    """Newest serialised message of a subscription, or None when nothing new has come."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else bytes(taken[0])
 
 
 def _append(rows: list[tuple[int, Vector]], stamp: int, values: Vector) -> None:

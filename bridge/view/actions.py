@@ -1,0 +1,105 @@
+"""What the page can have the robot do: words, services, velocities and pushes, all from the page's own loop."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, WrenchStamped
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from bridge.ros.client import Client
+from controllers.command_signature import Signer
+from models.nodes import topics
+from models.nodes.qos import COMMAND, EVENT
+from models.nodes.velocity import Velocity, velocity_to_twist
+from models.types import Vector
+
+SOURCE = "teleop"
+"""Source of commands that the page is (controllers/config/arbitration.yaml)."""
+
+MODE_SERVICES = {
+    "stand": "mode/stand",
+    "walk": "mode/walk",
+    "damp": "mode/damp",
+    "E-STOP": "estop",
+    "reset faults": "reset_faults",
+    "reset robot": "reset",
+}
+"""Buttons and the services that they call."""
+
+
+class Actions:
+    """Publishers and service clients of the page.
+
+    Buttons are pressed in threads of the web server. They ``post`` what is to be done, and the loop of the page does
+    it: rclpy's objects are used from one thread.
+
+    Args:
+        client: Inside its context.
+        signer: Signs words; None sends them as they are.
+        tell: Called with every answer.
+    """
+
+    def __init__(self, client: Client, tell: Callable[[str], None], signer: Signer | None = None) -> None:
+        self._tell, self._signer = tell, signer
+        words, velocities = topics.source_topics(SOURCE)
+        self._words = client.publisher(String, words, EVENT)
+        self._velocities = client.publisher(Twist, velocities, COMMAND)
+        self._pushes = client.publisher(WrenchStamped, topics.PUSH, EVENT)
+        self._services = {name: client.service(Trigger, service) for name, service in MODE_SERVICES.items()}
+        self._posted: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self._driving = False
+
+    def post(self, action: Callable[[], object]) -> None:
+        """Have something done by the loop; from any thread."""
+        self._posted.put(action)
+
+    def do_posted(self) -> None:
+        """Do what was posted since the last time."""
+        with suppress(queue.Empty):
+            while True:
+                self._posted.get_nowait()()
+
+    def say(self, text: str) -> None:
+        """Publish a word as the page's source."""
+        self._publish_word(text)
+        self._tell(f"said {text}")
+
+    def call(self, name: str) -> None:
+        """Call a service of ``MODE_SERVICES``; the answer is told when it comes."""
+        client = self._services[name]
+        if not client.service_is_ready():
+            self._tell(f"{MODE_SERVICES[name]}: nobody offers it: is the robot up? (poise up)")
+            return
+        client.call_async(Trigger.Request()).add_done_callback(lambda future: self._answer(name, future))
+
+    def drive(self, velocity: Velocity | None) -> None:
+        """Publish a velocity; None says zero once and falls silent, so that other sources are heard again."""
+        if velocity is not None or self._driving:
+            given = velocity or (0.0, 0.0, 0.0)
+            if self._signer is None:
+                self._velocities.publish(velocity_to_twist(given))
+            else:  # a Twist cannot be signed
+                self._publish_word("velocity {:.6f} {:.6f} {:.6f}".format(*given))
+        self._driving = velocity is not None
+
+    def push(self, force: Vector) -> None:
+        """Push the base of the simulated robot with a force in W (3,) [N]."""
+        message = WrenchStamped()
+        message.header.frame_id = topics.BASE_FRAME
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, np.asarray(force))
+        self._pushes.publish(message)
+        self._tell(f"pushed with {np.linalg.norm(force):.0f} N")
+
+    def _publish_word(self, text: str) -> None:
+        self._words.publish(String(data=text if self._signer is None else self._signer.sign(text)))
+
+    def _answer(self, name: str, future: Any) -> None:
+        error = future.exception()
+        answer = None if error else future.result()
+        self._tell(f"{name}: {error}" if answer is None else f"{name}: {answer.message or answer.success}")

@@ -1,0 +1,27 @@
+"""Schema of ``bridge/config/view.yaml``, where the unit of every value stands."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ViewConfig:
+    """How often the page is drawn, and what it shows; see ``bridge/config/view.yaml``."""
+
+    rate: Positive
+    plot_rate: Positive
+    plot_window: Positive
+    force_scale: Positive
+    force_least: Positive
+    drive_rate: Positive
+    push_force_max: Positive
+    torques: Annotated[int, Field(ge=1)]
+    answer_timeout: Positive

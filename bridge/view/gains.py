@@ -1,0 +1,107 @@
+"""Sliders bound to the parameters of a node that may be changed while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import ParameterType
+from rclpy.parameter import Parameter
+
+from bridge.ros.client import Client
+from bridge.view.actions import Actions
+
+STEPS = 200
+"""Positions of a slider [-]."""
+
+REACH = 4.0
+"""A slider goes to so many times the value that it starts with, where the parameter's own range goes farther [-]."""
+
+
+class Gains:
+    """A slider for each float parameter of a node that is not read-only and has a range.
+
+    What is asked comes later, in the client's callbacks. A value that the node refuses is told with its reason, and
+    the slider goes back.
+
+    Args:
+        gui: viser's gui.
+        place: Tab that the sliders go into; entered as a context.
+        client: Inside its context.
+        actions: Post what the sliders ask for.
+        node: Name of the node.
+        tell: Called with refusals.
+    """
+
+    def __init__(
+        self, gui: Any, place: Any, client: Client, actions: Actions, node: str, tell: Callable[[str], None]
+    ) -> None:
+        self._gui, self._place, self._actions, self._node, self._tell = gui, place, actions, node, tell
+        self._parameters = client.parameters_of(node)
+        self._asked = False
+        self.sliders: dict[str, Any] = {}
+
+    def ask(self) -> None:
+        """Ask for the parameters, once the node is there; later calls do nothing."""
+        if not self._asked and self._parameters.services_are_ready():
+            self._asked = True
+            self._then(self._parameters.list_parameters(), self._on_list)
+
+    def _on_list(self, answer: Any) -> None:
+        names = list(answer.result.names)
+        self._then(self._parameters.describe_parameters(names), self._on_descriptors)
+
+    def _on_descriptors(self, answer: Any) -> None:
+        free = [
+            item
+            for item in answer.descriptors
+            if not item.read_only and item.type == ParameterType.PARAMETER_DOUBLE and item.floating_point_range
+        ]
+        if free:
+            names = [item.name for item in free]
+            self._then(self._parameters.get_parameters(names), lambda values: self._on_values(free, values))
+
+    def _on_values(self, descriptors: list[Any], answer: Any) -> None:
+        with self._place:
+            for item, value in zip(descriptors, answer.values, strict=True):
+                self._add(item, float(value.double_value))
+
+    def _add(self, item: Any, value: float) -> None:
+        given = item.floating_point_range[0]
+        low = max(given.from_value, min(0.0, REACH * value))
+        high = min(given.to_value, max(REACH * abs(value), low + 1.0))
+        slider = self._gui.add_slider(
+            item.name, low, high, (high - low) / STEPS, min(max(value, low), high), hint=item.description
+        )
+        self.sliders[item.name] = slider
+        accepted = [value]
+
+        def on_update(event: Any) -> None:
+            if event.client is not None:  # moved by hand, not by us
+                self._actions.post(lambda: self._set(item.name, float(slider.value), slider, accepted))
+
+        slider.on_update(on_update)
+
+    def _set(self, name: str, value: float, slider: Any, accepted: list[float]) -> None:
+        def on_result(answer: Any) -> None:
+            result = answer.results[0]
+            if result.successful:
+                accepted[0] = value
+                self._tell(f"{name} = {value:g}")
+            else:
+                slider.value = accepted[0]
+                self._tell(f"{name} = {value:g} refused: {result.reason}")
+
+        self._then(self._parameters.set_parameters([Parameter(name, value=value)]), on_result)
+
+    def _then(self, future: Any, go_on: Callable[[Any], None]) -> None:
+        """Go on with an answer, or tell why there is none."""
+
+        def done(future: Any) -> None:
+            error = future.exception()
+            if error is None:
+                go_on(future.result())
+            else:
+                self._tell(f"parameters of {self._node}: {error}")
+
+        future.add_done_callback(done)

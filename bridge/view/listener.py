@@ -1,0 +1,160 @@
+"""Hears a running robot for the page, thirty times a second, without burdening the graph."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+
+from bridge.ros.client import Client
+from bridge.ros.newest import ignore, newest
+from bridge.view.snapshot import Snapshot, Words
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds, wrench_vector
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.tick_timer import MEDIAN, TAIL
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import Mode, Vector
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import foothold_from_pose
+
+SILENCE = 3.0
+"""A node whose diagnostics have not come for so long counts as gone [s]."""
+
+
+class Listener:
+    """Keeps the newest word of every topic that the page shows.
+
+    The sensors' subscriptions belong to no executor and are looked at once for each picture; words come through the
+    client's.
+
+    Args:
+        model: The robot.
+        client: Inside its context.
+    """
+
+    def __init__(self, model: RobotModel, client: Client) -> None:
+        self._model = model
+        self._node = Node("poise_view", context=client.context)
+        subscribe = self._node.create_subscription
+        self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
+        self._odom = subscribe(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
+        self._feet = [
+            subscribe(WrenchStamped, topic, ignore, SENSOR, raw=True) for topic in topics.foot_wrenches(model)
+        ]
+        self._codecs = JointStateCodec(model), OdometryCodec(), [WrenchCodec(frame) for frame in SOLE_FRAMES]
+        self._t, self._tau = 0.0, np.zeros(model.nj)
+        self._base: tuple[Vector, Vector] | None = None
+        self._joint_state: tuple[Vector, Vector] | None = None
+        self._wrenches, self._push = np.zeros((2, 6)), np.zeros(6)
+        self._footsteps: tuple[tuple[int, Foothold], ...] = ()
+        self._margin = float("nan")
+        self._words = Words()
+        self._statuses: dict[str, tuple[float, Any]] = {}
+        self.refused = 0
+        listen = client.subscribe
+        for field, topic in {
+            "mode": topics.MODE,
+            "drivers": topics.DRIVER_STATE,
+            "phase": topics.GAIT_PHASE,
+            "commander": topics.COMMANDER,
+        }.items():
+            listen(String, topic, self._word(field), LATCHED)
+        listen(WrenchStamped, topics.EXTERNAL_WRENCH, self._on_push, SENSOR)
+        listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+        listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    def poll(self) -> Snapshot | None:
+        """What is known now; None before joints and base have been heard.
+
+        A malformed message is counted in ``refused`` and left out.
+        """
+        joint_codec, odom_codec, foot_codecs = self._codecs
+        try:
+            if (data := newest(self._joints)) is not None:
+                stamp, q, v, self._tau = joint_codec.decode(data)
+                self._t, self._joint_state = to_seconds(stamp), (q, v)
+            if (data := newest(self._odom)) is not None:
+                self._base = odom_codec.decode(data)[1:]
+            for foot, subscription in enumerate(self._feet):
+                if (data := newest(subscription)) is not None:
+                    self._wrenches[foot] = foot_codecs[foot].decode(data)[1]
+        except PoiseError:
+            self.refused += 1
+        if self._base is None or self._joint_state is None:
+            return None
+        walks = self._words.mode == Mode.WALK.value
+        return Snapshot(
+            t=self._t,
+            q=np.concatenate([self._base[0], self._joint_state[0]]),
+            v=np.concatenate([self._base[1], self._joint_state[1]]),
+            tau=self._tau,
+            wrenches=self._wrenches.copy(),
+            push=self._push,
+            footsteps=self._footsteps if walks else (),
+            margin=self._margin if walks else float("nan"),
+        )
+
+    def words(self) -> Words:
+        """What the robot says of itself."""
+        now = time.monotonic()
+        faults = [
+            (name, str(status.message))
+            for name, (_, status) in sorted(self._statuses.items())
+            if status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+        ]
+        faults += [(name, "silent") for name, (heard, _) in sorted(self._statuses.items()) if now - heard > SILENCE]
+        return replace(self._words, faults=tuple(faults))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+
+    def _word(self, field: str) -> Any:
+        def hear(message: String) -> None:
+            self._words = replace(self._words, **{field: message.data})
+
+        return hear
+
+    def _on_push(self, message: WrenchStamped) -> None:
+        self._push = wrench_vector(message.wrench)
+
+    def _on_margin(self, message: Float64) -> None:
+        self._margin = float(message.data)
+
+    def _on_footsteps(self, message: Path) -> None:
+        try:
+            self._footsteps = tuple(
+                (SOLE_FRAMES.index(pose.header.frame_id), foothold_from_pose("footstep", pose.pose))
+                for pose in message.poses
+            )
+        except (PoiseError, ValueError):
+            self.refused += 1
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._statuses[status.name] = (time.monotonic(), status)
+            values = {item.key: item.value for item in status.values}
+            if MEDIAN in values and status.name.endswith("balance_controller"):
+                self._words = replace(
+                    self._words, tick_median=_number(values[MEDIAN]), tick_tail=_number(values.get(TAIL, ""))
+                )
+
+
+def _number(text: str) -> float:
+    """A figure of the diagnostics; NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")

@@ -1,0 +1,189 @@
+"""``poise view``: a page in the browser that shows a running robot and steers it."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+import viser
+from diagnostic_msgs.msg import DiagnosticArray
+
+from bridge.ros.client import Client
+from bridge.view.actions import Actions
+from bridge.view.balance_scene import BalanceScene
+from bridge.view.config import ViewConfig
+from bridge.view.controls import Controls
+from bridge.view.gains import Gains
+from bridge.view.listener import Listener
+from bridge.view.plots import LivePlots
+from bridge.view.robot_scene import WORLD, RobotScene
+from controllers.command_signature import Signer
+from controllers.supervisor_config import SupervisorConfig
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes.qos import EVENT
+from models.nodes.spin import Stop
+from models.robot_model import RobotModel
+from planners.gait.scaling import load_gait_config
+
+CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))
+"""Where the first look is from, and at what, beside a robot that stands in the middle [m]."""
+
+TUNED = "balance_controller"
+"""Node whose gains get sliders."""
+
+
+class Page:
+    """The page of one robot.
+
+    Args:
+        model: The robot.
+        client: Inside its context.
+        host: Address to listen on.
+        port: TCP port to listen on.
+        signer: Signs words; None sends them as they are.
+
+    Attributes:
+        url: Where the page is.
+
+    Raises:
+        PoiseError: The port is taken.
+    """
+
+    def __init__(
+        self, model: RobotModel, client: Client, *, host: str, port: int, signer: Signer | None = None
+    ) -> None:
+        self._client, self._config = client, default_config(ViewConfig, "bridge", "view")
+        self._server = _serve(host, port, model.name)
+        self.url = f"http://{'localhost' if host == '0.0.0.0' else host}:{self._server.get_port()}"
+        gui, scene = self._server.gui, self._server.scene
+        self._world = scene.add_frame(WORLD, show_axes=False)
+        scene.add_grid(f"{WORLD}/floor", width=40.0, height=40.0, cell_size=0.25, section_size=1.0)
+        self._listener = Listener(model, client)
+        self.robot = RobotScene(scene, model)
+        self._balance = BalanceScene(scene, model, self._config)
+        self._actions = Actions(client, lambda text: self._controls.tell(text), signer)
+        words = (*default_config(SupervisorConfig, "controllers", "supervisor").motions, "forward", "stop")
+        limits = load_gait_config(model).velocity
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("robot"):
+            self._controls = Controls(
+                gui, self._actions, self._config, [w for w in words if not w.startswith("calibrate")], limits
+            )
+        with tabs.add_tab("plots"):
+            self._plots = LivePlots(gui, model, self._config)
+        with tabs.add_tab("gains") as tab:
+            gui.add_markdown(f"Parameters of `{TUNED}` that may be changed while it runs.")
+            self._gains = Gains(gui, tab, client, self._actions, TUNED, self._controls.tell)
+
+    def run(self, stop: Callable[[], bool]) -> None:
+        """Show and steer until ``stop`` says so."""
+        next_picture = next_plot = next_drive = time.monotonic()
+        while not stop():
+            self._actions.do_posted()
+            now = time.monotonic()
+            watched = bool(self._server.get_clients())
+            if now >= next_drive:
+                next_drive = now + 1.0 / self._config.drive_rate
+                self._controls.drive(watched=watched)
+            if now >= next_picture:
+                next_picture = now + 1.0 / self._config.rate
+                plot = now >= next_plot
+                self._show(plot=plot)
+                if plot:
+                    next_plot = now + 1.0 / self._config.plot_rate
+                    self._gains.ask()
+            self._client.spin(max(min(next_picture, next_drive) - time.monotonic(), 0.001))
+
+    def close(self) -> None:
+        """Let go of the robot, leave the graph, and end the server."""
+        self._actions.drive(None)
+        self._listener.close()
+        self._server.stop()
+
+    def _show(self, *, plot: bool) -> None:
+        snapshot = self._listener.poll()
+        if snapshot is None:
+            return
+        with self._server.atomic():
+            self._world.position = (*(-snapshot.q[:2] if self._controls.follow else (0.0, 0.0)), 0.0)
+            self.robot.show(snapshot.q)
+            self._balance.show(snapshot)
+            if plot:
+                words = self._listener.words()
+                self._controls.show(snapshot, words)
+                self._plots.add(snapshot, words)
+
+
+def view(
+    *,
+    robot: str = "",
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    network: bool = False,
+    signer: Signer | None = None,
+    say: Callable[[str], object] = print,
+    timeout: float = 10.0,
+) -> None:
+    """Serve the page of the running robot until Ctrl-C.
+
+    Args:
+        robot: Profile, by name or path; the one that the graph names when empty.
+        host: Address to listen on.
+        port: TCP port to listen on.
+        network: Whether the robot may run on another machine.
+        signer: Signs words; None sends them as they are.
+        say: Called with each line for the terminal.
+        timeout: Longest wait for a robot [s].
+
+    Raises:
+        PoiseError: There is no robot, or the port is taken.
+    """
+    stop = Stop()
+    with Client(network=network) as client:
+        model = RobotModel.load(robot or _robot_of(client, timeout))
+        page = Page(model, client, host=host, port=port, signer=signer)
+        try:
+            say(f"{page.url} shows {model.name}; Ctrl-C ends it")
+            if page.robot.missing:
+                say(f"meshes that cannot be read are left out: {', '.join(page.robot.missing)}")
+            page.run(lambda: stop.requested)
+        finally:
+            page.close()
+
+
+def _robot_of(client: Client, timeout: float) -> str:
+    """Name of the profile that a running graph's diagnostics carry.
+
+    Raises:
+        PoiseError: Nobody says anything.
+    """
+    names: list[str] = []
+
+    def hear(message: DiagnosticArray) -> None:
+        names.extend(status.hardware_id for status in message.status if status.hardware_id)
+
+    client.subscribe(DiagnosticArray, "/diagnostics", hear, EVENT)
+    if not client.wait(lambda: bool(names), timeout):
+        raise PoiseError(f"no robot on /diagnostics within {timeout:.0f} s: is one up? start it with: poise up")
+    return names[0]
+
+
+def _serve(host: str, port: int, robot: str) -> Any:
+    """Start viser's server.
+
+    Raises:
+        PoiseError: The port is taken: viser itself would take the next one in silence.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise PoiseError(f"{host}:{port} cannot be listened on: {error.strerror}; choose another --port") from error
+    server = viser.ViserServer(host=host, port=port, label=f"poise: {robot}", verbose=False)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position, server.initial_camera.look_at = CAMERA
+    return server
