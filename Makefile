@@ -9,7 +9,7 @@ ROBOT ?= g1
 OUT ?= out
 BENCHES ?= tick gait push stand latency calibrate estimate walk terrain
 
-.PHONY: help demo test test-slow check bench clean distclean
+.PHONY: help demo view test test-slow check bench clean distclean
 
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -17,6 +17,10 @@ help:  ## This text
 demo:  ## Stand, wave, squat, take a push and walk a square over ROS 2; report and pictures in out/
 	@.ci/setup run
 	@$(BIN)/poise demo --robot $(ROBOT) --out $(OUT)
+
+view:  ## The running robot in a browser: buttons, sticks, plots, gains (start one first: poise up)
+	@.ci/setup view
+	@$(BIN)/poise view
 
 test:  ## The tests, without those marked slow
 	@.ci/setup dev

@@ -43,11 +43,14 @@ class BalanceScene:
         scene: viser's scene.
         model: The robot.
         config: Lengths of arrows.
+
+    Attributes:
+        balls: At CoM, DCM and ZMP.
     """
 
     def __init__(self, scene: Any, model: RobotModel, config: ViewConfig) -> None:
         self._scene, self._model, self._config, self._data = scene, model, config, model.data()
-        self._balls = {
+        self.balls = {
             name: scene.add_icosphere(f"{WORLD}/balance/{name}", radius=RADIUS, color=COLORS[name], subdivisions=2)
             for name in ("com", "dcm", "zmp")
         }
@@ -57,12 +60,12 @@ class BalanceScene:
         """Draw a moment; returns its balance."""
         state = balance(self._model, self._data, snapshot.q, snapshot.v, snapshot.wrenches)
         floor = float(state.soles[:, 2].min())
-        self._balls["com"].position = state.com
-        self._balls["dcm"].position = (*state.dcm, floor + LIFT)
+        self.balls["com"].position = state.com
+        self.balls["dcm"].position = (*state.dcm, floor + LIFT)
         in_flight = bool(np.isnan(state.cop).any())
-        self._balls["zmp"].visible = not in_flight
+        self.balls["zmp"].visible = not in_flight
         if not in_flight:
-            self._balls["zmp"].position = (*state.cop, floor + LIFT)
+            self.balls["zmp"].position = (*state.cop, floor + LIFT)
         self._show_forces(snapshot, state)
         self._show_polygon(snapshot, state, floor)
         self._show_footsteps(snapshot, floor)

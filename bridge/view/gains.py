@@ -39,6 +39,7 @@ class Gains:
         self._gui, self._place, self._actions, self._node, self._tell = gui, place, actions, node, tell
         self._parameters = client.parameters_of(node)
         self._asked = False
+        self._accepted: dict[str, float] = {}
         self.sliders: dict[str, Any] = {}
 
     def ask(self) -> None:
@@ -74,23 +75,25 @@ class Gains:
             item.name, low, high, (high - low) / STEPS, min(max(value, low), high), hint=item.description
         )
         self.sliders[item.name] = slider
-        accepted = [value]
+        self._accepted[item.name] = value
 
         def on_update(event: Any) -> None:
             if event.client is not None:  # moved by hand, not by us
-                self._actions.post(lambda: self._set(item.name, float(slider.value), slider, accepted))
+                self._actions.post(lambda: self.move(item.name, float(slider.value)))
 
         slider.on_update(on_update)
 
-    def _set(self, name: str, value: float, slider: Any, accepted: list[float]) -> None:
+    def move(self, name: str, value: float) -> None:
+        """Have the node take a value; the slider shows the one that it has."""
+
         def on_result(answer: Any) -> None:
             result = answer.results[0]
             if result.successful:
-                accepted[0] = value
+                self._accepted[name] = value
                 self._tell(f"{name} = {value:g}")
             else:
-                slider.value = accepted[0]
                 self._tell(f"{name} = {value:g} refused: {result.reason}")
+            self.sliders[name].value = self._accepted[name]
 
         self._then(self._parameters.set_parameters([Parameter(name, value=value)]), on_result)
 

@@ -27,18 +27,19 @@ class RobotScene:
         model: The robot.
 
     Attributes:
+        frames: Scene frame of each joint, by Pinocchio's index; the base is joint 1.
         missing: Meshes that could not be read, which are left out.
     """
 
     def __init__(self, scene: Any, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
         self.missing: list[str] = []
-        self._frames = {
+        self.frames = {
             joint: scene.add_frame(f"{WORLD}/robot/{model.pin.names[joint]}", show_axes=False)
             for joint in range(1, model.pin.njoints)
         }
         for shape in _visuals(model):
-            if shape.parentJoint not in self._frames:
+            if shape.parentJoint not in self.frames:
                 continue
             mesh = _mesh_of(shape)
             if mesh is None:
@@ -58,7 +59,7 @@ class RobotScene:
     def show(self, q: Vector) -> None:
         """Move the robot to a configuration (nq,)."""
         pin.forwardKinematics(self._model.pin, self._data, q)
-        for joint, frame in self._frames.items():
+        for joint, frame in self.frames.items():
             placement = self._data.oMi[joint]
             frame.position, frame.wxyz = placement.translation.copy(), _wxyz(placement.rotation)
 

@@ -1,0 +1,205 @@
+"""The page's ears and hands, against a graph of a few fake topics."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist, WrenchStamped
+from nav_msgs.msg import Odometry, Path
+from rcl_interfaces.msg import SetParametersResult
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from bridge.ros.client import Client
+from bridge.view.actions import SOURCE, Actions
+from bridge.view.listener import Listener
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.messages import JointStateCodec, WrenchCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.parameters import describe
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.nodes.tick_timer import MEDIAN, TAIL
+from models.robot_model import SOLE_FRAMES, RobotModel
+from planners.gait.footstep_plan import Footstep
+from planners.gait.footsteps import LEFT, Foothold
+from planners.nodes.footstep_messages import path_from_steps
+from tests.ros.conftest import STAMP, Bench
+from tests.support import standing
+
+viser = pytest.importorskip("viser")
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def client(bench: Bench) -> Iterator[Client]:
+    with Client() as made:
+        yield made
+
+
+def until(client: Client, bench: Bench, condition: Any, publish: Any = lambda: None) -> None:
+    """Publish and serve both sides until a condition holds."""
+
+    def meanwhile() -> None:
+        publish()
+        bench.spin(0.01)
+
+    assert client.wait(condition, 10.0, meanwhile)
+
+
+def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: RobotModel) -> None:
+    listener = Listener(g1, client)
+    state, wrench = standing(g1), np.array([1.0, 2.0, 300.0, 0.1, 0.2, 0.3])
+    world = bench.world
+    joints = world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    odom = world.create_publisher(Odometry, topics.ODOM, SENSOR)
+    feet = [world.create_publisher(WrenchStamped, topic, SENSOR) for topic in topics.foot_wrenches(g1)]
+    mode = world.create_publisher(String, topics.MODE, LATCHED)
+    steps = world.create_publisher(Path, topics.FOOTSTEPS, EVENT)
+    diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    status = DiagnosticStatus(name="/balance_controller", level=DiagnosticStatus.WARN, message="late")
+    status.values = [KeyValue(key=MEDIAN, value="98"), KeyValue(key=TAIL, value="150")]
+
+    def publish() -> None:
+        joints.publish(JointStateCodec(g1).encode(STAMP, state.q[7:], state.v[6:], np.full(g1.nj, 2.0)))
+        odom.publish(OdometryCodec().encode(STAMP, state))
+        for publisher, frame in zip(feet, SOLE_FRAMES, strict=True):
+            publisher.publish(WrenchCodec(frame).encode(STAMP, wrench))
+        mode.publish(String(data="walk"))
+        steps.publish(path_from_steps(STAMP, [Footstep(LEFT, Foothold(0.3, 0.1, 0.2))]))
+        diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def heard() -> bool:
+        moment, words = listener.poll(), listener.words()
+        return moment is not None and bool(moment.footsteps) and moment.wrenches[1, 2] == 300.0 and bool(words.faults)
+
+    until(client, bench, heard, publish)
+    moment, words = listener.poll(), listener.words()
+    assert moment is not None
+    np.testing.assert_allclose(moment.q, state.q)
+    np.testing.assert_array_equal(moment.tau, np.full(g1.nj, 2.0))
+    np.testing.assert_array_equal(moment.wrenches, [wrench, wrench])
+    ((foot, hold),) = moment.footsteps
+    assert foot == LEFT and (hold.x, hold.y, hold.yaw) == pytest.approx((0.3, 0.1, 0.2))
+    assert words.mode == "walk" and words.faults == (("/balance_controller", "late"),)
+    assert (words.tick_median, words.tick_tail) == (98.0, 150.0)
+    listener.close()
+
+
+def test_a_malformed_message_is_counted_and_left_out(client: Client, bench: Bench, g1: RobotModel) -> None:
+    listener = Listener(g1, client)
+    joints = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    until(
+        client,
+        bench,
+        lambda: listener.poll() is None and listener.refused > 0,
+        lambda: joints.publish(JointState(name=["tail"])),
+    )
+    listener.close()
+
+
+def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Bench) -> None:
+    told: list[str] = []
+    actions = Actions(client, told.append)
+    word, velocity = topics.source_topics(SOURCE)
+    words: list[str] = []
+    twists: list[float] = []
+    pushes: list[tuple[str, float]] = []
+    listen = bench.world.create_subscription
+    listen(String, word, lambda message: words.append(message.data), EVENT)
+    listen(Twist, velocity, lambda message: twists.append(message.linear.x), COMMAND)
+    listen(
+        WrenchStamped,
+        topics.PUSH,
+        lambda message: pushes.append((message.header.frame_id, message.wrench.force.y)),
+        EVENT,
+    )
+    until(client, bench, lambda: bool(twists), lambda: actions.drive((0.2, 0.0, 0.0)))
+    thread = threading.Thread(target=lambda: actions.post(lambda: actions.say("wave")))  # as the web server does
+    thread.start()
+    thread.join()
+    assert not words
+    actions.do_posted()
+    actions.push(np.array([0.0, 50.0, 0.0]))
+    until(client, bench, lambda: words == ["wave"] and pushes == [("base_link", 50.0)])
+    actions.drive(None)
+    until(client, bench, lambda: twists[-1] == 0.0)
+    count = len(twists)
+    actions.drive(None)  # silent now: others are heard again
+    bench.spin(0.2)
+    assert len(twists) == count and told == ["said wave", "pushed with 50 N"]
+
+
+def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
+    told: list[str] = []
+    actions = Actions(client, told.append)
+    actions.call("stand")
+    assert told == ["mode/stand: nobody offers it: is the robot up? (poise up)"]
+
+    def refuse(request: Any, response: Any) -> Any:
+        response.success, response.message = False, "fallen: call reset_faults first"
+        return response
+
+    bench.world.create_service(Trigger, "mode/stand", refuse)
+
+    def ask() -> None:
+        if len(told) == 1 or told[-1].endswith("(poise up)"):
+            actions.call("stand")
+
+    until(client, bench, lambda: told[-1].startswith("stand: "), ask)
+    assert told[-1] == "stand: fallen: call reset_faults first"
+
+
+def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Bench) -> None:
+    from bridge.view.gains import Gains
+
+    world, told = bench.world, list[str]()
+    world.declare_parameter("com.kp", 40.0, describe("CoM stiffness [1/s^2]", read_only=False, low=0.0, high=500.0))
+    world.declare_parameter("fixed", 1.0, describe("Fixed", low=0.0, high=2.0))
+
+    def judge(parameters: list[Any]) -> SetParametersResult:
+        bad = [p.name for p in parameters if p.value > 100.0]
+        return SetParametersResult(successful=not bad, reason=f"{bad} too stiff" if bad else "")
+
+    world.add_on_set_parameters_callback(judge)
+    actions = Actions(client, told.append)
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        gains = Gains(server.gui, server.gui.add_folder("gains"), client, actions, "world", told.append)
+        until(client, bench, lambda: bool(gains.sliders), gains.ask)
+        assert list(gains.sliders) == ["com.kp"]
+        slider = gains.sliders["com.kp"]
+        assert (slider.min, slider.max, slider.value) == (0.0, 160.0, 40.0)
+        gains.move("com.kp", 60.0)
+        until(client, bench, lambda: told == ["com.kp = 60"])
+        assert world.get_parameter("com.kp").value == 60.0
+        gains.move("com.kp", 120.0)
+        until(client, bench, lambda: len(told) == 2)
+        assert "too stiff" in told[-1] and slider.value == 60.0
+        assert world.get_parameter("com.kp").value == 60.0
+    finally:
+        server.stop()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_a_port_that_is_taken_is_named(client: Client, g1: RobotModel) -> None:
+    from bridge.view.page import Page
+
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(PoiseError, match=f"127.0.0.1:{port} cannot be listened on: .*choose another --port"):
+            Page(g1, client, host="127.0.0.1", port=port)
