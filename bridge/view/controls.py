@@ -18,6 +18,9 @@ from planners.gait.config import VelocityConfig
 DIRECTIONS = {"from the left": -90.0, "from the right": 90.0, "from behind": 0.0, "from the front": 180.0}
 """Headings of pushes in W [deg]; the robot starts facing 0."""
 
+STICK_STEP = 0.05
+"""Of the velocity sticks [m/s], [rad/s]."""
+
 _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
 
@@ -46,11 +49,15 @@ class Controls:
         said.on_click(self._says)
         with gui.add_folder("velocity, in mode walk"):
             self._drive = gui.add_checkbox("drive", initial_value=False, hint="Publish the sticks' velocity.")
-            self._sticks = (
-                gui.add_slider("forward [m/s]", -limits.backward, limits.forward, 0.05, 0.0),
-                gui.add_slider("left [m/s]", -limits.lateral, limits.lateral, 0.05, 0.0),
-                gui.add_slider("turn [rad/s]", -limits.turn, limits.turn, 0.05, 0.0),
-            )
+            ends = {
+                "forward [m/s]": (-limits.backward, limits.forward),
+                "left [m/s]": (-limits.lateral, limits.lateral),
+                "turn [rad/s]": (-limits.turn, limits.turn),
+            }
+            self._sticks = [
+                gui.add_slider(label, round(low, 2), round(high, 2), STICK_STEP, 0.0)
+                for label, (low, high) in ends.items()
+            ]
             gui.add_button("sticks to zero").on_click(lambda _: self._release())
         with gui.add_folder("push, in simulation"):
             force = gui.add_slider("force [N]", 0.0, config.push_force_max, 5.0, min(100.0, config.push_force_max))

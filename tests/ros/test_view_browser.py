@@ -1,0 +1,118 @@
+"""The page in a real browser, on the real graph: standing, walking, and after an emergency stop."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain, graph_environment
+
+pytest.importorskip("viser")
+webdriver = pytest.importorskip("selenium.webdriver")
+
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=900,900",
+)
+
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        None in (BROWSER, DRIVER), reason="no browser; Debian and Ubuntu: sudo apt install chromium chromium-driver"
+    ),
+]
+
+
+class Visitor:
+    """Somebody who looks at the page and presses its buttons."""
+
+    def __init__(self, driver: Any, graph: Graph, pictures: Path) -> None:
+        self.driver, self.graph, self._pictures = driver, graph, pictures
+
+    @property
+    def text(self) -> str:
+        return str(self.driver.find_element("tag name", "body").text)
+
+    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 90.0) -> None:
+        """Look until a condition holds; the graph's launcher goes on meanwhile."""
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, f"not {what}; the page says: {self.text}"
+            self.graph.spin(0.2)
+
+    def press(self, label: str) -> None:
+        for button in self.driver.find_elements("tag name", "button"):
+            if button.text.strip() == label:
+                self.driver.execute_script("arguments[0].click()", button)
+                return
+        pytest.fail(f"no button '{label}'; the page says: {self.text}")
+
+    def look(self, name: str) -> np.ndarray:
+        """Take a picture; the left two thirds of it, where nothing but the scene is, grey (n, m) [0..255]."""
+        data = self.driver.get_screenshot_as_png()
+        (self._pictures / f"{name}.png").write_bytes(data)
+        grey = np.asarray(Image.open(io.BytesIO(data)).convert("L"))
+        return grey[grey.shape[0] // 5 :, : 2 * grey.shape[1] // 3]
+
+
+@pytest.fixture
+def visitor(tmp_path: Path) -> Iterator[Visitor]:
+    domain = free_domain()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    code = f"import sys; sys.argv[1:] = ['view', '--port', '{port}']; from bridge.cli import app; app()"
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for option in OPTIONS:
+        options.add_argument(option)
+    with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "log", say=lambda text: None) as graph:
+        graph.wait_standing(180.0)
+        page = subprocess.Popen([sys.executable, "-c", code], env=graph_environment(domain_id=domain))
+        driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+        try:
+            end = time.monotonic() + 60.0
+            while socket.socket().connect_ex(("127.0.0.1", port)):
+                assert page.poll() is None and time.monotonic() < end, "no page"
+                graph.spin(0.2)
+            driver.set_page_load_timeout(120)
+            driver.set_script_timeout(120)
+            driver.get(f"http://127.0.0.1:{port}")
+            yield Visitor(driver, graph, tmp_path)
+        finally:
+            driver.quit()
+            page.send_signal(signal.SIGINT)
+            assert page.wait(30.0) == 0
+
+
+def test_the_page_shows_and_steers_the_robot(visitor: Visitor) -> None:
+    visitor.wait(lambda: "mode: stand" in visitor.text and "drivers: active" in visitor.text, "standing")
+    visitor.wait(lambda: (visitor.look("stand") < 150).mean() > 0.02, "a robot in the picture")
+    visitor.press("walk")
+    visitor.wait(lambda: "mode: walk" in visitor.text, "walking")
+    visitor.press("forward")
+    visitor.wait(lambda: "gait: single" in visitor.text and "in command: teleop" in visitor.text, "making steps")
+    visitor.look("walk")
+    visitor.press("E-STOP")
+    visitor.wait(lambda: "mode: damp" in visitor.text and "emergency stop" in visitor.text.lower(), "stopped")
+    visitor.look("fault")
+    assert visitor.graph.mode == "damp"
