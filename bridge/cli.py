@@ -17,6 +17,7 @@ from bridge.command_line import need, need_ros, told
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
+    from controllers.command_signature import Signer
     from models.types import CommandReply
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
@@ -36,6 +37,15 @@ CALIBRATION_TIMEOUT = 400.0
 """Longest wait for a calibration [s]; the estimator gives up before."""
 
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
+
+
+def _operator(key: Path | None) -> Signer | None:
+    """Signer of who steers; None without a key."""
+    from bridge.ros.actions import SOURCE
+    from controllers.command_key import read_key
+    from controllers.command_signature import Signer
+
+    return None if key is None else Signer(read_key(key), SOURCE)
 
 
 def _print_reply(reply: CommandReply) -> int:
@@ -152,14 +162,25 @@ def view(
     """Show the running robot in a browser, with buttons, sticks, plots and gains; Ctrl-C ends the page."""
     need_ros()
     need("viser", "view")
-    from bridge.view.actions import SOURCE
     from bridge.view.page import view as serve
-    from controllers.command_key import read_key
-    from controllers.command_signature import Signer
 
     with told():
-        signer = None if key is None else Signer(read_key(key), SOURCE)
-        serve(robot=robot, host=host, port=port, network=network, signer=signer)
+        serve(robot=robot, host=host, port=port, network=network, signer=_operator(key))
+
+
+@app.command()
+def teleop(
+    robot: Robot = "g1",
+    gamepad: Annotated[Path | None, typer.Option(help="Device, such as /dev/input/js0; keys by default.")] = None,
+    key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Steer the running robot by keys of the terminal or a gamepad, on /commands/teleop."""
+    need_ros()
+    from bridge.teleop.run import teleop as steer
+
+    with told():
+        steer(robot, gamepad=gamepad, network=network, signer=_operator(key))
 
 
 @app.command()

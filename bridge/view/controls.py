@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.view.actions import MODE_SERVICES, Actions
+from bridge.ros.actions import MODE_SERVICES, Actions
 from bridge.view.config import ViewConfig
 from bridge.view.snapshot import Snapshot, Words
 from models.types import Mode

@@ -8,8 +8,8 @@ from typing import Any
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
+from bridge.ros.actions import Actions
 from bridge.ros.client import Client
-from bridge.view.actions import Actions
 
 STEPS = 200
 """Positions of a slider [-]."""
@@ -34,7 +34,7 @@ class Gains:
     """
 
     def __init__(
-        self, gui: Any, place: Any, client: Client, actions: Actions, node: str, tell: Callable[[str], None]
+        self, gui: Any, place: Any, client: Client, actions: Actions, node: str, tell: Callable[[str], object]
     ) -> None:
         self._gui, self._place, self._actions, self._node, self._tell = gui, place, actions, node, tell
         self._parameters = client.parameters_of(node)

@@ -10,8 +10,8 @@ from typing import Any
 import viser
 from diagnostic_msgs.msg import DiagnosticArray
 
+from bridge.ros.actions import Actions
 from bridge.ros.client import Client
-from bridge.view.actions import Actions
 from bridge.view.balance_scene import BalanceScene
 from bridge.view.config import ViewConfig
 from bridge.view.controls import Controls

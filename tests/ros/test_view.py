@@ -17,8 +17,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge.ros.actions import SOURCE, Actions
 from bridge.ros.client import Client
-from bridge.view.actions import SOURCE, Actions
 from bridge.view.listener import Listener
 from models.errors import PoiseError
 from models.nodes import topics

@@ -32,5 +32,5 @@ def test_every_topic_is_one_of_the_graph(layout: Any) -> None:
     known |= {f"/{name}" for name in (*topics.FOOT_WRENCHES, *topics.source_topics("teleop"))} | {"/diagnostics"}
     known |= {"/clicked_point", "/initialpose"}  # Foxglove's own, which nobody hears
     text = json.dumps(layout["configById"])
-    named = {match for match in re.findall(r'"(/[a-z_/]+?)(?:\.[a-z_.]+(?:\[\d+\])?)?"', text)}
+    named = set(re.findall(r'"(/[a-z_/]+?)(?:\.[a-z_.]+(?:\[\d+\])?)?"', text))
     assert len(named) > 10 and named <= known

@@ -1,4 +1,4 @@
-"""What the page can have the robot do: words, services, velocities and pushes, all from the page's own loop."""
+"""What an operator has the robot do: words, services, velocities and pushes, all from one loop."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from models.nodes.velocity import Velocity, velocity_to_twist
 from models.types import Vector
 
 SOURCE = "teleop"
-"""Source of commands that the page is (controllers/config/arbitration.yaml)."""
+"""Source of commands that an operator is (controllers/config/arbitration.yaml)."""
 
 MODE_SERVICES = {
     "stand": "mode/stand",
@@ -34,24 +34,27 @@ MODE_SERVICES = {
 
 
 class Actions:
-    """Publishers and service clients of the page.
+    """Publishers and service clients of an operator: the page of ``poise view``, or ``poise teleop``.
 
-    Buttons are pressed in threads of the web server. They ``post`` what is to be done, and the loop of the page does
-    it: rclpy's objects are used from one thread.
+    The page's buttons are pressed in threads of the web server. They ``post`` what is to be done, and the page's loop
+    does it: rclpy's objects are used from one thread.
 
     Args:
         client: Inside its context.
         signer: Signs words; None sends them as they are.
         tell: Called with every answer.
+
+    Attributes:
+        services: Client of each of ``MODE_SERVICES``, by its name.
     """
 
-    def __init__(self, client: Client, tell: Callable[[str], None], signer: Signer | None = None) -> None:
+    def __init__(self, client: Client, tell: Callable[[str], object], signer: Signer | None = None) -> None:
         self._tell, self._signer = tell, signer
         words, velocities = topics.source_topics(SOURCE)
         self._words = client.publisher(String, words, EVENT)
         self._velocities = client.publisher(Twist, velocities, COMMAND)
         self._pushes = client.publisher(WrenchStamped, topics.PUSH, EVENT)
-        self._services = {name: client.service(Trigger, service) for name, service in MODE_SERVICES.items()}
+        self.services = {name: client.service(Trigger, service) for name, service in MODE_SERVICES.items()}
         self._posted: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._driving = False
 
@@ -66,13 +69,13 @@ class Actions:
                 self._posted.get_nowait()()
 
     def say(self, text: str) -> None:
-        """Publish a word as the page's source."""
+        """Publish a word as ``SOURCE``."""
         self._publish_word(text)
         self._tell(f"said {text}")
 
     def call(self, name: str) -> None:
         """Call a service of ``MODE_SERVICES``; the answer is told when it comes."""
-        client = self._services[name]
+        client = self.services[name]
         if not client.service_is_ready():
             self._tell(f"{MODE_SERVICES[name]}: nobody offers it: is the robot up? (poise up)")
             return

@@ -1,0 +1,1 @@
+"""``poise teleop``: keyboard or gamepad to words and velocities."""

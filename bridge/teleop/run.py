@@ -1,0 +1,102 @@
+"""The loop of ``poise teleop``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from std_msgs.msg import String
+
+from bridge.ros.actions import Actions
+from bridge.ros.client import Client
+from bridge.teleop.config import TeleopConfig
+from bridge.teleop.gamepad import Gamepad
+from bridge.teleop.keys import KeyLaw, keyboard, limits_of, read_keys
+from controllers.command_signature import Signer
+from models.config import default_config
+from models.nodes import topics
+from models.nodes.qos import LATCHED
+from models.nodes.spin import Stop
+from models.nodes.velocity import Velocity
+from models.robot_model import RobotModel
+from planners.gait.scaling import load_gait_config
+
+QUIT, HALT, STOP = "quit", "halt", "stop"
+"""Deeds that are no words of the robot, and the word for the second: it ends what another word has begun, too."""
+
+
+def teleop(
+    robot: str,
+    *,
+    gamepad: Path | None = None,
+    network: bool = False,
+    signer: Signer | None = None,
+    say: Callable[[str], object] = print,
+) -> None:
+    """Steer the running robot as ``teleop`` until Ctrl-C or the key that quits.
+
+    Args:
+        robot: Profile whose limits hold, by name or path.
+        gamepad: Device of a gamepad; keys of the terminal when None.
+        network: Whether the robot may run on another machine.
+        signer: Signs words; None sends them as they are.
+        say: Called with each line for the terminal.
+
+    Raises:
+        PoiseError: There is no terminal or no gamepad, or the gamepad goes.
+    """
+    config = default_config(TeleopConfig, "bridge", "teleop")
+    limits = limits_of(load_gait_config(RobotModel.load(robot)).velocity)
+    stop = Stop()
+    with ExitStack() as stack:
+        law = KeyLaw(config, limits)
+        pad = None
+        descriptor = -1
+        if gamepad is not None:
+            pad = Gamepad(gamepad, config.gamepad, limits)
+            stack.callback(pad.close)
+        else:
+            descriptor = stack.enter_context(keyboard(sys.stdin))
+            say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
+        client = stack.enter_context(Client(network=network))
+        actions = Actions(client, say, signer)
+        stack.callback(actions.drive, None)  # whatever happens: zero, then silence
+        commander = [""]
+        client.subscribe(String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED)
+        told: tuple[object, ...] = ()
+        while not stop.requested:
+            now = time.monotonic()
+            if pad is not None:
+                deeds, velocity = pad.read(), pad.velocity()
+            else:
+                deeds = [deed for key in read_keys(descriptor) if (deed := law.press(key, now))]
+                velocity = law.velocity(now)
+            for deed in deeds:
+                if deed == QUIT:
+                    return
+                _do(actions, deed)
+            actions.drive(velocity if any(velocity) else None)
+            if (client.mode, commander[0], velocity) != told:
+                told = client.mode, commander[0], velocity
+                say(_line(client.mode, commander[0], velocity))
+            client.spin(1.0 / config.rate)
+
+
+def _do(actions: Actions, deed: str) -> None:
+    """A service where there is one of that name, a word elsewhere."""
+    if deed in actions.services:
+        actions.call(deed)
+    else:
+        actions.say(STOP if deed == HALT else deed)
+
+
+def _line(mode: str, commander: str, velocity: Velocity) -> str:
+    """What the operator sees."""
+    forward, left, turn = velocity
+    return (
+        f"mode {mode or 'unknown'}, in command: {commander or 'unknown'}, "
+        f"{forward:+.2f} m/s, {left:+.2f} m/s, {turn:+.2f} rad/s"
+    )
