@@ -105,6 +105,7 @@ def up(
     calibration: Annotated[
         Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
     ] = None,
+    actions: Annotated[bool, typer.Option(help="Offer actions, in a process of their own.")] = True,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
@@ -127,6 +128,7 @@ def up(
         lockstep=lockstep,
         parameters={"mujoco_bridge": plant},
         calibration=calibration,
+        actions=actions,
     )
     raise typer.Exit(code)
 

@@ -23,6 +23,7 @@ from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
 from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
+from models.nodes.interfaces import missing_types
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import log_arguments, make_executor
 
@@ -239,6 +240,7 @@ def up(
     domain_id: int | None = None,
     network: bool = False,
     merged: bool = True,
+    actions: bool = False,
     parameters: Parameters | None = None,
     calibration: Path | None = None,
     log: Path | None = None,
@@ -253,6 +255,7 @@ def up(
         domain_id: ROS domain; that of the environment when None.
         network: Whether other machines may join; the graph is reachable on loopback only otherwise.
         merged: Whether estimator and controller share a process.
+        actions: Whether to offer actions, in a process of their own; without their types that is said and left.
         parameters: Further parameters by node.
         calibration: Folder of the calibration files; one that is gone afterwards when None.
         log: File for the processes' output; the terminal when None.
@@ -274,12 +277,14 @@ def up(
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     exit_codes: Mapping[str, int | None] = {}
-    code = 0
+    code, missing = 0, ""
     try:
+        if actions and (missing := missing_types()):
+            say(f"no actions: {missing}")
         graph = Graph(
             robot,
+            specs=process_specs(merged=merged, actions=actions and not missing),
             lockstep=lockstep,
-            merged=merged,
             domain_id=domain_id,
             network=network,
             parameters=parameters,

@@ -15,6 +15,8 @@ CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_contr
 PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
 SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
+ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",))
+
 REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
 """Where permitted, the processes of the tick run before everything else and keep their memory."""
@@ -25,15 +27,16 @@ CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
 LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
 
 
-def process_specs(*, merged: bool) -> list[ProcessSpec]:
+def process_specs(*, merged: bool, actions: bool = False) -> list[ProcessSpec]:
     """Processes of the graph, the plant's first.
 
     Args:
         merged: Whether estimator, gait planner and controller share a process; apart, there is no gait planner, because
             its reference would have to travel at 1 kHz.
+        actions: Whether to offer actions, in a process of their own.
     """
     control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
-    return [BRIDGE, *control, PLANNER, SUPERVISOR]
+    return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else [])]
 
 
 def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:

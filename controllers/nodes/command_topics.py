@@ -148,20 +148,24 @@ class CommandTopics:
             self._stop.publish(Empty())
         return velocity
 
+    def hear(self, source: str, topic: str, text: str) -> CommandReply:
+        """Answer a word of a source, which came on a topic or with a service; the reply is logged and acted on."""
+        self._law.gait = self._reports.gait_present
+        try:
+            reply = self._answer(source, text)
+        except PoiseError as error:
+            reply = CommandReply(False, str(error))
+        self._reply(topic, reply)
+        return reply
+
     def _on_word(self, source: str, topic: str) -> Callable[[Any], None]:
         def on_word(message: Any) -> None:
-            if not self._node.active:
-                return
-            self._law.gait = self._reports.gait_present
-            try:
-                reply = self._hear(source, message.data)
-            except PoiseError as error:
-                reply = CommandReply(False, str(error))
-            self._reply(topic, reply)
+            if self._node.active:
+                self.hear(source, topic, message.data)
 
         return on_word
 
-    def _hear(self, source: str, text: str) -> CommandReply:
+    def _answer(self, source: str, text: str) -> CommandReply:
         """Answer a word; ``PoiseError`` when its source may not speak, or it is not signed as it must be."""
         t = self._reports.t
         if text.strip().lower() != STOP:

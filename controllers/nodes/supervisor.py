@@ -11,12 +11,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from controllers.arbitration_config import ArbitrationConfig
+from controllers.arbitration_config import PLAIN, ArbitrationConfig
 from controllers.command_key import read_key
 from controllers.command_signature import Verifier
 from controllers.health import second_publisher
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
+from controllers.nodes.own_types import COMMAND, SET_MODE, offer_own_types
 from controllers.nodes.preflight_probe import PreflightProbe
 from controllers.obstacle_stop import ObstacleStop
 from controllers.obstacle_stop_config import ObstacleStopConfig
@@ -30,6 +31,9 @@ from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import run
 from models.types import CommandReply, Mode
+
+_SERVED = tuple(mode.value for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK))
+"""Modes that can be requested by name."""
 
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
@@ -91,10 +95,11 @@ class SupervisorNode(PoiseNode):
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
             self.listen(String, topic, self._on_motion_state, EVENT)
-        for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK):
-            self._offer(f"mode/{mode.value}", lambda mode=mode: self._request_mode(mode))
+        for name in _SERVED:
+            self._offer(f"mode/{name}", lambda name=name: self._request_mode(Mode(name)))
         self._offer("estop", lambda: self._law.estop())
         self._offer("reset_faults", lambda: self._law.reset_faults())
+        offer_own_types(self, self._set_mode, lambda text: self._commands.hear(PLAIN, COMMAND, text))
         self.own(PreflightProbe.stop, self._probe)
         self.own(self.destroy_timer, self.every(self._period, self._update))
 
@@ -191,6 +196,15 @@ class SupervisorNode(PoiseNode):
             law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
         law.gait = self._reports.gait_present
         return law.request(mode)
+
+    def _set_mode(self, name: str) -> CommandReply:
+        """Ask for a mode by its name."""
+        if name not in _SERVED:
+            reply = CommandReply(False, f"unknown mode '{name[:32]}'; known: {', '.join(_SERVED)}")
+        else:
+            reply = self._request_mode(Mode(name))
+        self._say(SET_MODE, reply)
+        return reply
 
     def _offer(self, name: str, act: Any) -> None:
         def on_call(request: Any, response: Any) -> Any:

@@ -81,6 +81,7 @@ def run(
     factories: list[Callable[[], Any]],
     args: Sequence[str] | None = None,
     loop: Callable[[Any, Sequence[Any], Stop], None] = spin,
+    make: Callable[[], Any] = make_executor,
 ) -> int:
     """Create nodes and run them until SIGINT or SIGTERM.
 
@@ -88,6 +89,7 @@ def run(
         factories: Each makes one node; they are taken out of the list, as they may refer to each other's.
         args: Command line, ROS arguments included; that of the process when None.
         loop: Serves the executor until the flag is set.
+        make: Makes the executor.
 
     Returns:
         Exit code: 0 after a signal, 1 when a callback raised.
@@ -99,7 +101,7 @@ def run(
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
     nodes: list[Any] = []
-    executor = make_executor()
+    executor = make()
     code = 0
     try:
         while factories:

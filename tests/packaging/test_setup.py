@@ -22,6 +22,7 @@ case "$*" in
   "-m venv"*) mkdir -p .venv/bin; echo "$*" > .venv/created; cp "$0" .venv/bin/python ;;
   "-m pip"*) echo "$*" > .venv/installed ;;
   *"import mujoco, placo, rclpy"*) true ;;
+  "-m models.nodes.interface_build") true ;;
   *) echo "unexpected: $*" >&2; exit 9 ;;
 esac
 """

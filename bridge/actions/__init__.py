@@ -1,0 +1,1 @@
+"""What the actions of the graph do with its topics and services."""

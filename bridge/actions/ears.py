@@ -1,0 +1,143 @@
+"""What every action needs: the words of the graph, the services of the supervisor, and time to wait in."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from models.errors import CommandError, MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.interfaces import interface
+from models.nodes.messages import JointStateCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.types import CommandReply, Mode, Vector
+
+PERIOD = 0.05
+"""Time between two looks at what has happened [s]."""
+
+ANSWER_TIMEOUT = 5.0
+"""Longest wait for the answer of a service [s]."""
+
+MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
+"""Modes in which an action may go on."""
+
+
+class Ears:
+    """Hears for the actions of one node, and asks for them.
+
+    Args:
+        node: Node whose executor awaits coroutines.
+
+    Attributes:
+        mode: Newest word on ``mode``.
+        motion: Words on ``motion/state`` and refusals on ``motion/plan_state``, since they were last cleared.
+        route: Words on ``gait/route``, since they were last cleared.
+
+    Raises:
+        MessageError: The types of the services are not built.
+    """
+
+    def __init__(self, node: PoiseNode) -> None:
+        self.mode = ""
+        self.motion: list[str] = []
+        self.route: list[str] = []
+        self._joints, self._odom = b"", b""
+        self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
+        self._model = node.model
+        self._waiting: list[Future] = []
+        self._types = {
+            name: interface("poise_interfaces", "srv", kind)
+            for name, kind in (("set_mode", "SetMode"), ("command", "Command"))
+        }
+        self._clients = {name: node.create_client(kind, name) for name, kind in self._types.items()}
+        for client in self._clients.values():
+            node.own(node.destroy_client, client)
+        node.listen(String, topics.MODE, self._on_mode, LATCHED)
+        node.listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
+        node.listen(String, topics.MOTION_PLAN_STATE, self._on_plan, EVENT)
+        node.listen(String, topics.GAIT_ROUTE, lambda message: self.route.append(message.data), EVENT)
+        node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
+        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.own(node.destroy_timer, node.every(PERIOD, self._look))
+
+    async def command(self, text: str) -> CommandReply:
+        """Say a text command, and hear what becomes of it."""
+        return await self._ask("command", text=text)
+
+    async def set_mode(self, mode: Mode) -> CommandReply:
+        """Ask for a mode."""
+        return await self._ask("set_mode", mode=mode.value)
+
+    async def turn(self) -> None:
+        """Wait for the next look at what has happened."""
+        future: Future = Future()
+        self._waiting.append(future)
+        await future
+
+    async def until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait for a condition; returns whether it came to hold in time [s]."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            await self.turn()
+        return True
+
+    @property
+    def stopped(self) -> str:
+        """Why no action can go on; empty when it can."""
+        return "" if self.mode in MOVING else f"mode '{self.mode or 'unknown'}'"
+
+    @property
+    def posture(self) -> Vector | None:
+        """Reference posture of the controller (nj,) [rad]; None before the first, or when it cannot be read."""
+        found: Vector | None = self._decoded(self._codec, self._joints)
+        return found
+
+    def distance(self, x: float, y: float) -> float:
+        """From the base to a place in ``odom``, along the floor [m]; NaN before the robot knows where it is."""
+        pose = self._decoded(self._odometry, self._odom)
+        return math.nan if pose is None else math.hypot(x - pose[0], y - pose[1])
+
+    def _decoded(self, codec: Any, data: bytes) -> Any:
+        try:
+            return codec.decode(data)[1] if data else None
+        except MessageError:
+            return None
+
+    async def _ask(self, service: str, **request: str) -> CommandReply:
+        client = self._clients[service]
+        if not await self.until(client.service_is_ready, ANSWER_TIMEOUT):
+            raise CommandError(f"service {service} is absent: is a supervisor there, and built with its types?")
+        future = client.call_async(self._types[service].Request(**request))
+        if not await self.until(future.done, ANSWER_TIMEOUT):
+            raise CommandError(f"service {service} did not answer within {ANSWER_TIMEOUT:.0f} s")
+        answer = future.result()
+        return CommandReply(bool(answer.success), str(answer.message))
+
+    def _look(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            future.set_result(None)
+
+    def _on_mode(self, message: String) -> None:
+        self.mode = message.data
+
+    def _on_plan(self, message: String) -> None:
+        if message.data.startswith(topics.MOTION_REFUSED):
+            self.motion.append(message.data)
+
+    def _on_joints(self, data: bytes) -> None:
+        self._joints = data
+
+    def _on_odom(self, data: bytes) -> None:
+        self._odom = data

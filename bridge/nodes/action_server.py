@@ -1,0 +1,74 @@
+"""Node ``action_server``: long motions as ROS 2 actions, made of the topics and services of the graph."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
+from rclpy.executors import SingleThreadedExecutor
+from trajectory_msgs.msg import JointTrajectory
+
+from bridge.actions.ears import Ears
+from bridge.actions.goals import Turns, goal
+from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory
+from bridge.actions.walk import WalkTo
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.interfaces import interface
+from models.nodes.qos import EVENT
+from models.nodes.spin import run
+
+FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"
+"""Where MoveIt looks for it."""
+
+
+class ActionServerNode(PoiseNode):
+    """Offers ``execute_motion``, ``walk_to`` and ``joint_trajectory_controller/follow_joint_trajectory``.
+
+    Its executor must await coroutines: rclpy's events executor does not.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("action_server", **kwargs)
+
+    def configure(self) -> None:
+        """Build the actions; without their types this refuses, and says how they are built."""
+        motion, walk = (interface("poise_interfaces", "action", name) for name in ("ExecuteMotion", "WalkTo"))
+        ears = Ears(self)
+        turns = Turns(ears)
+        goals = self.announce(PoseStamped, topics.GOAL_POSE, EVENT)
+        self._offer(motion, "execute_motion", ExecuteMotion(ears, turns, motion))
+        self._offer(walk, "walk_to", WalkTo(ears, turns, walk, goals.publish))
+        try:
+            follow = interface("control_msgs", "action", "FollowJointTrajectory")
+        except MessageError as error:
+            self.values[FOLLOW] = str(error)
+            return
+        motions = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        self._offer(follow, FOLLOW, FollowJointTrajectory(ears, turns, follow, self.model, motions.publish))
+
+    def _offer(self, kind: Any, name: str, action: Any) -> None:
+        server = ActionServer(
+            self,
+            kind,
+            name,
+            goal(action, action.result),
+            goal_callback=lambda request: GoalResponse.ACCEPT if self.active else GoalResponse.REJECT,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
+        self.own(ActionServer.destroy, server)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([ActionServerNode], args, make=SingleThreadedExecutor))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,231 @@
+"""Builds the ROS interfaces in ``models/interfaces`` with the generators of the installed ROS 2 and a C++ compiler.
+
+    python -m models.nodes.interface_build
+
+The wheels of ROS 2 carry generators, headers and libraries, but neither CMake's rules nor colcon. What these would do
+is done here: definitions to IDL, IDL to C and Python, C to libraries. A package that can be imported already, such as
+one that colcon has built, is left alone. Without a compiler everything else of the graph works, and this says what is
+missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from models.errors import PoiseError
+from models.nodes.interface_generate import LIBRARIES, generate
+
+DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"
+"""Folder with a folder for each package."""
+
+PACKAGES = {
+    "poise_interfaces": ("geometry_msgs",),
+    "control_msgs": ("trajectory_msgs", "geometry_msgs"),
+}
+"""Packages to build, and those that their definitions refer to, besides ``ALWAYS``."""
+
+ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")
+"""Packages that every service or action refers to."""
+
+STAMP = ".poise_built"
+"""File in a package built here: hash of the definitions that it was built from."""
+
+ADVICE = "Debian and Ubuntu: sudo apt install g++ python3-dev"
+
+LOADER = '''"""Built by poise from its interface definitions."""
+
+import ctypes
+import pathlib
+
+for _name in {libraries}:  # the type support finds the others by name among those that are loaded
+    ctypes.CDLL(str(pathlib.Path(__file__).parent / "lib" / f"lib{package}__{{_name}}.so"), mode=ctypes.RTLD_GLOBAL)
+'''
+
+
+class InterfaceBuild:
+    """Builds one package into a folder of Python packages.
+
+    Args:
+        package: Its name.
+        into: Folder that is on Python's path.
+
+    Raises:
+        PoiseError: No compiler, no headers of Python, or no generators.
+    """
+
+    def __init__(self, package: str, into: Path) -> None:
+        self._package, self._into = package, into
+        self._source = DEFINITIONS / package
+        self._files = sorted(path for path in self._source.rglob("*") if path.suffix in (".msg", ".srv", ".action"))
+        self._prefix = ros_prefix()
+        self._depends = (*ALWAYS, *PACKAGES[package])
+        require_tools()
+
+    @property
+    def stamp(self) -> str:
+        """Hash of the definitions and of the interpreter they are built for."""
+        digest = hashlib.sha256(sysconfig.get_config_var("EXT_SUFFIX").encode())
+        for path in self._files:
+            digest.update(path.relative_to(self._source).as_posix().encode() + path.read_bytes())
+        return digest.hexdigest()
+
+    def run(self) -> None:
+        """Generate, compile, and put the package in its place in one go.
+
+        Raises:
+            PoiseError: The generators or the compiler refuse; with what they say.
+        """
+        with tempfile.TemporaryDirectory(prefix="poise_interfaces_") as folder:
+            work = Path(folder)
+            os.environ.setdefault("AMENT_PREFIX_PATH", str(self._prefix))
+            generate(self._package, self._source, self._files, work, self._prefix / "share")
+            made = work / "made"
+            shutil.copytree(work / "py" / self._package, made)
+            self._compile(work, made)
+            (made / "__init__.py").write_text(LOADER.format(libraries=LIBRARIES, package=self._package))
+            (made / STAMP).write_text(self.stamp)
+            place = self._into / self._package
+            shutil.rmtree(place, ignore_errors=True)
+            shutil.move(made, place)
+        self._tell_ament()
+
+    def _compile(self, work: Path, made: Path) -> None:
+        """Every library of the package, then the extension that Python imports."""
+        import numpy as np
+
+        folder = made / "lib"
+        folder.mkdir()
+        include = [self._prefix / "include", *(self._prefix / "include").iterdir()]
+        include += [work / name for name in ("c", "py", *LIBRARIES[1:])]
+        include += [Path(sysconfig.get_paths()["include"]), Path(np.get_include())]
+        common = ["-shared", "-fPIC", "-O1", "-w", *(f"-I{path}" for path in include if path.is_dir())]
+        common += [f"-L{self._prefix / 'lib'}", f"-L{folder}"]
+        needs: dict[str, list[str]] = {
+            "rosidl_generator_c": ["rosidl_runtime_c", "rcutils"],
+            "rosidl_typesupport_introspection_c": ["rosidl_typesupport_introspection_c", "rosidl_runtime_c"],
+            "rosidl_typesupport_fastrtps_c": [
+                "fastcdr",
+                "rosidl_typesupport_fastrtps_c",
+                "rosidl_typesupport_fastrtps_cpp",
+                "rosidl_runtime_c",
+                "rmw",
+            ],
+            "rosidl_typesupport_c": ["rosidl_typesupport_c", "rosidl_runtime_c"],
+        }
+        for name in LIBRARIES:
+            sources = _sources(work / ("c" if name == "rosidl_generator_c" else name))
+            own = [] if name == "rosidl_generator_c" else [f"{self._package}__rosidl_generator_c"]
+            links = [*own, *needs[name], *(f"{package}__{name}" for package in self._depends)]
+            file = f"lib{self._package}__{name}.so"
+            options = [f"-Wl,-soname,{file}", "-Wl,-z,defs", "-Wl,-rpath,$ORIGIN"]
+            _compile([*common, "-o", str(folder / file), *sources, *(f"-l{link}" for link in links), *options])
+        links = [f"{self._package}__{name}" for name in ("rosidl_generator_c", "rosidl_typesupport_c")]
+        links += ["rosidl_runtime_c", *(f"{package}__rosidl_generator_py" for package in self._depends)]
+        file = f"{self._package}_s__rosidl_typesupport_c{sysconfig.get_config_var('EXT_SUFFIX')}"
+        sources = _sources(work / "py")
+        _compile(
+            [*common, "-o", str(made / file), *sources, *(f"-l{link}" for link in links), "-Wl,-rpath,$ORIGIN/lib"]
+        )
+
+    def _tell_ament(self) -> None:
+        """What ``ros2 interface`` looks for: the definitions, and their names in the index."""
+        share = Path(sys.prefix) / "share"
+        names = [path.relative_to(self._source).as_posix() for path in self._files]
+        for path, name in zip(self._files, names, strict=True):
+            there = share / self._package / name
+            there.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, there)
+        index = share / "ament_index/resource_index"
+        for kind, text in (("packages", ""), ("rosidl_interfaces", "\n".join(names))):
+            (index / kind).mkdir(parents=True, exist_ok=True)
+            (index / kind / self._package).write_text(text)
+
+
+def ros_prefix() -> Path:
+    """Where the generators, headers and libraries of the ROS 2 are that this interpreter imports.
+
+    Raises:
+        PoiseError: There are no generators.
+    """
+    spec = importlib.util.find_spec("rosidl_generator_py")
+    if spec is None or spec.origin is None:
+        raise PoiseError("the generators of ROS 2 interfaces are not installed (rosidl_generator_py)")
+    for parent in Path(spec.origin).parents:
+        if (parent / "share/rosidl_generator_py").is_dir() and (parent / "include").is_dir():
+            return parent
+    raise PoiseError(f"no headers of ROS 2 beside {spec.origin}")
+
+
+def require_tools() -> None:
+    """Check for a compiler and Python's headers.
+
+    Raises:
+        PoiseError: One is missing; says how it is installed.
+    """
+    missing = [name for name in ("gcc", "g++") if shutil.which(name) is None]
+    if not (Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
+        missing.append("Python.h")
+    if missing:
+        raise PoiseError(f"{', '.join(missing)} not found; {ADVICE}")
+
+
+def build_interfaces(into: Path, say: Callable[[str], object] = print) -> bool:
+    """Build each package that cannot be imported, or that was built here from other definitions.
+
+    Args:
+        into: Folder that is on Python's path.
+        say: Takes a line about each package.
+
+    Returns:
+        Whether all of them are there.
+    """
+    there = True
+    for package in PACKAGES:
+        spec = importlib.util.find_spec(package)
+        built = into / package / STAMP
+        if spec is not None and not built.is_file():
+            say(f"{package}: that of the installed ROS 2 is used")
+            continue
+        try:
+            build = InterfaceBuild(package, into)
+            if not built.is_file() or built.read_text() != build.stamp:
+                build.run()
+                say(f"{package}: built")
+        except PoiseError as error:
+            there = False
+            say(f"{package} is left out, and with it its services and actions; everything else works: {error}")
+    return there
+
+
+def _sources(folder: Path) -> list[str]:
+    return sorted(str(path) for kind in ("*.c", "*.cpp") for path in folder.rglob(kind))
+
+
+def _compile(arguments: list[str]) -> None:
+    """Run the compiler.
+
+    Raises:
+        PoiseError: It refuses; with the end of what it says.
+    """
+    compiler = ["g++", "-std=c++17"] if any(item.endswith(".cpp") for item in arguments) else ["gcc"]
+    result = subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise PoiseError(f"the compiler refuses it: {result.stderr[-600:].strip()}")
+
+
+def main() -> None:
+    """Build into this environment."""
+    build_interfaces(Path(sysconfig.get_paths()["purelib"]), lambda text: print(f"poise: {text}"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,38 @@
+"""Types of packages that may not be built: what needs them is left out, and says so."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from models.errors import MessageError
+
+ADVICE = "build them with: python -m models.nodes.interface_build"
+
+
+def interface(package: str, kind: str, name: str) -> Any:
+    """A service or action type.
+
+    Args:
+        package: Such as ``poise_interfaces``.
+        kind: ``srv`` or ``action``.
+        name: Of the type.
+
+    Raises:
+        MessageError: It is not built, or for another Python.
+    """
+    try:
+        found = getattr(importlib.import_module(f"{package}.{kind}"), name)
+        found.__class__.__import_type_support__()
+    except Exception as error:  # ImportError, AttributeError, OSError of a library, rclpy's UnsupportedTypeSupport
+        raise MessageError(f"no {package}/{kind}/{name}: {ADVICE} ({type(error).__name__}: {error})") from error
+    return found
+
+
+def missing_types() -> str:
+    """Why the actions of this project cannot be offered; empty when they can."""
+    try:
+        interface("poise_interfaces", "action", "WalkTo")
+    except MessageError as error:
+        return str(error)
+    return ""
