@@ -102,10 +102,9 @@ class Calibrator:
         """Run a motion to its end; returns what went wrong."""
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
         motion = variant(motion, self._robot.name, self._planner.names)
-        controller = self._lockstep.controller
         try:
-            trajectory = self._planner.plan(motion, start_q=controller.reference.posture)
-            controller.follow(trajectory)
+            trajectory = self._planner.plan(motion, start_q=self._lockstep.controller.reference.posture)
+            self._lockstep.follow(trajectory)
         except PoiseError as error:
             return f"calibration refused: {error}"
         return self._wait(float(trajectory.times[-1]) + self._session.config.window)

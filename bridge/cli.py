@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bridge import log_cli
+from bridge import log_cli, record_cli
 from bridge.command_line import need, need_ros, told
 from models.threads import use_one_thread
 
@@ -30,6 +30,8 @@ app = typer.Typer(
     help="Whole-body control for humanoid robots over ROS 2.",
 )
 app.add_typer(log_cli.app, name="log")
+for _command in (record_cli.record, record_cli.replay, record_cli.plot):
+    app.command()(_command)
 for _entry in entry_points(group="poise.commands"):
     app.add_typer(_entry.load(), name=_entry.name)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import mujoco
 
@@ -29,6 +29,9 @@ from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
+
+if TYPE_CHECKING:
+    from bridge.loop_recorder import LoopRecorder
 
 
 class ClosedLoop:
@@ -70,6 +73,8 @@ class ClosedLoop:
         obstacle_stop: Whether the scanner of the robot stops a walk before what ``plant.obstacle`` puts into its way.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
         black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
+        mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; None for none. It begins
+            anew with ``reset``. Needs the messages of ROS 2.
 
     Attributes:
         robot: The robot.
@@ -109,6 +114,7 @@ class ClosedLoop:
         obstacle_stop: bool = False,
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
+        mcap: Path | None = None,
     ) -> None:
         if start not in ("stand", "hang"):
             raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
@@ -136,9 +142,11 @@ class ClosedLoop:
             raise ConfigError(f"control_period_s: {control_period_s} s is not a multiple of the timestep {timestep} s")
         period = self.config.record_period if record_period_s is None else record_period_s
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
+        balance = BalanceController(self.robot) if controller is None else controller
+        self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, balance, estimate)
         self._lockstep = Lockstep(
             self.plant,
-            BalanceController(self.robot) if controller is None else controller,
+            balance,
             self.config,
             control_ticks=control_ticks,
             delay_ticks=delay_ticks,
@@ -147,14 +155,22 @@ class ClosedLoop:
             after_tick=self._record,
             calibration=calibration,
             gait=gait,
+            recorder=self._recorder,
         )
+        if self._recorder is not None and isinstance(balance, BalanceController):
+            self._recorder.describe(self.estimator, balance, self.walker)
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
         self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
         self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
         self._text = TextCommands(self.robot, self._lockstep, lambda: self._guard or self.gait)
-        (self.hang if start == "hang" else self.reset)()
+        try:
+            (self.hang if start == "hang" else self.reset)()
+        except PoiseError:
+            if self._recorder is not None:
+                self._recorder.discard()
+            raise
 
     def _ticks(self, name: str, time: float) -> int:
         """A time [s] as a number of ticks; ``ConfigError`` when it is negative or not finite."""
@@ -335,6 +351,17 @@ class ClosedLoop:
         """End every injected fault; returns which. What the supervisor has latched stays."""
         return self.plant.faults.clear()
 
+    def close(self) -> None:
+        """Complete the recording, if there is one; nothing more is written to it."""
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def __enter__(self) -> ClosedLoop:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def step(self) -> None:
         """Run one tick."""
         self._lockstep.step()
@@ -351,3 +378,16 @@ class ClosedLoop:
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))
+        if self._recorder is not None:
+            self._recorder.event(text)
+
+
+def _make_recorder(robot: RobotModel, path: Path, controller: Controller, estimate: str) -> LoopRecorder:
+    """Recorder of a loop, if what it records can be replayed."""
+    if estimate != "sensors" or not isinstance(controller, BalanceController):
+        raise ConfigError("mcap: only a run on its sensors and with a BalanceController can be replayed")
+    try:
+        from bridge.loop_recorder import LoopRecorder
+    except ImportError as error:
+        raise PoiseError(f"mcap: the messages of ROS 2 cannot be imported: {error}") from error
+    return LoopRecorder(robot, path)

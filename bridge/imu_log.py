@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
 import pinocchio as pin
-from mcap.writer import Writer
 
-from models.errors import PoiseError
+from bridge.mcap_log import McapLog
+from bridge.part_file import part_of
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample
 
@@ -51,7 +50,7 @@ class CsvImuLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._part = path, _part(path)
+        self._path, self._part = path, part_of(path)
         self._file = self._part.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file)
         self._writer.writerow(COLUMNS)
@@ -75,52 +74,28 @@ class CsvImuLog:
 
 
 class McapImuLog:
-    """The messages as they came, for Foxglove, PlotJuggler and ``ros2 bag``.
+    """The messages as they came, with their own stamps as the time of the log.
 
     Args:
         path: Where the file appears at ``close``.
         topic: Name of the topic.
-        definition: Text of sensor_msgs/Imu and what it consists of.
 
     Raises:
         PoiseError: It cannot be written.
     """
 
-    def __init__(self, path: Path, topic: str, definition: str) -> None:
-        self._path, self._part = path, _part(path)
-        self._file = self._part.open("wb")
-        self._writer = Writer(self._file)
-        self._writer.start(profile="ros2", library=f"poise {version('poise')}")
-        schema = self._writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", definition.encode())
-        self._channel = self._writer.register_channel(topic, "cdr", schema)
-        self._count = 0
+    def __init__(self, path: Path, topic: str) -> None:
+        self._log, self._topic = McapLog(path), topic
+        self._log.announce(topic, "sensor_msgs/msg/Imu")
 
     def add(self, stamp: int, sample: ImuSample, data: bytes) -> None:
-        """Write the message with its own stamp as the time of the log."""
-        self._writer.add_message(self._channel, stamp, data, stamp, self._count)
-        self._count += 1
+        """Write the message."""
+        self._log.add(self._topic, data, stamp)
 
     def close(self) -> None:
         """Complete the file and give it its name."""
-        self._writer.finish()
-        self._file.close()
-        self._part.replace(self._path)
+        self._log.close()
 
     def discard(self) -> None:
         """Leave no file."""
-        self._file.close()
-        self._part.unlink()
-
-
-def _part(path: Path) -> Path:
-    """File beside ``path`` to write into."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.touch()
-    except OSError as error:
-        raise PoiseError(f"{path} cannot be written: {error}") from error
-    if path.is_dir():
-        part.unlink()
-        raise PoiseError(f"{path} cannot be written: it is a folder")
-    return part
+        self._log.discard()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
@@ -34,6 +34,10 @@ from models.types import (
 )
 from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
+from planners.gait.noted import NotedGait
+
+if TYPE_CHECKING:
+    from bridge.loop_recorder import LoopRecorder
 
 
 class Controller(Protocol):
@@ -80,6 +84,7 @@ class Lockstep:
         after_tick: Called at the end of every tick.
         calibration: Corrects the sensors from the next ``start`` on; None for none.
         gait: The gait; that of the robot when None.
+        recorder: Writes what the laws get and give into a file; None for nobody.
 
     Attributes:
         plant: The simulated robot.
@@ -111,8 +116,10 @@ class Lockstep:
         after_tick: Callable[[], None],
         calibration: Calibration | None = None,
         gait: GaitConfig | None = None,
+        recorder: LoopRecorder | None = None,
     ) -> None:
         self.plant, self.controller, self._config = plant, controller, config
+        self._recorder = recorder
         self.supervisor = Supervisor(plant.robot, gait=True)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
@@ -126,7 +133,8 @@ class Lockstep:
         self._gait = gait
         self._walker: Walker[GaitPlanner] | None = None
         monitor = JointMonitor(plant.robot, control_ticks * plant.period)
-        self.laws = LawSwitch(controller, lambda: self.walker, monitor)
+        applied = None if recorder is None else recorder.applied
+        self.laws = LawSwitch(controller, lambda: self.walker, monitor, applied)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -154,6 +162,8 @@ class Lockstep:
         self.tick = self._unheard = 0
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
+        if self._recorder is not None:
+            self._recorder.start(sensors)
         self.laws.reset(self.state)
         evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
         self.supervisor.set_preflight(preflight(plant.robot, self.supervisor.config, evidence, {}))
@@ -199,9 +209,18 @@ class Lockstep:
     def walker(self) -> Walker[GaitPlanner]:
         """Gait planner and walking controller; built when first asked for."""
         if self._walker is None:
-            robot = self.plant.robot
-            self._walker = Walker(GaitPlanner(robot, self._gait), WalkingController(robot))
+            robot, recorder = self.plant.robot, self._recorder
+            gait = (
+                GaitPlanner(robot, self._gait) if recorder is None else NotedGait(robot, self._gait, recorder.applied)
+            )
+            self._walker = Walker(gait, WalkingController(robot))
         return self._walker
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Have the law in charge follow a motion; see ``BalanceController.follow`` for refusals."""
+        self.laws.follow(trajectory)
+        if self._recorder is not None:
+            self._recorder.motion(trajectory)
 
     def enter_mode(self) -> None:
         """Hand the robot over between balance controller and walker after a change of mode."""
@@ -251,8 +270,12 @@ class Lockstep:
             self.state = self.estimator.step(sensors, dt, self._scheduled)
         self._scheduled = None
         if self.supervisor.mode not in ACTIVE_MODES:
+            if self._recorder is not None:
+                self._recorder.tick(self.plant, sensors, dt, self.state, None, self.supervisor.mode)
             return
         self.result = self.laws.step(self.state, dt)
+        if self._recorder is not None:
+            self._recorder.tick(self.plant, sensors, dt, self.state, self.result, self.supervisor.mode)
         self._scheduled = self.laws.reference.contacts
         self._command_t = self.state.t
         if self.result.status is SolveStatus.DAMPED:

@@ -28,7 +28,6 @@ def imu(
     from bridge.ros.imu_listener import ImuListener
     from models.nodes import topics
     from models.nodes.imu import ImuSample
-    from models.nodes.message_text import message_text
     from models.nodes.spin import Stop
 
     logs: list[ImuLog] = []
@@ -42,7 +41,7 @@ def imu(
     with told():
         try:
             if mcap is not None:
-                logs.append(McapImuLog(mcap, f"/{topics.IMU_DATA}", message_text("sensor_msgs/msg/Imu")))
+                logs.append(McapImuLog(mcap, f"/{topics.IMU_DATA}"))
             if csv is not None:
                 logs.append(CsvImuLog(csv))
             listener.listen(seconds, stop, network=network)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from controllers.joint_monitor import JointMonitor
 from controllers.walker import Walker
+from models.applied import Applied
 from models.types import ControlResult, JointTrajectory, Mode, Reference, RobotState
 
 
@@ -50,15 +51,21 @@ class LawSwitch:
         standing: Law of the modes ``stand`` and ``motion``.
         walker: Gives the walker, called each time it is needed; None where there is no gait planner.
         monitor: Looks whether the joints do as they are told; None for nobody.
+        applied: Notes what the laws are told, for a replay; None for nobody.
 
     Attributes:
         walking: Whether the walker runs.
     """
 
     def __init__(
-        self, standing: Law, walker: Callable[[], Walker[Any]] | None, monitor: JointMonitor | None = None
+        self,
+        standing: Law,
+        walker: Callable[[], Walker[Any]] | None,
+        monitor: JointMonitor | None = None,
+        applied: Applied | None = None,
     ) -> None:
         self._standing, self._walker, self._monitor = standing, walker, monitor
+        self._applied = applied
         self.walking = False
 
     @property
@@ -98,6 +105,8 @@ class LawSwitch:
     def stop_motion(self) -> None:
         """Have the law that runs end its motion."""
         self.active.stop_motion()
+        if self._applied is not None:
+            self._applied.note("stop_motion")
 
     def reset(self, state: RobotState) -> None:
         """Start over from a state, standing."""
@@ -105,6 +114,8 @@ class LawSwitch:
         self._standing.reset(state)
         if self._monitor is not None:
             self._monitor.reset()
+        if self._applied is not None:
+            self._applied.note("reset")
 
     def enter(self, mode: Mode, state: RobotState) -> None:
         """Hand the robot over as a mode wants it.
@@ -118,6 +129,8 @@ class LawSwitch:
             self._walker().reset(state)
         elif self.walking and mode is Mode.STAND:
             self._standing.reset(state)
+        if walk is not self.walking and self._applied is not None:
+            self._applied.note("walk", walk, mode.value)
         self.walking = walk
 
     def step(self, state: RobotState, dt: float) -> ControlResult:

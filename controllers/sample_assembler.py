@@ -16,7 +16,8 @@ JOINTS, IMU = 0, 1
 MAX_AGE = 0.005
 """Age up to which a sample of another source is used by default [s]."""
 
-_NAMES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
+SOURCES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
+"""Names of the sources, in the order of the stamp table."""
 
 
 class SampleAssembler:
@@ -39,23 +40,25 @@ class SampleAssembler:
         incomplete: Ticks made of samples with different stamps.
         silent: Ticks with a source whose newest sample was too old.
         dropped: Ticks given up because a source had not given any sample yet.
+        mixed: Sources whose sample in the newest tick has another stamp than the joints [ns]; None for no sample.
     """
 
     def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, feet: bool = True) -> None:
         self._max_age, self._max_gap, self._strict = max_age_ns, max_gap_ns, strict
-        self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(_NAMES)))
+        self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(SOURCES)))
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample."""
-        self._stamps: list[int | None] = [None] * len(_NAMES)
-        self._leaps = [Leap(self._max_gap) for _ in _NAMES]
+        self._stamps: list[int | None] = [None] * len(SOURCES)
+        self._leaps = [Leap(self._max_gap) for _ in SOURCES]
         self._silent = set(self._absent)
         self._emitted: int | None = None
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
         self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
         self.incomplete = self.silent = self.dropped = 0
+        self.mixed: dict[str, int | None] = {}
 
     @property
     def stamp(self) -> int | None:
@@ -100,9 +103,9 @@ class SampleAssembler:
                 return
             if stamp <= last:
                 kind = "repeats" if stamp == last else "is before"
-                raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns {kind} {last} ns")
+                raise MessageError(f"header.stamp of {SOURCES[source]}: {stamp} ns {kind} {last} ns")
             if not self._leaps[source].believes(last, stamp):
-                raise MessageError(f"header.stamp of {_NAMES[source]}: {stamp} ns leaps ahead of {last} ns")
+                raise MessageError(f"header.stamp of {SOURCES[source]}: {stamp} ns leaps ahead of {last} ns")
         self._stamps[source] = stamp
         self._silent.discard(source)
 
@@ -120,6 +123,9 @@ class SampleAssembler:
         self._silent = {source for source, age in ages.items() if age is None or age > self._max_age}
         self.silent += not self.whole
         self.incomplete += late != self._silent
+        self.mixed = {
+            SOURCES[source]: None if source in self._silent else self._stamps[source] for source in late - self._absent
+        }
         self._emitted = stamp
         wrenches = np.array(self._wrenches)
         for foot in range(len(FOOT_NAMES)):

@@ -12,6 +12,7 @@ from typing import Any
 
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
+from models.applied import Applied
 from models.nodes.spin import run
 from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
@@ -27,13 +28,14 @@ def _factories() -> list[Callable[[], Any]]:
     gaits: list[GaitPlannerNode] = []
     controllers: list[BalanceControllerNode] = []
     estimators: list[StateEstimatorNode] = []
+    applied = Applied()
 
     def gait() -> GaitPlannerNode:
-        gaits.append(GaitPlannerNode())
+        gaits.append(GaitPlannerNode(applied=applied))
         return gaits[0]
 
     def controller() -> BalanceControllerNode:
-        controllers.append(BalanceControllerNode(local=True, gait=gaits[0]))
+        controllers.append(BalanceControllerNode(local=True, gait=gaits[0], applied=applied))
         return controllers[0]
 
     def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
@@ -43,7 +45,7 @@ def _factories() -> list[Callable[[], Any]]:
         return controllers[0].scheduled
 
     def estimator() -> StateEstimatorNode:
-        estimators.append(StateEstimatorNode(hand_over))
+        estimators.append(StateEstimatorNode(hand_over, applied))
         return estimators[0]
 
     return [gait, controller, estimator]

@@ -60,12 +60,16 @@ class StateEstimator:
         ConfigError: The packaged configuration is unusable.
         RobotModelError: The chains to the soles or the inertial unit are not of revolute joints.
 
+    Attributes:
+        given: The configuration as it was given.
+        config: The same with the figures of the robot's inertial unit.
+
     Assumptions:
         The soles are flat, the ground does not move, and at ``reset`` the soles rest on a floor that is about level.
     """
 
     def __init__(self, model: RobotModel, config: EstimatorConfig | None = None) -> None:
-        config = config or default_config(EstimatorConfig, "controllers", "estimator")
+        self.given = config = config or default_config(EstimatorConfig, "controllers", "estimator")
         self.config = replace(config, imu=config.imu.with_sensor(model.profile.sensors.imu, config.gravity))
         self._model = model
         kinematics = self.config.kinematics

@@ -21,6 +21,7 @@ from controllers.supervisor import ACTIVE_MODES
 from controllers.walker import Gait, Walker
 from controllers.walking import WalkingConfig, WalkingController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from models.applied import Applied
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -47,15 +48,18 @@ class BalanceControllerNode(PoiseNode):
     Args:
         local: Whether an estimator in this process calls ``on_state``; otherwise the state comes from topics.
         gait: Gait planner in this process; without one the robot does not walk.
+        applied: Notes what the laws are told, for a replay; None for nobody.
         kwargs: Passed to rclpy.
 
     Attributes:
         scheduled: Which feet the last tick's reference has in contact; None while the mode moves nothing.
     """
 
-    def __init__(self, *, local: bool = False, gait: Gait | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self, *, local: bool = False, gait: Gait | None = None, applied: Applied | None = None, **kwargs: Any
+    ) -> None:
         super().__init__("balance_controller", **kwargs)
-        self._local, self._gait = local, gait
+        self._local, self._gait, self._applied = local, gait, applied
         self._balance = declare_config(self, default_config(BalanceConfig, "controllers", "balance"), "balance.")
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
         self._whole_body = declare_config(self, whole_body, "whole_body.")
@@ -85,12 +89,15 @@ class BalanceControllerNode(PoiseNode):
         """Build the law, the codecs and the topics."""
         self._law = BalanceController(self.model, self._balance, self._whole_body)
         self._tracker: WalkingController | None = None
-        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model))
+        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model), self._applied)
+        if self._applied is not None:
+            for name in ("balance", "whole_body", "walking", "whole_body_walking"):
+                self._applied.describe(name, getattr(self, f"_{name}"))
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
-        self._motions = MotionTopics(self, self._laws, lambda: self._mode)
+        self._motions = MotionTopics(self, self._laws, lambda: self._mode, self._applied)
         self._black_box.configure()
         if not self._local:
             self._topics = StateTopics(self, self._on_topics, reliable=self._lockstep)
@@ -136,6 +143,7 @@ class BalanceControllerNode(PoiseNode):
         """
         if not self.active or self._mode not in ACTIVE_MODES:
             self.scheduled = None
+            self._note("run", False)
             return
         if self._lockstep and not self._reset and stamp == self._last_stamp:
             self._command.publish(self._last_command)  # the plant asks again: the answer was lost
@@ -144,6 +152,8 @@ class BalanceControllerNode(PoiseNode):
             self.refuse(topics.ODOM, f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
             return
         dt = FIRST_STEP if self._reset else (stamp - self._last_stamp) / NANOSECONDS
+        self._note("run", True)
+        self._note("law_dt", dt)
         if self._reset:
             self._laws.reset(state)
             self._reset = False
@@ -157,6 +167,11 @@ class BalanceControllerNode(PoiseNode):
         self._after(result, stamp)
         if not self._lockstep:
             self._judge_time()
+
+    def _note(self, word: str, value: object) -> None:
+        """Note a change for a replay."""
+        if self._applied is not None:
+            self._applied.note_change(word, value)
 
     def _after(self, result: ControlResult, stamp: int) -> None:
         """What need not precede the command: posture, motion state, alarms."""

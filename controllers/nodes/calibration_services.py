@@ -31,13 +31,16 @@ class CalibrationServices:
     Args:
         node: Node that estimates; to be built in its ``configure``.
         start_over: Has the estimator start over, because the drivers now read their encoders otherwise.
+
+    Attributes:
+        applied: What the samples are corrected by; None before the first start.
     """
 
     def __init__(self, node: PoiseNode, start_over: Callable[[], None]) -> None:
         self._node, self._start_over = node, start_over
         self._file, self._codec = CalibrationFile(node), JointStateCodec(node.model)
         self._run = CalibrationRun(node, self._file)
-        self._applied: Calibration | None = None
+        self.applied: Calibration | None = None
         self._encoder_offsets: Vector | None = None
         node.listen(JointState, topics.ENCODER_OFFSETS, self._on_encoder_offsets, LATCHED, raw=True)
         node.serve(Trigger, "calibrate/show", partial(self._on_file, lambda store: store.load()[0], "in"))
@@ -49,14 +52,14 @@ class CalibrationServices:
         Raises:
             ConfigError: There is no folder for calibration files.
         """
-        self._applied = self._file.read().without_joints()
+        self.applied = self._file.read().without_joints()
 
     def correct(self, sensors: SensorData) -> SensorData:
         """The sample as the estimator is to see it; a calibration that runs gets it as measured."""
         if self._run.what:
             offsets = self._encoder_offsets
             self._run.add(None if offsets is None else correct_encoders(sensors, -offsets))
-        return sensors if self._applied is None else apply_calibration(sensors, self._applied)
+        return sensors if self.applied is None else apply_calibration(sensors, self.applied)
 
     def _on_file(self, act: Callable[[CalibrationStore], Calibration], where: str, request: Any, response: Any) -> Any:
         """Answer with the numbers of a file; the next start takes them."""

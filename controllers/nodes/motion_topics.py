@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 
 from std_msgs.msg import String
@@ -9,6 +10,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from controllers.law_switch import LawSwitch
 from controllers.supervisor import ACTIVE_MODES
+from models.applied import Applied
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -28,13 +30,16 @@ class MotionTopics:
         node: Node that subscribes.
         law: Follows the motions; in mode walk with arms and head only.
         mode: Present mode of the robot.
+        applied: Notes which motion is followed, for a replay; None for nobody.
 
     Attributes:
         requested: Newest request; empty before the first.
     """
 
-    def __init__(self, node: PoiseNode, law: LawSwitch, mode: Callable[[], Mode]) -> None:
-        self._node, self._law, self._mode = node, law, mode
+    def __init__(
+        self, node: PoiseNode, law: LawSwitch, mode: Callable[[], Mode], applied: Applied | None = None
+    ) -> None:
+        self._node, self._law, self._mode, self._applied = node, law, mode, applied
         self._running = False
         self.requested = ""
         self._state = node.announce(String, topics.MOTION_STATE, EVENT)
@@ -73,6 +78,8 @@ class MotionTopics:
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
                 raise PoiseError(f"no motion in mode '{mode.value}'")
             self._law.follow(trajectory_from_message(message))
+            if self._applied is not None:
+                self._applied.note("follow", zlib.crc32(data))
         except PoiseError as error:
             self._node.refuse(topics.MOTION_TRAJECTORY, error)
             if not self._running:

@@ -97,11 +97,16 @@ class JointStateCodec:
             JointNameError: A joint is missing, unknown or given twice.
             MessageError: Bad size or stamp, NaN or infinity.
         """
+        stamp, *values = self.read(data)
+        for field, array_ in zip(("position", "velocity", "effort"), values, strict=True):
+            require_finite(field, array_, self._model.joint_names)
+        return stamp, values[0], values[1], values[2]
+
+    def read(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
+        """The same, NaN and infinity included: of a log, not of the robot."""
         values = self._template.unpack(data)
         if values is None:
             values = self._reorder(decode(data, JointState))
-        for field, array_ in zip(("position", "velocity", "effort"), values, strict=True):
-            require_finite(field, array_, self._model.joint_names)
         return stamp_of(data), values[0], values[1], values[2]
 
     def _reorder(self, message: Any) -> list[Vector]:
@@ -139,6 +144,13 @@ class ImuCodec:
         Raises:
             MessageError: Wrong frame, NaN or infinity.
         """
+        stamp, gyro, accel = self.read(data)
+        require_finite("angular_velocity", gyro)
+        require_finite("linear_acceleration", accel)
+        return stamp, gyro, accel
+
+    def read(self, data: bytes) -> tuple[int, Vector, Vector]:
+        """The same, NaN and infinity included: of a log, not of the robot."""
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, Imu)
@@ -146,8 +158,6 @@ class ImuCodec:
                 raise MessageError(f"header.frame_id is '{message.header.frame_id}', expected '{self._frame_id}'")
             w, a = message.angular_velocity, message.linear_acceleration
             values = [np.array([w.x, w.y, w.z]), np.array([a.x, a.y, a.z])]
-        require_finite("angular_velocity", values[0])
-        require_finite("linear_acceleration", values[1])
         return stamp_of(data), values[0], values[1]
 
 
@@ -172,13 +182,18 @@ class WrenchCodec:
         Raises:
             MessageError: Wrong frame, NaN or infinity.
         """
+        stamp, wrench = self.read(data)
+        require_finite("wrench", wrench)
+        return stamp, wrench
+
+    def read(self, data: bytes) -> tuple[int, Vector]:
+        """The same, NaN and infinity included: of a log, not of the robot."""
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, WrenchStamped)
             if message.header.frame_id != self._frame_id:
                 raise MessageError(f"header.frame_id is '{message.header.frame_id}', expected '{self._frame_id}'")
             values = [wrench_vector(message.wrench)]
-        require_finite("wrench", values[0])
         return stamp_of(data), values[0]
 
 

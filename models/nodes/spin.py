@@ -60,15 +60,19 @@ class Stop:
         self.requested = True
 
 
-def make_executor() -> Any:
-    """Events executor where rclpy has it (a quarter of the processor time), the single-threaded one elsewhere."""
+def make_executor(context: Any = None) -> Any:
+    """Events executor where rclpy has it (a quarter of the processor time), the single-threaded one elsewhere.
+
+    Args:
+        context: ROS context; the process's own when None.
+    """
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
         from rclpy.executors import SingleThreadedExecutor
 
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
 
 
 def spin(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:

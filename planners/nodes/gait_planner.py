@@ -6,6 +6,7 @@ from typing import Any
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
+from models.applied import Applied
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
@@ -16,6 +17,7 @@ from models.types import Reference, RobotState
 from planners.gait.command import VelocityCommand
 from planners.gait.config import GaitConfig
 from planners.gait.gait import GaitPlanner
+from planners.gait.noted import NotedGait
 from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_topics import GaitTopics, declare_rates
 from planners.nodes.route_topics import RouteTopics
@@ -29,11 +31,13 @@ class GaitPlannerNode(PoiseNode):
     afterwards what others may want to know.
 
     Args:
+        applied: Notes what the law is told, for a replay; None for nobody.
         kwargs: Passed to rclpy.
     """
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, *, applied: Applied | None = None, **kwargs: Any) -> None:
         super().__init__("gait_planner", **kwargs)
+        self._applied = applied
         self._config = declare_config(self, self._default())
         text = describe("Silence of the supervisor after which the robot stops [s]", low=0.01, high=10.0)
         timeout = float(self.declare_parameter("command_timeout", 0.5, text).value)
@@ -52,7 +56,11 @@ class GaitPlannerNode(PoiseNode):
 
     def configure(self) -> None:
         """Build the law and the topics."""
-        self._law = GaitPlanner(self.model, self._config)
+        if self._applied is None:
+            self._law = GaitPlanner(self.model, self._config)
+        else:
+            self._law = NotedGait(self.model, self._config, self._applied, held=True)
+            self._applied.describe("gait", self._config)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
         self._velocities = VelocityTopics(self, self._command, now, self._law.stop, self._leave)

@@ -53,7 +53,7 @@ def table(path: Path) -> tuple[list[str], np.ndarray]:
 def test_both_files_hold_every_sample(tmp_path: Path) -> None:
     logs = [
         CsvImuLog(tmp_path / "new" / "imu.csv"),
-        McapImuLog(tmp_path / "imu.mcap", "/imu/data", message_text("sensor_msgs/msg/Imu")),
+        McapImuLog(tmp_path / "imu.mcap", "/imu/data"),
     ]
 
     def take(stamp: int, taken: ImuSample, data: bytes) -> None:

@@ -1,0 +1,106 @@
+"""``poise record``, ``replay`` and ``plot``: a run in a file, run again, and drawn."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from bridge.command_line import need_ros, told
+
+if TYPE_CHECKING:
+    from bridge.replay import ReplayReport
+
+File = Annotated[Path, typer.Argument(help="Recording: the MCAP file of poise record or of a ClosedLoop.")]
+Robot = Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")]
+
+
+def record(
+    out: Annotated[Path | None, typer.Option(help="MCAP file; out/recording-TIME.mcap otherwise.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
+    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+) -> None:
+    """Record the topics of the running robot. Begin before `poise up`, so that `poise replay` can reproduce them."""
+    need_ros()
+    from bridge.mcap_log import McapLog
+    from bridge.ros.graph_recorder import GraphRecorder
+    from models.nodes.spin import Stop
+
+    path = out or Path("out") / f"recording-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"
+    say = Console(soft_wrap=True).print
+    stop = Stop()  # Ctrl-C no longer interrupts: the file is completed
+    with told():
+        log = McapLog(path)
+        recorder = GraphRecorder(log)
+        try:
+            recorder.record(seconds, stop, network=network, say=lambda text: say(text, markup=False))
+        finally:
+            if recorder.heard:
+                log.close()
+            else:
+                log.discard()
+    if not recorder.heard:
+        say("nothing was recorded: no robot was heard")
+        raise typer.Exit(1)
+    table = Table("topic", "messages")
+    for topic, count in sorted(log.counts.items()):
+        table.add_row(topic, str(count))
+    Console().print(table)
+    for topic, reason in recorder.left_out.items():
+        say(f"{topic} left out: {reason}", markup=False, highlight=False)
+    lost = f"{recorder.lost} joint samples lost" if recorder.lost else "no joint sample lost"
+    say(
+        f"{path}: {recorder.duration:.3f} s, {sum(log.counts.values())} messages, {lost}", markup=False, highlight=False
+    )
+
+
+def replay(file: File, robot: Robot = "") -> None:
+    """Run the laws again on a recording; exit status 0 only if every command comes out the same to the last bit."""
+    need_ros()
+    from bridge.replay import replay as run_again
+    from bridge.run_file import read_run
+
+    with told():
+        report = run_again(read_run(file, robot))
+    say = Console(soft_wrap=True).print
+    for line in _lines(report):
+        say(line, markup=False, highlight=False)
+    raise typer.Exit(0 if report.identical else 1)
+
+
+def _lines(report: ReplayReport) -> list[str]:
+    """A replay in words."""
+    if report.identical:
+        return [f"identical: {report.compared} commands of {report.ticks} ticks, to the last bit"]
+    lines = [f"not identical: {report.different} of {report.compared} commands differ"]
+    if report.first is not None:
+        q, v, tau = report.largest
+        lines.append(f"first difference at {report.first}")
+        lines.append(f"largest: {q:.2g} rad, {v:.2g} rad/s, {tau:.2g} N.m")
+    counts = {
+        "ticks whose sensors are not all in the recording": report.lost,
+        "notes of what the laws were told are missing": report.gaps,
+        "commands of the replay are not in the recording": report.unrecorded,
+        "recorded commands did not come about": report.unmatched,
+    }
+    lines += [f"{count} {what}" for what, count in counts.items() if count]
+    return [*lines, *([f"ended at {report.end}"] if report.end else [])]
+
+
+def plot(
+    file: File,
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/plots"),
+    robot: Robot = "",
+) -> None:
+    """Draw a recording: CoM, DCM and ZMP, torques, footsteps, modes and timing."""
+    need_ros()
+    from bridge.plots_record import plot_record
+    from bridge.run_file import read_run
+
+    with told():
+        files = plot_record(read_run(file, robot), out)
+    Console(soft_wrap=True).print(", ".join(str(each) for each in files), markup=False, highlight=False)

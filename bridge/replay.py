@@ -1,0 +1,209 @@
+"""Runs the laws again on a recording and compares their commands with the recorded ones, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.replayed_laws import ReplayedLaws
+from bridge.run_file import RecordedRun
+from controllers.sample_assembler import IMU, SOURCES
+from models.applied import TickNote
+from models.constants import NANOSECONDS
+from models.errors import PoiseError
+from models.types import FOOT_NAMES, JointCommand, SensorData, Vector
+
+QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))
+"""What a command consists of, and its units."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first number that is not the same.
+
+    Attributes:
+        t: Stamp of the tick [s].
+        joint: Name of the joint.
+        quantity: Of the command: ``q``, ``v`` or ``tau``.
+        recorded: What it was.
+        replayed: What it is now.
+    """
+
+    t: float
+    joint: str
+    quantity: str
+    recorded: float
+    replayed: float
+
+    def __str__(self) -> str:
+        unit = dict(QUANTITIES)[self.quantity]
+        return (
+            f"t={self.t:.3f} s, {self.joint}, {self.quantity}: {self.replayed!r} instead of {self.recorded!r} "
+            f"({abs(self.replayed - self.recorded):.2g} {unit})"
+        )
+
+
+@dataclass(slots=True)
+class ReplayReport:
+    """What became of a replay.
+
+    Attributes:
+        ticks: Samples that the estimator was given again.
+        compared: Commands that were compared, and are the same where ``first`` is None.
+        different: Commands that are not the same.
+        unrecorded: Commands of the replay whose like is not in the recording.
+        unmatched: Commands of the recording, from the start of the laws on, that the replay did not give.
+        lost: Ticks whose sensors are not all in the recording.
+        gaps: Notes that are missing, by their running number.
+        largest: Largest difference of each quantity [rad, rad/s, N.m].
+        first: The first difference.
+        end: Why the replay ended before the recording; empty when it did not.
+    """
+
+    ticks: int = 0
+    compared: int = 0
+    different: int = 0
+    unrecorded: int = 0
+    unmatched: int = 0
+    lost: int = 0
+    gaps: int = 0
+    largest: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    first: Difference | None = None
+    end: str = ""
+
+    @property
+    def identical(self) -> bool:
+        """Whether every command came out the same to the last bit, and none is missing on either side."""
+        wrong = self.different + self.unrecorded + self.unmatched + self.lost + self.gaps
+        return self.compared > 0 and wrong == 0 and not self.end
+
+
+def replay(run: RecordedRun) -> ReplayReport:
+    """Run the laws of a recording again, from the first start of the estimator that it holds.
+
+    Raises:
+        PoiseError: It holds none, or no sensors.
+        ConfigError: The laws were set in a way that this version does not know.
+    """
+    start = next((note for note in run.notes if note.value("start") is not None), None)
+    if start is None:
+        raise PoiseError(
+            "the recording does not hold a start of the laws, so nothing can be reproduced: begin to record before the "
+            "robot is started, or have it start over meanwhile (service reset)"
+        )
+    laws = ReplayedLaws(run.robot, start.value("start")["settings"], run.motions)
+    report = ReplayReport(gaps=_gaps([note for note in run.notes if note.stamp >= start.stamp]))
+    last_command = max(run.commands, default=0)
+    given: set[int] = set()
+    again: dict[int, list[TickNote]] = {}
+    for each in run.notes:
+        if each.again:
+            again.setdefault(each.stamp, []).append(each)
+    begun: int | None = None
+    for stamp, sensors, note, dt in _ticks(run, start.stamp, report):
+        if stamp > last_command:
+            break  # the recording ended between the sensors and the command
+        try:
+            command = laws.tick(sensors, note, dt)
+            for more in again.get(stamp, ()):
+                command = laws.again(more) or command
+        except PoiseError as error:
+            report.end = f"t={stamp / NANOSECONDS:.3f} s: {error}"
+            break
+        report.ticks += 1
+        begun = stamp if begun is None and laws.begun else begun
+        if command is not None:
+            given.add(stamp)
+            _compare(run, stamp, command, report)
+    report.unmatched = len([s for s in run.commands if begun is not None and s >= begun and s not in given])
+    return report
+
+
+def _gaps(notes: list[TickNote]) -> int:
+    """How many notes are missing between the first and the last."""
+    numbers = {note.number for note in notes}
+    return max(numbers) - min(numbers) + 1 - len(numbers)
+
+
+def _ticks(
+    run: RecordedRun, start: int, report: ReplayReport
+) -> Iterator[tuple[int, SensorData, TickNote | None, float | None]]:
+    """Stamp, sample and note of every tick that the laws had; and its length [s], where samples are missing.
+
+    A tick follows the last one by the noted time; samples that came between were not heard by the laws. Where the
+    sample of a tick is not in the recording, the next one is taken for a longer tick.
+    """
+    notes = {note.stamp: note for note in run.notes if not note.again}
+    before: dict[int, int] = {}  # stamp of a tick and of the one before, where it is noted
+    starts = {note.stamp: note.value("start")["after"] for note in run.notes if note.value("start") is not None}
+    for note in run.notes:
+        if (dt := note.value("dt")) is not None:
+            before[note.stamp] = note.stamp - round(dt * NANOSECONDS)
+    stamps = sorted(stamp for stamp in run.joints if stamp >= start)
+    unheard = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
+    period = last = 0
+    for stamp in stamps:
+        note = notes.get(stamp)
+        if stamp in before:
+            period = stamp - before[stamp]
+        due = last + period
+        if stamp in unheard or (last and stamp < due and note is None):
+            continue
+        sensors = _sample(run, stamp, note)
+        if sensors is None:
+            continue  # the next tick finds that this one is missing
+        late = bool(last) and stamp != due and stamp not in starts
+        if late:
+            report.lost += 1
+        yield stamp, sensors, note, (stamp - last) / NANOSECONDS if late else None
+        last = stamp
+
+
+def _between(stamps: list[int], low: int, high: int) -> list[int]:
+    """The ones between two others, of some in order."""
+    first, last = np.searchsorted(stamps, [low + 1, high])
+    return stamps[first:last]
+
+
+def _sample(run: RecordedRun, stamp: int, note: TickNote | None) -> SensorData | None:
+    """The sensors of a tick as the laws got them; None where the recording lacks one."""
+    mixed = (note.value("sample") if note is not None else None) or {}
+    own, q, v, tau = run.joints[stamp]
+    at = [mixed.get(source, stamp) for source in SOURCES[IMU:]]
+    nothing: Vector = np.full(3, np.nan)
+    imu = (nothing, nothing) if at[0] is None else run.imu.get(at[0])
+    wrenches = np.full((len(FOOT_NAMES), 6), np.nan)
+    for foot, kept in enumerate(run.feet):
+        if not run.robot.profile.sensors.feet.fitted or at[1 + foot] is None:
+            continue
+        wrench = kept.get(at[1 + foot])
+        if wrench is None:
+            return None
+        wrenches[foot] = wrench
+    return None if imu is None else SensorData(own * 1e-9, q, v, tau, *imu, wrenches)
+
+
+def _compare(run: RecordedRun, stamp: int, command: JointCommand, report: ReplayReport) -> None:
+    recorded = run.commands.get(stamp)
+    if recorded is None:
+        report.unrecorded += 1
+        return
+    report.compared += 1
+    largest = list(report.largest)
+    first: Difference | None = None
+    for i, (quantity, _) in enumerate(QUANTITIES):
+        old, new = getattr(recorded, quantity), getattr(command, quantity)
+        wrong = old.view(np.int64) != np.ascontiguousarray(new).view(np.int64)  # bits: -0.0 is not 0.0 here
+        if not wrong.any():
+            continue
+        largest[i] = max(largest[i], float(np.abs(new - old).max()))
+        j = int(np.flatnonzero(wrong)[0])
+        first = first or Difference(
+            stamp / NANOSECONDS, run.robot.joint_names[j], quantity, float(old[j]), float(new[j])
+        )
+    if first is not None:
+        report.different += 1
+        report.largest = (largest[0], largest[1], largest[2])
+        report.first = report.first or first

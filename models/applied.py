@@ -1,0 +1,153 @@
+"""What the laws are told between two ticks, noted so that a replay can tell them the same at the same ticks.
+
+The sensors, the commands and the trajectories are messages of their own. What they do not say is when the laws heard
+what: which mode began with which tick, which velocity was in force, which samples made a tick and how long it was. A
+tick at which nothing of this changes has no note.
+
+A message is a JSON object: ``stamp`` of the tick [ns]; ``number``, which counts them; ``before`` and ``after``, what
+the laws were told before and after that tick's estimate, oldest first; ``again``, whether the law that moves the joints
+answered the same state once more. Doubles are written so that they are read back bit for bit. Each entry is a list,
+its word first:
+
+======================================== ========================================================================
+``start`` {...}                          the estimator starts: ``robot``, ``settings`` of the laws, ``sample``, and
+                                         ``calibration`` of the sensors. ``steps``: whether it then advances by this
+                                         tick's sample, too. ``after``: stamp of the last tick before [ns]
+``sample`` {source: stamp or null, ...}  sources whose sample has another stamp than the tick [ns], or none
+``dt`` seconds                           from here on the time between two samples of the estimator
+``law_dt`` seconds                       the same of the law that moves the joints
+``run`` true or false                    from here on a law moves the joints, or none does
+``reset``                                the laws start over
+``walk`` true or false, mode             the walker takes over, or it is left for a mode
+``follow`` crc, times                    a motion: CRC-32 of its message; its times [s] where the message's
+                                         nanoseconds do not hold them
+``stop_motion``                          the motion ends
+``velocity`` forward, left, turn         of a walk, once [m/s, m/s, rad/s]
+``hold_velocity`` forward, left, turn    the same, told again at every tick of the walker
+``stop``                                 of a walk
+``walk_to`` x, y, yaw, z                 goal of a walk [m, m, rad, m]
+``take_steps`` [[foot, x, y, yaw, z]...] footsteps
+======================================== ========================================================================
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from models.calibration import Calibration
+from models.errors import MessageError
+from models.types import SensorData
+
+Entry = tuple[Any, ...]
+"""Word and values."""
+
+
+class Applied:
+    """Collects what the laws are told until the end of a tick."""
+
+    def __init__(self) -> None:
+        self._before: list[Entry] = []
+        self._after: list[Entry] = []
+        self._now = self._before
+        self._number = 0
+        self._last: dict[str, object] = {}
+        self._settings: dict[str, object] = {}
+
+    def describe(self, law: str, config: Any) -> None:
+        """Say how a law is set; config is its dataclass."""
+        self._settings[law] = asdict(config)
+
+    def note(self, word: str, *values: object) -> None:
+        """Note something that happened; see the words above."""
+        self._now.append((word, *values))
+
+    def begin(
+        self,
+        robot: str,
+        sample: SensorData,
+        *,
+        steps: bool = False,
+        calibration: Calibration | None = None,
+        after: int = 0,
+    ) -> None:
+        """Note that the estimator starts; whatever holds is told anew from here on.
+
+        Args:
+            robot: Name of the profile.
+            sample: What it starts from.
+            steps: Whether it then advances by this tick's sample, too.
+            calibration: What the samples are corrected by from now on.
+            after: Stamp of its last tick before [ns]; 0 for none.
+        """
+        self._last.clear()
+        start = {"robot": robot, "settings": self._settings, "sample": _plain(sample), "steps": steps, "after": after}
+        self.note("start", start | {"calibration": None if calibration is None else _plain(calibration)})
+
+    def note_change(self, word: str, *values: object) -> None:
+        """Note it unless it is what was noted last."""
+        if self._last.get(word) != values:
+            self._last[word] = values
+            self.note(word, *values)
+
+    def estimated(self) -> None:
+        """What comes now until the tick ends is after its estimate."""
+        self._now = self._after
+
+    def take(self, stamp: int, *, again: bool = False) -> str:
+        """End a tick of a stamp [ns], or another answer to its state; returns its message, empty without any note."""
+        self._now = self._before
+        if not self._before and not self._after:
+            return ""
+        told = {"stamp": stamp, "number": self._number, "before": self._before, "after": self._after, "again": again}
+        text = json.dumps(told)
+        self._number += 1
+        self._before.clear()
+        self._after.clear()
+        return text
+
+
+def _plain(data: Any) -> dict[str, object]:
+    """A dataclass of arrays for JSON."""
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(data).items()}
+
+
+@dataclass(frozen=True, slots=True)
+class TickNote:
+    """One message of ``Applied``, read back.
+
+    Attributes:
+        stamp: Of the tick [ns].
+        number: Counts the messages of one run.
+        before: What was told before the estimate.
+        after: What was told after it.
+        again: Whether it is of another answer to the state of that tick.
+    """
+
+    stamp: int
+    number: int
+    before: tuple[Entry, ...] = ()
+    after: tuple[Entry, ...] = ()
+    again: bool = False
+
+    @classmethod
+    def read(cls, text: str) -> TickNote:
+        """Read a message.
+
+        Raises:
+            MessageError: It is none.
+        """
+        try:
+            data = json.loads(text)
+            before, after = (tuple(tuple(entry) for entry in data[name]) for name in ("before", "after"))
+            return cls(int(data["stamp"]), int(data["number"]), before, after, bool(data["again"]))
+        except (ValueError, KeyError, TypeError) as error:
+            raise MessageError(f"not a note of what the laws were told: {error}") from error
+
+    def value(self, word: str) -> Any:
+        """First value of the newest entry of a word; None without one."""
+        found = [entry[1] for entry in (*self.before, *self.after) if entry[0] == word]
+        return found[-1] if found else None
