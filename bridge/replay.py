@@ -145,19 +145,19 @@ def _ticks(
     unheard = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
     period = last = 0
     for stamp in stamps:
-        note = notes.get(stamp)
+        heard = notes.get(stamp)
         if stamp in before:
             period = stamp - before[stamp]
         due = last + period
-        if stamp in unheard or (last and stamp < due and note is None):
+        if stamp in unheard or (last and stamp < due and heard is None):
             continue
-        sensors = _sample(run, stamp, note)
+        sensors = _sample(run, stamp, heard)
         if sensors is None:
             continue  # the next tick finds that this one is missing
         late = bool(last) and stamp != due and stamp not in starts
         if late:
             report.lost += 1
-        yield stamp, sensors, note, (stamp - last) / NANOSECONDS if late else None
+        yield stamp, sensors, heard, (stamp - last) / NANOSECONDS if late else None
         last = stamp
 
 

@@ -201,5 +201,5 @@ def _calibration(given: dict[str, Any] | None) -> Calibration | None:
     """What corrected the sensors."""
     if given is None:
         return None
-    arrays = ("gyro_bias", "accel_bias", "encoder_offsets", "wrench_offsets", "force_gains")
-    return Calibration(given["robot"], **{name: np.array(given[name], dtype=float) for name in arrays})
+    names = ("gyro_bias", "accel_bias", "encoder_offsets", "wrench_offsets", "force_gains")
+    return Calibration(given["robot"], *(np.array(given[name], dtype=float) for name in names))

@@ -5,6 +5,9 @@ from __future__ import annotations
 import itertools
 import os
 import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 
@@ -38,7 +41,7 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
     variables[SUPERVISED] = "1"
     if domain_id is not None:
         variables["ROS_DOMAIN_ID"] = str(domain_id)
-    profile = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
+    profile = _packaged_profile()
     if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
         variables[PROFILE_VARIABLE] = profile
         variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # any other value overrides the profile
@@ -50,6 +53,32 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
     variables = graph_environment(domain_id=domain_id, network=network)
     del variables[SUPERVISED]
     os.environ.update(variables)
+
+
+@contextmanager
+def roomy_profile(size: int) -> Iterator[None]:
+    """Nodes made meanwhile have receive buffers of a size [bytes] beside all that the graph's profile says.
+
+    A profile of the user's own is left as it is.
+    """
+    given = os.environ.get(PROFILE_VARIABLE)
+    if given != _packaged_profile():
+        yield
+        return
+    mark = "<type>UDPv4</type>"
+    text = Path(given).read_text(encoding="utf-8").replace(mark, f"{mark}<receiveBufferSize>{size}</receiveBufferSize>")
+    with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.environ[PROFILE_VARIABLE] = file.name
+        try:
+            yield
+        finally:
+            os.environ[PROFILE_VARIABLE] = given
+
+
+def _packaged_profile() -> str:
+    return str(Path(str(files("bridge"))) / "config" / "loopback.xml")
 
 
 def free_domain() -> int:

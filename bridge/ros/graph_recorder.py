@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -20,7 +22,7 @@ from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
 
 from bridge.mcap_log import McapLog
-from bridge.ros.environment import join_graph
+from bridge.ros.environment import join_graph, roomy_profile
 from bridge.run_file import missing
 from bridge.run_topics import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES
 from models.errors import MessageError
@@ -28,11 +30,10 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.message_text import message_text
 from models.nodes.messages import decode
-from models.nodes.realtime import use_fifo
 from models.nodes.spin import Stop, log_arguments, make_executor
 from models.nodes.tf_type import DEFINITION, TYPE_NAME, tf_message_type
 
-SPIN = 0.1
+LOOK = 0.1
 """Time between two looks for new topics [s]."""
 
 SILENCE = 10.0
@@ -41,8 +42,12 @@ SILENCE = 10.0
 DEPTH = 5000
 """Messages of a topic that may wait: five seconds at 1 kHz."""
 
-PRIORITY = 1
-"""SCHED_FIFO priority, where permitted: below every process that keeps the robot standing."""
+NICENESS = -10
+"""Of the recorder, where permitted: before other programs. No real-time priority: bridge and control need all there is
+of it, and the recorder must cost the robot nothing."""
+
+RECEIVE_BUFFER = 8_000_000
+"""Wanted for each socket, as far as ``net.core.rmem_max`` goes [bytes]: messages wait there while others compute."""
 
 TICKS = frozenset({topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND})
 """Topics of every tick, whose stamp is that of the tick."""
@@ -100,13 +105,14 @@ class GraphRecorder:
             say: Takes a sentence about what goes on.
         """
         join_graph(network=network)
+        with suppress(OSError):  # not permitted: as any other process
+            os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # before there are threads, which inherit it
         context = Context()
-        rclpy.init(
-            args=[*sys.argv[:1], *log_arguments()], context=context, signal_handler_options=SignalHandlerOptions.NO
-        )
-        node = Node("poise_record", context=context)
+        arguments = [*sys.argv[:1], *log_arguments()]
+        with roomy_profile(RECEIVE_BUFFER):
+            rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+            node = Node("poise_record", context=context)
         executor = make_executor(context)
-        use_fifo(PRIORITY, lambda text: None)  # a busy machine must not cost messages
         try:
             executor.add_node(node)
             self._run(node, executor, seconds, stop, say)
@@ -118,11 +124,13 @@ class GraphRecorder:
             self._log.describe(DESCRIPTION, {ROBOT: self.robot})
 
     def _run(self, node: Any, executor: Any, seconds: float | None, stop: Stop, say: Callable[[str], object]) -> None:
-        begin = since = time.monotonic()
-        before, waited = 0, False
+        begin = since = now = time.monotonic()
+        before, waited, due = 0, False, 0.0
         while not stop.requested and (seconds is None or self.duration < seconds):
-            self._look(node)
-            executor.spin_once(timeout_sec=SPIN)
+            if now >= due:
+                due = now + LOOK
+                self._look(node)
+            executor.spin_once(timeout_sec=LOOK)  # serves one message, not all that wait
             now = time.monotonic()
             if self._heard != before:
                 before, since = self._heard, now
