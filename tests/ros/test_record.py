@@ -1,0 +1,141 @@
+"""``poise record``: what is in the file, that it is complete or absent, and that the graph's run is reproduced."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap_ros2.reader import read_ros2_messages
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from typer.testing import CliRunner
+
+from bridge.cli import app
+from bridge.launch import Graph
+from bridge.ros.environment import PROFILE_VARIABLE, free_domain, graph_environment, roomy_profile
+from models.nodes import topics
+from models.nodes.messages import JointStateCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.robot_model import RobotModel
+
+pytestmark = pytest.mark.ros
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Iterator[Any]:
+    """Starts ``poise record`` into ``tmp_path``."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str, domain_id: int | None = None) -> subprocess.Popen[str]:
+        call = "from bridge.cli import app; app()"
+        command = [sys.executable, "-c", call, "record", "--out", str(tmp_path / "run.mcap"), *arguments]
+        environment = os.environ | ({} if domain_id is None else {"ROS_DOMAIN_ID": str(domain_id)})
+        pipe = subprocess.PIPE
+        started.append(subprocess.Popen(command, stdout=pipe, stderr=subprocess.STDOUT, text=True, env=environment))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+class Joints:
+    """A robot that says its joints a hundred times a second, and its mode once, before anybody listens."""
+
+    def __init__(self, bench: Any, g1: RobotModel) -> None:
+        self._codec, self._tick = JointStateCodec(g1), 0
+        self._nothing = np.zeros(g1.nj)
+        self.mode = bench.world.create_publisher(String, topics.MODE, LATCHED)
+        self.mode.publish(String(data="stand"))
+        self.joints = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+        bench.world.create_timer(0.01, self._publish)
+
+    def _publish(self) -> None:
+        self._tick += 1
+        if self._tick % 50 != 7:  # one in fifty gets lost on the way
+            self.joints.publish(self._codec.encode(10 * MS * self._tick, self._nothing, self._nothing, self._nothing))
+
+
+@pytest.mark.parametrize("ending", ["seconds", "SIGINT"])
+def test_the_file_is_complete_and_loss_is_told(
+    bench: Any, g1: RobotModel, record: Any, tmp_path: Path, ending: str
+) -> None:
+    robot = Joints(bench, g1)
+    process = record(*(("--seconds", "1.5") if ending == "seconds" else ()))
+    if ending == "SIGINT":
+        bench.wait(lambda: robot.joints.get_subscription_count() == 1, 60.0)
+        bench.spin(1.5)
+        assert not (tmp_path / "run.mcap").exists()
+        process.send_signal(signal.SIGINT)
+    bench.wait(lambda: process.poll() is not None, 60.0)
+    told = process.stdout.read()
+    assert process.returncode == 0, told
+    assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
+    messages = list(read_ros2_messages(str(tmp_path / "run.mcap")))
+    joints = [each for each in messages if each.channel.topic == "/joint_states"]
+    modes = [each for each in messages if each.channel.topic == "/mode"]
+    steps = np.diff([each.log_time_ns for each in joints])
+    lost = int((steps // (10 * MS) - 1).sum())
+    assert lost >= 1 and f"{lost} joint samples lost" in told and f"{len(messages)} messages" in told
+    stamp = joints[0].ros_msg.header.stamp
+    assert joints[0].log_time_ns == stamp.sec * 10**9 + stamp.nanosec
+    assert [each.ros_msg.data for each in modes] == ["stand"]
+    assert modes[0].log_time_ns >= joints[0].log_time_ns  # what is latched is of the robot's time, not of 1970
+
+
+def test_nothing_heard_leaves_no_file(ros_domain_id: int, record: Any, tmp_path: Path) -> None:
+    process = record()
+    process.stdout.readline()  # it waits for the robot
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30.0) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_room_for_messages_is_asked_of_the_graphs_own_profile_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    packaged = graph_environment()[PROFILE_VARIABLE]
+    monkeypatch.setenv(PROFILE_VARIABLE, packaged)
+    with roomy_profile(123_456):
+        text = Path(os.environ[PROFILE_VARIABLE]).read_text()
+        assert "<receiveBufferSize>123456</receiveBufferSize>" in text
+        assert "127.0.0.1" in text
+    assert os.environ[PROFILE_VARIABLE] == packaged
+    monkeypatch.setenv(PROFILE_VARIABLE, "/mine.xml")
+    with roomy_profile(123_456):
+        assert os.environ[PROFILE_VARIABLE] == "/mine.xml"
+
+
+@pytest.mark.slow
+def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
+    domain = free_domain()
+    process = record(domain_id=domain)
+    process.stdout.readline()  # it waits for the robot: the start is in the recording
+    os.environ["ROS_LOG_DIR"] = str(tmp_path / "log")
+    with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "graph.log", say=lambda text: None) as graph:
+        graph.wait_standing(120.0)
+        words = graph.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+        graph.wait_for(lambda: words.get_subscription_count() == 2, 10.0, "heard by supervisor and recorder")
+        for word, mode in (("wave", "motion"), ("stop", "stand"), ("forward", "walk")):
+            words.publish(String(data=word))
+            graph.wait_for(lambda mode=mode: graph.mode == mode, 30.0, mode)
+            graph.spin(2.0)
+        words.publish(String(data="stop"))
+        graph.wait_for(lambda: graph.mode == "stand", 60.0, "standing")
+        process.send_signal(signal.SIGINT)
+        told = process.communicate(timeout=60.0)[0]
+        assert process.returncode == 0 and "no joint sample lost" in told, told
+    result = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap")])
+    assert result.exit_code == 0 and "identical" in result.output, result.output
+    kinds = {each.channel.topic: each.schema.name for each in read_ros2_messages(str(tmp_path / "run.mcap"))}
+    assert kinds["/tf"] == kinds["/tf_static"] == "tf2_msgs/msg/TFMessage"
+    wanted = {"/imu/data", "/odom", "/contacts", "/diagnostics", "/clock", "/robot_description", "/encoder_offsets"}
+    assert wanted | {"/motion/joint_trajectory", "/gait/footsteps", "/driver_state"} <= set(kinds)
