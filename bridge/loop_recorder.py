@@ -56,8 +56,7 @@ class LoopRecorder:
         self._joints, self._command, self._imu = JointStateCodec(robot), JointCommandCodec(robot), ImuCodec("imu")
         self._feet = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._odometry = OdometryCodec()
-        self._log: McapLog | None = McapLog(path)
-        self._begin()
+        self._log: McapLog | None = self._begin()
 
     def describe(self, estimator: StateEstimator, balance: BalanceController, walker: Walker[GaitPlanner]) -> None:
         """Say how the laws are set."""
@@ -69,20 +68,22 @@ class LoopRecorder:
         self.applied.describe("whole_body_walking", tracker.whole_body.config)
         self.applied.describe("gait", walker.planner.config)
 
-    def _begin(self) -> None:
-        """The topics, and what the file is about."""
-        assert self._log is not None
+    def _begin(self) -> McapLog:
+        """A file with its topics, and with what it is about."""
+        log = McapLog(self._path)
         for topic in (
             *topics.sensor_topics(self._robot),
             *(topics.JOINT_COMMAND, topics.MODE, topics.ODOM, topics.GROUND_TRUTH, topics.MOTION_TRAJECTORY),
             *(topics.APPLIED, topics.ROBOT_DESCRIPTION, EVENTS),
         ):
-            self._log.announce(f"/{topic}", TYPES[topic])
-        self._log.describe(DESCRIPTION, {ROBOT: self._robot.name})
-        self._say(topics.ROBOT_DESCRIPTION, self._robot.urdf.read_text(encoding="utf-8"), 0)
+            log.announce(f"/{topic}", TYPES[topic])
+        log.describe(DESCRIPTION, {ROBOT: self._robot.name})
+        urdf = self._robot.urdf.read_text(encoding="utf-8")
+        log.add(f"/{topics.ROBOT_DESCRIPTION}", bytes(serialize_message(String(data=urdf))), 0)
         self._now = 0
         self._mode: Mode | None = None
         self._next_odometry = 0.0
+        return log
 
     def _add(self, topic: str, data: bytes, stamp: int) -> None:
         if self._log is not None:
@@ -97,8 +98,7 @@ class LoopRecorder:
             return
         if self._now:
             self._log.discard()
-            self._log = McapLog(self._path)
-            self._begin()
+            self._log = self._begin()
         self.applied.begin(self._robot.name, sample, steps=True)
 
     def motion(self, trajectory: JointTrajectory) -> None:

@@ -161,13 +161,17 @@ class ReplayedLaws:
         self._running = on
 
     def _on_reset(self) -> None:
-        assert self._state is not None
-        self._laws.reset(self._state)
+        self._laws.reset(self._started)
         self.begun = True
 
-    def _on_walk(self, on: bool, mode: str) -> None:
-        assert self._state is not None
-        self._laws.enter(Mode(mode), self._state)
+    def _on_walk(self, _: bool, mode: str) -> None:
+        self._laws.enter(Mode(mode), self._started)
+
+    @property
+    def _started(self) -> RobotState:
+        if self._state is None:
+            raise PoiseError("the recording tells the laws something before the estimator has started")
+        return self._state
 
     def _on_follow(self, crc: int, times: list[float] | None = None) -> None:
         if not self.begun:
@@ -201,5 +205,15 @@ def _calibration(given: dict[str, Any] | None) -> Calibration | None:
     """What corrected the sensors."""
     if given is None:
         return None
-    names = ("gyro_bias", "accel_bias", "encoder_offsets", "wrench_offsets", "force_gains")
-    return Calibration(given["robot"], *(np.array(given[name], dtype=float) for name in names))
+
+    def numbers(name: str) -> np.ndarray:
+        return np.array(given[name], dtype=float)
+
+    return Calibration(
+        robot=given["robot"],
+        gyro_bias=numbers("gyro_bias"),
+        accel_bias=numbers("accel_bias"),
+        encoder_offsets=numbers("encoder_offsets"),
+        wrench_offsets=numbers("wrench_offsets"),
+        force_gains=numbers("force_gains"),
+    )

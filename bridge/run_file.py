@@ -29,6 +29,9 @@ from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import FOOT_NAMES, JointCommand, JointTrajectory, Vector
 
+BLACK_BOX = ".npz"
+"""Suffix of the files of a black box."""
+
 Joints = tuple[int, Vector, Vector, Vector]
 """Own stamp [ns], positions, velocities, torques (nj,)."""
 
@@ -84,6 +87,8 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
     Raises:
         PoiseError: It is no such file, or a message in it is malformed.
     """
+    if path.suffix == BLACK_BOX:
+        raise PoiseError(f"{path}: a black box cannot be replayed, only a recording; `poise log black-box` draws it")
     try:
         with path.open("rb") as file:
             reader = make_reader(file)

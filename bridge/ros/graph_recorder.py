@@ -66,6 +66,7 @@ class GraphRecorder:
 
     Attributes:
         robot: Name of the robot's profile; empty until the robot has said it.
+        heard: Messages so far.
         left_out: Topics that cannot be recorded here, and why.
     """
 
@@ -74,21 +75,15 @@ class GraphRecorder:
         self.left_out: dict[str, str] = {}
         self._log = log
         self._stamps = array("q")
-        self._commands = 0
         self._waiting: list[tuple[str, bytes]] = []
         self._now = 0
-        self._heard = 0
+        self.heard = 0
         self._known: set[str] = set()
 
     @property
     def duration(self) -> float:
         """Time from the first joint sample to the newest [s]."""
         return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
-
-    @property
-    def heard(self) -> int:
-        """Messages so far."""
-        return self._heard
 
     @property
     def lost(self) -> int:
@@ -132,12 +127,12 @@ class GraphRecorder:
                 self._look(node)
             executor.spin_once(timeout_sec=LOOK)  # serves one message, not all that wait
             now = time.monotonic()
-            if self._heard != before:
-                before, since = self._heard, now
-            elif self._heard and now - since > SILENCE:
+            if self.heard != before:
+                before, since = self.heard, now
+            elif self.heard and now - since > SILENCE:
                 say(f"the robot is silent for {SILENCE:.0f} s: the recording ends")
                 return
-            elif not self._heard and not waited and now - begin > 2.0:
+            elif not self.heard and not waited and now - begin > 2.0:
                 waited = True
                 say("waiting for the robot (poise up); Ctrl-C ends")
 
@@ -185,7 +180,7 @@ class GraphRecorder:
             name: Its name in the graph.
             data: The message.
         """
-        self._heard += 1
+        self.heard += 1
         stamp = stamp_of(data) if topic in _STAMPED else 0
         if topic == topics.JOINT_STATES:
             self._stamps.append(stamp)

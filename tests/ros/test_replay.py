@@ -88,7 +88,7 @@ def test_other_programs_read_it(recorded: Path, g1: RobotModel) -> None:
     modes = [each.ros_msg.data for each in read_ros2_messages(str(recorded), topics=["/mode"])]
     assert modes == ["stand", "motion", "stand", "walk", "stand"]
     (described,) = read_ros2_messages(str(recorded), topics=["/robot_description"])
-    assert described.ros_msg.data.startswith("<?xml")
+    assert "<robot" in described.ros_msg.data
 
 
 def test_a_changed_bit_of_a_sensor_is_found_by_time_and_joint(recorded: Path, g1: RobotModel, tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_changed_bit_of_a_sensor_is_found_by_time_and_joint(recorded: Path, g1
     report = replay(read_run(file))
     assert not report.identical and report.first is not None
     assert at <= round(report.first.t * 1e9) <= at + 5 * MS and report.first.joint in g1.joint_names
-    assert 0 < report.largest[2] < 1e-3  # a bit stays a small thing [N.m]
+    assert 0 < max(report.largest) < 1e-3  # a bit stays a small thing
     result = CliRunner().invoke(app, ["replay", str(file)])
     assert result.exit_code == 1
     assert f"first difference at t={report.first.t:.3f} s, {report.first.joint}" in result.output
@@ -134,7 +134,7 @@ def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None
         replay(run)
     (tmp_path / "text.mcap").write_text("no recording")
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "text.mcap")])
-    assert result.exit_code == 2 and "not a recording" in result.output
+    assert result.exit_code == 2 and "text.mcap: not a" in result.output
     unnamed = tmp_path / "unnamed.mcap"
     log = McapLog(unnamed)
     log.close()
