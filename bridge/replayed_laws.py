@@ -206,7 +206,7 @@ def _calibration(given: dict[str, Any] | None) -> Calibration | None:
     if given is None:
         return None
 
-    def numbers(name: str) -> np.ndarray:
+    def numbers(name: str) -> Any:
         return np.array(given[name], dtype=float)
 
     return Calibration(

@@ -36,6 +36,9 @@ from models.nodes.tf_type import DEFINITION, TYPE_NAME, tf_message_type
 LOOK = 0.1
 """Time between two looks for new topics [s]."""
 
+PATIENCE = 2.0
+"""Time without any robot after which it is said that there is none yet [s]."""
+
 SILENCE = 10.0
 """Time without any message after which the robot has gone [s]."""
 
@@ -49,10 +52,12 @@ of it, and the recorder must cost the robot nothing."""
 RECEIVE_BUFFER = 8_000_000
 """Wanted for each socket, as far as ``net.core.rmem_max`` goes [bytes]: messages wait there while others compute."""
 
-TICKS = frozenset({topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND})
-"""Topics of every tick, whose stamp is that of the tick."""
-
-_STAMPED = TICKS | {topics.ODOM, topics.GROUND_TRUTH, topics.IMU_DATA, topics.EXTERNAL_WRENCH}
+STAMPED = frozenset(
+    {
+        *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND),
+        *(topics.ODOM, topics.GROUND_TRUTH, topics.IMU_DATA, topics.EXTERNAL_WRENCH),
+    }
+)
 """Topics whose own stamp is the time of the log; of the others it is that of the newest joints."""
 
 
@@ -119,6 +124,7 @@ class GraphRecorder:
             self._log.describe(DESCRIPTION, {ROBOT: self.robot})
 
     def _run(self, node: Any, executor: Any, seconds: float | None, stop: Stop, say: Callable[[str], object]) -> None:
+        """Serve messages until the end, and look for new topics now and then."""
         begin = since = now = time.monotonic()
         before, waited, due = 0, False, 0.0
         while not stop.requested and (seconds is None or self.duration < seconds):
@@ -132,7 +138,7 @@ class GraphRecorder:
             elif self.heard and now - since > SILENCE:
                 say(f"the robot is silent for {SILENCE:.0f} s: the recording ends")
                 return
-            elif not self.heard and not waited and now - begin > 2.0:
+            elif not self.heard and not waited and now - begin > PATIENCE:
                 waited = True
                 say("waiting for the robot (poise up); Ctrl-C ends")
 
@@ -153,6 +159,7 @@ class GraphRecorder:
                 self.left_out[name] = str(error)
 
     def _subscribe(self, node: Any, topic: str, name: str, kind: str, offers: list[Any]) -> None:
+        """Listen to a topic: reliably, and for what is latched, where every publisher offers that."""
         reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
         latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
         qos = QoSProfile(
@@ -162,10 +169,8 @@ class GraphRecorder:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
         if kind == TYPE_NAME:
-            message, text = (
-                tf_message_type(),
-                DEFINITION + message_text("geometry_msgs/msg/TransformStamped", header=True),
-            )
+            message = tf_message_type()
+            text = DEFINITION + message_text("geometry_msgs/msg/TransformStamped", header=True)
         else:
             package, _, short = kind.partition("/msg/")
             message, text = getattr(import_module(f"{package}.msg"), short), ""
@@ -181,7 +186,7 @@ class GraphRecorder:
             data: The message.
         """
         self.heard += 1
-        stamp = stamp_of(data) if topic in _STAMPED else 0
+        stamp = stamp_of(data) if topic in STAMPED else 0
         if topic == topics.JOINT_STATES:
             self._stamps.append(stamp)
             self._now = max(self._now, stamp)

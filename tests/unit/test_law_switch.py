@@ -8,6 +8,7 @@ import pytest
 
 from controllers.law_switch import LawSwitch
 from controllers.walker import Walker
+from models.applied import Applied, TickNote
 from models.types import Mode
 
 
@@ -69,7 +70,8 @@ class Robot:
         self.gait = Law("gait", self.calls)
         tracker = Law("tracker", self.calls)
         walker: Any = Walker(self.gait, tracker, Arms(self.calls))  # type: ignore[type-var, arg-type]
-        self.laws = LawSwitch(Law("stand", self.calls), lambda: walker)
+        self.applied = Applied()
+        self.laws = LawSwitch(Law("stand", self.calls), lambda: walker, applied=self.applied)
 
     def run(self, mode: Mode, state: Any) -> list[str]:
         """Enter a mode and tick once; what was asked meanwhile."""
@@ -93,6 +95,15 @@ def test_the_walker_takes_over_from_the_state_at_hand_and_gives_it_back(robot: R
     assert robot.laws.reference == "reference of stand"
     assert robot.run(Mode.MOTION, 5) == ["stand 5"]
     assert robot.run(Mode.WALK, 6)[0] == "gait from 6"  # every walk begins anew
+
+
+def test_what_a_replay_has_to_know_is_noted(robot: Robot) -> None:
+    robot.laws.reset(0)
+    for mode in (Mode.STAND, Mode.WALK, Mode.WALK, Mode.DAMP, Mode.STAND):
+        robot.run(mode, 1)
+    robot.laws.stop_motion()
+    told = TickNote.read(robot.applied.take(1)).before
+    assert told == (("reset",), ("walk", True, "walk"), ("walk", False, "damp"), ("stop_motion",))
 
 
 def test_the_gait_is_active_until_it_has_settled(robot: Robot) -> None:

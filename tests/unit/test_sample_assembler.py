@@ -53,6 +53,15 @@ def test_lost_inertial_sample_is_bridged_by_the_last_one() -> None:
     assert sample is not None  # the second of two incomplete ticks is not waited for
     assert sample.gyro[0] == MS
     assert assembler.incomplete == 1
+    assert assembler.mixed == {"imu": MS}  # a replay has to know
+    for stamp in range(4 * MS, 9 * MS, MS):
+        for source in ("0", "1", "joints"):
+            _add(assembler, source, stamp)
+    assert assembler.mixed == {"imu": None}  # too old to be used
+    for stamp in (9 * MS, 10 * MS):
+        for source in ("imu", "0", "1", "joints"):
+            _add(assembler, source, stamp)
+    assert assembler.mixed == {}
 
 
 def test_strict_waits_for_the_complete_set() -> None:
