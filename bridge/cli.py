@@ -269,6 +269,24 @@ def hang(
         raise typer.Exit(_print_reply(client.switch("hang", not down)))
 
 
+@app.command("check-robot")
+def check_robot(
+    urdf: Annotated[Path, typer.Argument(help="URDF of a robot that has no profile yet.")],
+    out: Annotated[Path | None, typer.Option(help="The proposed profile; NAME.yaml in this folder by default.")] = None,
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="Folder in which package:// is looked for; may be repeated.")
+    ] = None,
+) -> None:
+    """Propose a profile for a URDF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
+    from bridge.check_robot import check_robot as check
+    from bridge.check_robot import report
+
+    with told():
+        verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or ())
+    report(verdict, Console())
+    raise typer.Exit(0 if verdict.passed else 1)
+
+
 @app.command()
 def robots() -> None:
     """List the robots that have a profile."""

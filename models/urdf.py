@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -36,24 +37,26 @@ def data_folder() -> Path:
     raise RobotModelError(f"the robot descriptions are not installed: add the package '{DATA_PACKAGE}'")
 
 
-def resolve_uri(uri: str, relative_to: Path) -> Path:
+def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> Path:
     """Turn a file reference into a path (which need not exist).
 
     Args:
         uri: ``package://PACKAGE/PATH``, ``file://PATH``, an absolute path, or a path relative to ``relative_to``.
         relative_to: Folder of the file that contains the reference.
+        packages: Packages, or folders that hold packages, to look in first.
 
     Returns:
-        ``package://`` of a package other than the packaged data is looked for in the folders above ``relative_to``.
+        ``package://`` of a package other than the packaged data is looked for in ``packages`` and then in the folders
+        above ``relative_to``.
     """
     if uri.startswith("file://"):
         return Path(uri[len("file://") :])
     if not uri.startswith(_PACKAGE):
         return relative_to / Path(uri).expanduser()
-    package, _, rest = uri[len(_PACKAGE) :].partition("/")
+    package, _, rest = uri[len(_PACKAGE) :].lstrip("/").partition("/")  # some files have a third slash
     if package == DATA_PACKAGE:
         return data_folder() / rest
-    for parent in (relative_to, *relative_to.parents):
+    for parent in (*packages, relative_to, *relative_to.parents):
         if parent.name == package or (parent / package).is_dir():
             return (parent if parent.name == package else parent / package) / rest
     return relative_to / package / rest
@@ -73,6 +76,17 @@ def read_urdf(path: Path) -> ET.Element:
             and fixed, a joint to a link that is missing, more than one root, or a negative mass; file, joint or link,
             and cause are named.
     """
+    root = parse_urdf(path)
+    check_urdf(root, path)
+    return root
+
+
+def parse_urdf(path: Path) -> ET.Element:
+    """The ``<robot>`` element of a file, unchecked.
+
+    Raises:
+        RobotModelError: Unreadable, not XML, or something other than a robot; the file and the cause are named.
+    """
     try:
         root = ET.parse(path).getroot()
     except OSError as error:
@@ -81,6 +95,11 @@ def read_urdf(path: Path) -> ET.Element:
         raise RobotModelError(f"{path}: not valid XML: {error}") from error
     if root.tag != "robot":
         raise RobotModelError(f"{path}: the root element is <{root.tag}>, not <robot>")
+    return root
+
+
+def check_urdf(root: ET.Element, path: Path) -> None:
+    """Refuse what ``read_urdf`` refuses in a ``<robot>`` element; ``path`` names it."""
     links = [_name(link, path) for link in root.findall("link")]
     joints = root.findall("joint")
     _refuse_duplicates(links, "link", path)
@@ -93,7 +112,6 @@ def read_urdf(path: Path) -> ET.Element:
         raise RobotModelError(f"{path}: expected one root link, found {roots or 'none'}")
     for link in root.findall("link"):
         _check_inertial(link, path)
-    return root
 
 
 def _name(element: ET.Element, path: Path) -> str:

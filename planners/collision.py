@@ -114,7 +114,7 @@ class SelfCollision:
         pin.updateGeometryPlacements(self._model, self._joint_data, self.geometry, self._data)
         centres = np.array(
             [pose.act(centre) for pose, centre in zip(self._data.oMg, self._centres, strict=True)]
-        )  # (n, 3)
+        ).reshape(-1, 3)  # (n, 3), also of a robot without bodies
         first, second = self._pairs.T
         gaps = np.linalg.norm(centres[first] - centres[second], axis=1) - self._radii[first] - self._radii[second]
         result = np.full(len(self._pairs), np.inf)

@@ -1,0 +1,215 @@
+"""A standing posture: knees a little bent, soles flat and level, the CoM above their middle, hands beside the body.
+
+The joints x of both legs solve, by bounded least squares with the base upright at the origin,
+
+    log(R_i(x)) = 0     y_i(x) = +-w / 2     z_l(x) = z_r(x)     x_c(x) - x_i(x) - m = 0     k_i(x) = k_0 + b
+
+for both soles i: rotation R_i, position (x_i, y_i, z_i), middle m of the rectangle ahead of the sole's origin, abscissa
+x_c of the CoM, knee angle k_i, its value k_0 with the leg stretched, and the bend b. The arms solve for the place of
+the wrist below and ahead of the shoulder and are drawn to their zero otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from models.proposal.config import PostureConfig
+from models.proposal.findings import Finding, named
+from models.proposal.legs import Legs
+from models.proposal.skeleton import BASE, Skeleton
+from models.proposal.soles import SoleShape
+from models.types import Vector
+
+_HABIT = 1e-3
+"""Weight of staying at zero against the tasks."""
+
+_SMALL = 5e-4
+"""A joint that is closer to zero is left out of the posture [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A standing posture.
+
+    Attributes:
+        joints: Positions of the joints that are not at zero [rad].
+        com_height: Height of the CoM above the soles [m].
+        findings: What could not be met.
+    """
+
+    joints: dict[str, float]
+    com_height: float
+    findings: tuple[Finding, ...]
+
+
+class PostureSolver:
+    """Finds the standing posture of one robot.
+
+    Args:
+        skeleton: Its joints.
+        legs: Which of them are legs.
+        soles: Left and right sole.
+        config: What the posture is to be.
+    """
+
+    def __init__(
+        self, skeleton: Skeleton, legs: Legs, soles: tuple[SoleShape, SoleShape], config: PostureConfig
+    ) -> None:
+        self._skeleton, self._legs, self._soles, self._config = skeleton, legs, soles, config
+        model = self._model = skeleton.model
+        self._data = model.createData()
+        self._lower, self._upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+        margin = config.margin * (self._upper[7:] - self._lower[7:])  # the free flyer has no limits
+        self._lower[7:] += margin
+        self._upper[7:] -= margin
+        self._q = pin.neutral(model)
+        self._q[7:] = np.clip(0.0, self._lower[7:], self._upper[7:])
+
+    def solve(self, arms: tuple[tuple[int, ...], tuple[int, ...]]) -> Standing:
+        """Place the hands, then the legs under the CoM that results.
+
+        Args:
+            arms: Joints of the left and the right arm; empty without arms.
+        """
+        findings: list[Finding] = []
+        for side, arm in zip((1.0, -1.0), arms, strict=True):
+            if arm:
+                self._place_hand(arm, side)
+        knees = [self._knee(leg) for leg in self._legs.both]
+        for (knee, stretched, bend), leg in zip(knees, self._legs.both, strict=True):
+            if abs(bend) < 0.5 * self._config.knee:
+                text = f"the knee bends by {abs(bend):.2f} rad only from the stretched leg ({stretched:.2f} rad)"
+                findings.append(Finding("wrong", named("joint", [self._skeleton.name(knee)]), text, "bent so far"))
+            self._bend(leg, knee, stretched + bend)
+        targets = [stretched + bend for _, stretched, bend in knees]
+        residuals = self._place_feet([knee for knee, _, _ in knees], targets)
+        if np.abs(residuals[:6]).max() > self._config.level:
+            text = f"the soles cannot be level: {np.abs(residuals[:6]).max():.3f} rad off"
+            findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
+        elif np.abs(residuals[6:11]).max() > self._config.residual:
+            text = f"the soles cannot be below the CoM: {1e3 * np.abs(residuals[6:11]).max():.0f} mm off"
+            findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
+        self._forward()
+        com = pin.centerOfMass(self._model, self._data, self._q)
+        height = float(com[2] - np.mean([place.translation[2] for place in self._sole_places()]))
+        joints = {}
+        for j in range(BASE + 1, self._model.njoints):
+            value = float(self._q[self._model.joints[j].idx_q])
+            if abs(value) > _SMALL:
+                joints[self._skeleton.name(j)] = round(value, 4)
+        return Standing(joints, height, tuple(findings))
+
+    def _forward(self) -> None:
+        pin.forwardKinematics(self._model, self._data, self._q)
+
+    def _index(self, joints: tuple[int, ...]) -> list[int]:
+        return [int(self._model.joints[j].idx_q) for j in joints]
+
+    def _sole_places(self) -> list[pin.SE3]:
+        """Pose of both sole frames; needs forward kinematics."""
+        places = []
+        for leg, sole in zip(self._legs.both, self._soles, strict=True):
+            link = self._model.frames[self._model.getFrameId(sole.link, pin.FrameType.BODY)]
+            places.append(self._data.oMi[leg[-1]] * link.placement * sole.placement)
+        return places
+
+    def _knee(self, leg: tuple[int, ...]) -> tuple[int, float, float]:
+        """Knee joint, its angle with the leg stretched, and how far to bend it [rad].
+
+        The knee is the joint that shortens the leg most: hip and ankle turn a leg and leave its length.
+        """
+        best = (0.0, leg[0], 0.0, 0.0)
+        for joint in leg[1:-1]:
+            i = int(self._model.joints[joint].idx_q)
+            angles = np.linspace(self._lower[i], self._upper[i], 200)
+            lengths = np.array([self._leg_length(leg, i, float(angle)) for angle in angles])
+            stretched = float(angles[int(lengths.argmax())])
+            swing = float(lengths.max() - lengths.min())
+            if swing > best[0]:
+                room = self._upper[i] - stretched, stretched - self._lower[i]
+                bend = min(self._config.knee, room[0]) if room[0] >= room[1] else -min(self._config.knee, room[1])
+                best = (swing, joint, stretched, float(bend))
+        return best[1:]
+
+    def _leg_length(self, leg: tuple[int, ...], index: int, angle: float) -> float:
+        q = self._q.copy()
+        q[index] = angle
+        pin.forwardKinematics(self._model, self._data, q)
+        return float(np.linalg.norm(self._data.oMi[leg[-1]].translation - self._data.oMi[leg[0]].translation))
+
+    def _bend(self, leg: tuple[int, ...], knee: int, angle: float) -> None:
+        """A start for the solver: the knee bent, half of it taken back by the pitch joints on either side."""
+        axes = self._skeleton.axes
+        pitch = [j for j in leg if abs(float(axes[j] @ axes[knee])) > 0.9 and j != knee]
+        self._q[self._index((knee,))] = angle
+        for j in pitch:
+            i = int(self._model.joints[j].idx_q)
+            share = -0.5 * angle * np.sign(axes[j] @ axes[knee])
+            self._q[i] = np.clip(share, self._lower[i], self._upper[i])
+
+    def _place_feet(self, knees: list[int], targets: list[float]) -> Vector:
+        """Solve for the legs; returns the residuals, rotations first."""
+        indices = self._index((*self._legs.left, *self._legs.right))
+        half = [0.5 * (sole.rectangle[0] + sole.rectangle[1]) for sole in self._soles]
+        ankles = self._skeleton.origins[[leg[-1] for leg in self._legs.both], 1]
+        inner = min(self._soles[0].rectangle[2], -self._soles[1].rectangle[3])
+        side = max(0.5 * float(np.ptp(ankles)), 0.5 * self._config.gap - inner)
+
+        def errors(x: Vector) -> Vector:
+            self._q[indices] = x
+            self._forward()
+            places = self._sole_places()
+            com = pin.centerOfMass(self._model, self._data, self._q)
+            rows = [*pin.log3(places[0].rotation), *pin.log3(places[1].rotation)]
+            rows += [place.translation[1] - y for place, y in zip(places, (side, -side), strict=True)]
+            rows += [com[0] - place.translation[0] - m for place, m in zip(places, half, strict=True)]
+            rows += [places[0].translation[2] - places[1].translation[2]]
+            rows += [self._q[i] - t for i, t in zip(self._index(tuple(knees)), targets, strict=True)]
+            return np.array(rows)
+
+        start = np.clip(self._q[indices], self._lower[indices], self._upper[indices])
+        span = 1e-9 * np.ones(len(indices))
+        result = least_squares(
+            lambda x: np.concatenate([errors(x), _HABIT * (x - start)]),
+            start,
+            bounds=(self._lower[indices] - span, self._upper[indices] + span),
+            xtol=1e-12,
+            ftol=1e-12,
+        )
+        # Once more without the habit, from next to the solution, so that the soles are flat to the last bit.
+        final = least_squares(errors, result.x, bounds=(self._lower[indices] - span, self._upper[indices] + span))
+        return np.asarray(errors(final.x))
+
+    def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
+        """Bring the last joint of an arm to its place beside the body."""
+        indices = self._index(arm)
+        self._forward()
+        length = self._skeleton.reach(list(arm))
+        ahead, outward, up = self._config.hands[0]
+        wanted = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
+        start = self._q[indices].copy()
+
+        def errors(x: Vector) -> Vector:
+            self._q[indices] = x
+            self._forward()
+            miss = (self._data.oMi[arm[-1]].translation - wanted) / length
+            return np.concatenate([miss, np.sqrt(_HABIT) * (x - start)])
+
+        inside = 0.5 * (self._lower[indices] + self._upper[indices])
+        guess = start + 0.1 * (inside - start)  # off the limits, and off a stretched elbow
+        result = least_squares(errors, guess, bounds=(self._lower[indices] - 1e-9, self._upper[indices] + 1e-9))
+        self._q[indices] = np.clip(result.x, self._lower[indices], self._upper[indices])
+
+    def _stuck(self) -> str:
+        """Leg joints that ended at a limit, or all of them."""
+        stuck = []
+        for j in (*self._legs.left, *self._legs.right):
+            i = int(self._model.joints[j].idx_q)
+            if min(self._q[i] - self._lower[i], self._upper[i] - self._q[i]) < 1e-3:
+                stuck.append(self._skeleton.name(j))
+        ends = [self._skeleton.name(leg[-1]) for leg in self._legs.both]
+        return named("joint", stuck or ends) + (" at the limit" if stuck else "")

@@ -1,0 +1,129 @@
+"""A proposed profile as commented YAML, and the files that it needs."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import yaml
+from pydantic.fields import FieldInfo
+
+from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
+from models.proposal.propose import Proposal
+
+_HEAD = """\
+# {name}: proposed by `poise check-robot` from {urdf}.
+# {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that the URDF does not say is an
+# assumption: see the findings, then put the maker's figures in their place.
+"""
+
+_DRIVES = """
+# Drives, scaled from those of the G1 and TALOS by mass, height and torque limit. armature: rotor inertia behind the
+# gear [kg.m^2]; damping [N.m.s/rad], frictionloss [N.m]; torque_rate [N.m/s]; kp [N.m/rad], kd [N.m.s/rad].
+"""
+
+_JOINTS = """
+# Torque and velocity limits are the URDF's unless torque_limit [N.m] or velocity_limit [rad/s] is given here.
+"""
+
+_FEET = """
+# Sole frames under the ankles, x forward, z up; rectangles x_min, x_max, y_min, y_max from the shapes of the feet [m].
+"""
+
+_FRAMES = """
+# Names of REP-120 on links; xyz [m] and rpy [rad] in the link, those of gaze and imu with the axes of the base at zero.
+"""
+
+_POSTURES = """
+# Knees a little bent, soles flat, CoM over their middle [rad].
+"""
+
+_SENSORS = """
+# The G1's sensors, those of the feet scaled by the weight: put those of your data sheets in their place.
+"""
+
+_HULLS = """
+# Capsules within the bounds of the links (link frame) [m], against the floor only.
+"""
+
+
+def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
+    """Write the profile and, where the given URDF had to be changed, the changed one next to it.
+
+    Returns:
+        The files written, the profile first.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(profile_text(proposal), encoding="utf-8")
+    written = [path]
+    if proposal.robot is not None:
+        tree = ET.ElementTree(proposal.robot)
+        ET.indent(tree)
+        written.append(path.parent / proposal.profile.urdf)
+        tree.write(written[-1], encoding="utf-8", xml_declaration=True)
+    return written
+
+
+def profile_text(proposal: Proposal) -> str:
+    """The profile as YAML with comments and units, ready for ``models.profile.load_profile``."""
+    profile = proposal.profile
+    data: dict[str, Any] = asdict(profile)
+    head = _HEAD.format(
+        name=profile.name,
+        urdf=Path(profile.urdf).name,
+        mass=proposal.mass,
+        com=proposal.com_height,
+        leg=proposal.leg_length,
+    )
+    findings = "".join(f"# - {f.severity}: {f.culprit}: {f.fault}: {f.remedy}\n" for f in proposal.findings)
+    feet = data["feet"]
+    text = head + findings
+    text += "\n".join(f"{key}: {_flow(data[key])}" for key in ("name", "urdf", "base_link")) + "\n"
+    text += _DRIVES + "motors:\n" + _rows(data["motors"])
+    text += _JOINTS + "joints:\n" + _rows(data["joints"])
+    text += _FEET + "feet:\n" + _rows({"left": feet["left"], "right": feet["right"]})
+    text += f"  friction: {feet['friction']}  # rubber on a hard floor [-]\n"
+    text += _FRAMES + "frames:\n" + _rows(data["frames"])
+    text += _POSTURES + "postures:\n  stand:\n"
+    text += "".join(f"    {name}: {value}\n" for name, value in data["postures"]["stand"].items())
+    text += _SENSORS + "sensors:\n"
+    for key, schema in (("imu", ImuSensor), ("encoders", EncoderSensor), ("feet", FootSensor), ("latency", Latency)):
+        text += f"  {key}:\n" + _described(data["sensors"][key], schema)
+    if data["hulls"]:
+        text += _HULLS + "hulls:\n" + _rows(data["hulls"])
+    return text
+
+
+def _flow(value: Any) -> str:
+    """A value on one line of YAML."""
+    plain = yaml.safe_dump(_plain(value), default_flow_style=True, sort_keys=False, width=10**6)
+    return plain.removesuffix("\n").removesuffix("\n...")
+
+
+def _plain(value: Any) -> Any:
+    """Without what is left at its default: None, and poses at rest."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items() if v is not None and not (k in ("xyz", "rpy") and not any(v))}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _rows(entries: dict[str, Any]) -> str:
+    return "".join(f"  {_flow(name)}: {_flow(entry)}\n" for name, entry in entries.items())
+
+
+def _described(values: dict[str, Any], schema: type) -> str:
+    """One line a key, with the description of the schema behind it."""
+    hints = get_type_hints(schema, include_extras=True)
+    lines = []
+    for item in fields(schema):  # type: ignore[arg-type]  # every schema is a dataclass
+        value = values[item.name]
+        if value is not None:
+            lines.append(f"    {item.name}: {_flow(value)}  # {_description(hints[item.name])}\n")
+    return "".join(lines)
+
+
+def _description(hint: Any) -> str:
+    extras = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    return next((extra.description or "" for extra in extras if isinstance(extra, FieldInfo)), "")

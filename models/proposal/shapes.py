@@ -1,0 +1,186 @@
+"""Points of the shapes on a link, and meshes that MuJoCo cannot read replaced by boxes."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from models.errors import RobotModelError
+from models.proposal.findings import Finding, named
+from models.proposal.tree import numbers
+from models.types import Matrix
+from models.urdf import resolve_uri
+
+MUJOCO_MESHES = (".stl", ".obj")
+"""Suffixes of the meshes that MuJoCo's reader of URDFs decodes."""
+
+_ROUND = 24
+"""Points on the rim of a cylinder."""
+
+_Y_UP = b"<up_axis>Y_UP"
+_HEADER = 20000
+"""Bytes of a Collada file within which its <asset> lies."""
+
+_FLAT = 1e-12
+"""Volume below which MuJoCo takes a mesh for a surface [m^3]."""
+
+
+def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tuple[list[Finding], bool]:
+    """Point every mesh to its file; replace in place what MuJoCo cannot draw, and drop what nobody can read.
+
+    Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the quarter turn
+    that is missing. A visual in a format that MuJoCo has no decoder for becomes the box of its bounds. A collision
+    shape stays as long as Pinocchio reads it: only the planner's self-collision check uses it.
+
+    Args:
+        robot: The ``<robot>`` element.
+        urdf: Its file, which relative references start from.
+        packages: Where ``package://`` is looked for first.
+
+    Returns:
+        What was found, and whether a shape was replaced or dropped.
+
+    Raises:
+        RobotModelError: A mesh file does not exist; link and file are named.
+    """
+    boxed: dict[str, list[str]] = {}
+    dropped: dict[str, list[str]] = {}
+    shells: list[str] = []
+    lying: list[str] = []
+    for link in robot.findall("link"):
+        name = link.get("name", "")
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            file = resolve_uri(mesh.get("filename", ""), urdf.parent, packages)
+            if not file.is_file():
+                advice = "give the folder of its package with --package-dir"
+                raise RobotModelError(f"{urdf}: link '{name}': mesh {mesh.get('filename')!r} is missing; {advice}")
+            mesh.set("filename", str(file))
+            vertices, volume = _mesh(str(file))
+            suffix = file.suffix.lower()
+            if suffix == ".dae" and _Y_UP in file.read_bytes()[:_HEADER]:
+                _raise(shape)
+                lying.append(name)
+            if vertices is None:
+                link.remove(shape)
+                dropped.setdefault(suffix, []).append(name)
+            elif shape.tag == "visual" and suffix not in MUJOCO_MESHES:
+                _box(shape, vertices * _scale(mesh))
+                boxed.setdefault(suffix, []).append(name)
+            elif shape.tag == "visual" and volume < _FLAT:
+                shells.append(name)
+    findings = [
+        Finding("note", named("link", names), f"{suffix} meshes cannot be read", "dropped")
+        for suffix, names in dropped.items()
+    ]
+    findings += [
+        Finding("note", named("link", names), f"MuJoCo cannot read {suffix} meshes", "drawn as boxes of their bounds")
+        for suffix, names in boxed.items()
+    ]
+    if lying:
+        names = named("link", dict.fromkeys(lying))
+        findings.append(Finding("note", names, "Collada meshes with y up, which Pinocchio leaves lying", "turned up"))
+    if shells:
+        findings.append(Finding("note", named("link", shells), "meshes without volume", "drawn as shells"))
+    return findings, bool(boxed or dropped or lying)
+
+
+def link_points(link: ET.Element, upright: Matrix, kinds: Sequence[str] = ("collision", "visual")) -> Matrix:
+    """Points whose hull is that of a link's shapes, as far as it can be seen from below.
+
+    Args:
+        link: The link; its meshes have absolute paths.
+        upright: Rotation of the link in an upright frame (3, 3): spheres are round, and their lowest point counts.
+        kinds: Tags of the shapes in order of preference; the first that gives a point is taken.
+
+    Returns:
+        Points in the link's frame (n, 3) [m]; n is 0 for a link without shapes.
+    """
+    for kind in kinds:
+        clouds = [_placed(shape, upright) for shape in link.findall(kind)]
+        clouds = [cloud for cloud in clouds if len(cloud)]
+        if clouds:
+            return np.vstack(clouds)
+    return np.zeros((0, 3))
+
+
+def _placed(shape: ET.Element, upright: Matrix) -> Matrix:
+    origin = shape.find("origin")
+    xyz = numbers(None if origin is None else origin.get("xyz"), (0.0, 0.0, 0.0))
+    rpy = numbers(None if origin is None else origin.get("rpy"), (0.0, 0.0, 0.0))
+    rotation = pin.rpy.rpyToMatrix(*rpy)
+    geometry = shape.find("geometry")
+    sphere = None if geometry is None else geometry.find("sphere")
+    if sphere is not None:
+        tips = np.vstack([np.eye(3), -np.eye(3)]) @ upright  # rows: the upright axes in the link's frame
+        return np.asarray(xyz + float(numbers(sphere.get("radius"), (0.0,))[0]) * tips)
+    return np.asarray(_own_points(geometry) @ rotation.T + xyz)
+
+
+def _own_points(geometry: ET.Element | None) -> Matrix:
+    """Points of a box, a cylinder or a mesh in its own frame (n, 3) [m]."""
+    nothing = np.zeros((0, 3))
+    if geometry is None:
+        return nothing
+    box, cylinder, mesh = (geometry.find(tag) for tag in ("box", "cylinder", "mesh"))
+    if box is not None:
+        half = 0.5 * numbers(box.get("size"), (0.0, 0.0, 0.0))
+        return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    if cylinder is not None:
+        radius, length = (float(numbers(cylinder.get(key), (0.0,))[0]) for key in ("radius", "length"))
+        angles = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+        rim = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.vstack([np.column_stack([rim, np.full(_ROUND, z)]) for z in (-0.5 * length, 0.5 * length)])
+    if mesh is not None:
+        vertices, _ = _mesh(mesh.get("filename", ""))
+        return nothing if vertices is None else vertices * _scale(mesh)
+    return nothing
+
+
+def _scale(mesh: ET.Element) -> Matrix:
+    return numbers(mesh.get("scale"), (1.0, 1.0, 1.0))
+
+
+@lru_cache(maxsize=512)
+def _mesh(file: str) -> tuple[Matrix | None, float]:
+    """Vertices (n, 3) [m] and volume [m^3] of a mesh file; no vertices where it cannot be read."""
+    try:
+        mesh = coal.MeshLoader().load(file, np.ones(3))
+        return np.array(mesh.vertices()), abs(float(mesh.computeVolume()))
+    except Exception:  # coal raises several kinds, none of them narrower
+        return None, 0.0
+
+
+def _raise(shape: ET.Element) -> None:
+    """Turn a shape about its own x axis by the quarter turn that makes its y axis point up."""
+    origin = shape.find("origin")
+    if origin is None:
+        origin = ET.SubElement(shape, "origin")
+    rpy = numbers(origin.get("rpy"), (0.0, 0.0, 0.0))
+    turned = pin.rpy.rpyToMatrix(*rpy) @ pin.rpy.rpyToMatrix(0.5 * np.pi, 0.0, 0.0)
+    origin.set("rpy", " ".join(f"{value:.9g}" for value in pin.rpy.matrixToRpy(turned)))
+
+
+def _box(shape: ET.Element, vertices: Matrix) -> None:
+    """Put the box of the bounds of a mesh in its place."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    origin = shape.find("origin")
+    if origin is None:
+        origin = ET.SubElement(shape, "origin")
+    rpy = numbers(origin.get("rpy"), (0.0, 0.0, 0.0))
+    centre = numbers(origin.get("xyz"), (0.0, 0.0, 0.0)) + pin.rpy.rpyToMatrix(*rpy) @ (0.5 * (low + high))
+    origin.set("xyz", " ".join(f"{value:.6g}" for value in centre))
+    geometry = shape.find("geometry")
+    if geometry is not None:
+        for child in list(geometry):
+            geometry.remove(child)
+        size = np.maximum(high - low, 1e-4)  # a plane has no box: a sheet of 0.1 mm
+        ET.SubElement(geometry, "box", size=" ".join(f"{value:.6g}" for value in size))

@@ -1,0 +1,180 @@
+"""The flat part of a foot, from the shapes of the links that its last joint moves."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from models.errors import RobotModelError
+from models.proposal.config import SoleConfig
+from models.proposal.findings import Finding
+from models.proposal.shapes import link_points
+from models.proposal.skeleton import Skeleton
+from models.types import Matrix, Vector
+
+_WIDER = (1.0, 2.5, 5.0)
+"""Factors on the band of points that belong to a sole, tried until they span an area."""
+
+_SAME_WAY = np.cos(np.radians(3.0))
+"""Facets whose normals agree so well are one face."""
+
+_LEVEL = np.radians(2.0)
+"""A face tilted by less than this at zero is level: meshes are coarse."""
+
+_GRID = 48
+"""Places along the sole that the largest rectangle may begin and end at."""
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class SoleShape:
+    """A sole as found.
+
+    Attributes:
+        link: Link that the last joint of the leg moves.
+        placement: Pose of the sole frame in that link: origin under the ankle, x forward, z up.
+        rectangle: x_min, x_max, y_min, y_max in the sole frame [m].
+        findings: What is wrong with it.
+    """
+
+    link: str
+    placement: pin.SE3
+    rectangle: tuple[float, float, float, float]
+    findings: tuple[Finding, ...]
+
+
+def foot_points(robot: ET.Element, skeleton: Skeleton, joint: int) -> Matrix:
+    """Points of all that a foot's last joint moves, from the ankle, in the axes of the base at zero (n, 3) [m]."""
+    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    clouds = [np.zeros((0, 3))]
+    for name in skeleton.links(joint):
+        place = skeleton.place(name)
+        points = link_points(elements[name], place.rotation)
+        clouds.append(points @ place.rotation.T + place.translation - skeleton.origins[joint])
+    return np.vstack(clouds)
+
+
+def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], config: SoleConfig, urdf: Path) -> SoleShape:
+    """Find the largest rectangle in the face that a foot stands on.
+
+    The face is that of the hull's facets which together are largest among those that look down; the sole's outline is
+    the hull of the points at most ``band`` above its lowest one.
+
+    Args:
+        robot: The ``<robot>`` element.
+        skeleton: Its joints.
+        leg: Joints of the leg, from base to foot.
+        config: What counts as a sole.
+        urdf: Its file, for messages.
+
+    Raises:
+        RobotModelError: The foot has no flat part that is large enough to stand on; the link is named.
+    """
+    ankle = leg[-1]
+    link = skeleton.links(ankle)[0]
+    length = skeleton.reach(list(leg))
+    points = foot_points(robot, skeleton, ankle)
+    findings: list[Finding] = []
+    if not len(points):
+        shape = -config.heel, config.toe, -config.half_width, config.half_width
+        rectangle = tuple(round(length * value, 3) for value in shape)
+        text = f"no shape below joint '{skeleton.name(ankle)}': size and height of the sole are unknown"
+        remedy = (
+            f"{1e3 * length * config.ankle:.0f} mm below the joint assumed, and a usual size: give the foot a shape"
+        )
+        findings.append(Finding("wrong", f"link '{link}'", text, remedy))
+        rotation, depth = np.eye(3), length * config.ankle
+    else:
+        normal = _face(points)
+        if float(normal @ _DOWN) < np.cos(_LEVEL):
+            angle = np.degrees(np.arccos(float(normal @ _DOWN)))
+            text = f"the foot is not flat at zero: its sole is tilted by {angle:.0f} deg"
+            findings.append(Finding("note", f"link '{link}'", text, "the sole frame is turned"))
+        else:
+            normal = _DOWN
+        forward = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+        forward /= np.linalg.norm(forward)
+        rotation = np.column_stack([forward, np.cross(-normal, forward), -normal])
+        local = points @ rotation  # in the axes of the sole
+        depth = -float(local[:, 2].min())
+        rectangle = _outline(local, config, length, f"{urdf}: no feet: link '{link}'", findings, link)
+    in_base = pin.SE3(rotation, skeleton.origins[ankle] - depth * rotation[:, 2])
+    return SoleShape(link, skeleton.place(link).actInv(in_base), rectangle, tuple(findings))
+
+
+def _face(points: Matrix) -> Vector:
+    """Outward normal of the largest face of the hull that looks down (3,)."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # fewer than four points, or all in one plane
+        return _DOWN
+    normals = hull.equations[:, :3]
+    corners = points[hull.simplices]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    same = normals @ normals.T > _SAME_WAY
+    sizes = np.where(normals[:, 2] < -0.5, same @ areas, 0.0)
+    mean = (areas * same[int(sizes.argmax())]) @ normals
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def _outline(
+    points: Matrix, config: SoleConfig, length: float, where: str, findings: list[Finding], link: str
+) -> tuple[float, float, float, float]:
+    low = points[:, 2].min()
+    size = (0.0, 0.0)
+    for wider in _WIDER:
+        flat = points[points[:, 2] < low + wider * config.band, :2]
+        rectangle = largest_rectangle(flat)
+        if rectangle is None:
+            continue
+        x_min, x_max, y_min, y_max = rectangle + config.inset * np.array([1.0, -1.0, 1.0, -1.0])
+        size = max(x_max - x_min, 0.0), max(y_max - y_min, 0.0)
+        if size[0] > config.length_min * length and size[1] > config.width_min * length:
+            if wider > 1.0:
+                text = f"the sole is not flat: it needs its lowest {1e3 * wider * config.band:.0f} mm"
+                findings.append(Finding("wrong", f"link '{link}'", text, "taken as flat"))
+            return round(x_min, 4), round(x_max, 4), round(y_min, 4), round(y_max, 4)
+    raise RobotModelError(
+        f"{where} has no flat sole: {1e3 * size[0]:.0f} x {1e3 * size[1]:.0f} mm, at least "
+        f"{1e3 * config.length_min * length:.0f} x {1e3 * config.width_min * length:.0f} mm"
+    )
+
+
+def largest_rectangle(points: Matrix) -> Vector | None:
+    """Largest rectangle along the axes within the hull of points.
+
+    Between two abscissae the hull is widest where its lower edge is lowest at neither end: the edge is convex, so that
+    only both ends count, and the rectangle is theirs.
+
+    Args:
+        points: (n, 2) [m].
+
+    Returns:
+        x_min, x_max, y_min, y_max (4,) [m]; None when the points span no area.
+    """
+    try:
+        corners = points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        return None
+    x = np.linspace(corners[:, 0].min(), corners[:, 0].max(), _GRID)
+    lower, upper = np.full(_GRID, np.inf), np.full(_GRID, -np.inf)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        inside = (x >= min(a[0], b[0]) - 1e-12) & (x <= max(a[0], b[0]) + 1e-12)
+        share = np.divide(x - a[0], b[0] - a[0]) if b[0] != a[0] else np.zeros(_GRID)
+        y = a[1] + np.clip(share, 0.0, 1.0) * (b[1] - a[1])
+        ends = (y, y) if b[0] != a[0] else (np.full(_GRID, a[1]), np.full(_GRID, b[1]))
+        for values in ends:
+            lower = np.where(inside, np.minimum(lower, values), lower)
+            upper = np.where(inside, np.maximum(upper, values), upper)
+    bottom, top = np.maximum.outer(lower, lower), np.minimum.outer(upper, upper)  # (first, last)
+    areas = np.maximum(x[None, :] - x[:, None], 0.0) * np.maximum(top - bottom, 0.0)
+    first, last = np.unravel_index(int(areas.argmax()), areas.shape)
+    if areas[first, last] <= 0.0:
+        return None
+    return np.array([x[first], x[last], bottom[first, last], top[first, last]])
