@@ -12,7 +12,7 @@ from rich.table import Table
 
 from bridge.check_trials import Trial, TrialConfig, Trials
 from models.config import default_config
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 from models.mujoco_model import build_mujoco
 from models.proposal.config import ProposalConfig
 from models.proposal.profile_text import write_proposal
@@ -51,19 +51,24 @@ class Verdict:
         return done.issuperset(NEEDED)
 
 
-def check_robot(urdf: Path, out: Path, packages: Sequence[Path] = (), seed: int = 0) -> Verdict:
+def check_robot(
+    urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
+) -> Verdict:
     """Propose, write and try.
 
     Args:
         urdf: The robot.
         out: Where the profile goes; a changed URDF goes next to it.
         packages: Folders in which ``package://`` is looked for first.
+        overwrite: Whether a file that is there already may be replaced.
         seed: Of the sensor noise.
 
     Raises:
         RobotModelError: The URDF cannot become a robot that stands; file, joint or link, and cause are named.
-        ConfigError: The proposal cannot be loaded; that would be a fault of this command.
+        ConfigError: ``out`` exists already.
     """
+    if out.exists() and not overwrite:
+        raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
     proposal, files = _propose(urdf, out, packages)
     model = RobotModel.load(files[0])
     trials = [_draw(model), *Trials(model, default_config(TrialConfig, "bridge", "check_robot"), seed).run()]

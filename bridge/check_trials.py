@@ -155,12 +155,15 @@ class Trials:
         return f"'{self._model.joint_names[joint]}' at {100.0 * shares[:, joint].max():.0f} % of its torque"
 
     def _why(self, loop: ClosedLoop, otherwise: str) -> str:
-        """Faults, how it fell, and the joints at their torque limits before it did."""
+        """Faults, how it fell, and the joint that was the first at its torque limit before it did."""
         shares = np.abs(loop.log.tau) / self._model.tau_max
-        until = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
-        at_limit = np.flatnonzero((shares[:until] > self._config.at_limit).any(axis=0))
+        end = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
         reasons = list(loop.faults) or ([loop.fall_reason] if loop.fallen else [otherwise])
-        if at_limit.size:
-            names = ", ".join(f"'{self._model.joint_names[i]}'" for i in at_limit)
-            reasons.append(f"at their torque limits before: {names}")
+        full = shares[:end] > self._config.at_limit
+        if full.any():
+            row = int(full.any(axis=1).argmax())
+            joint = int(shares[row].argmax())
+            ahead = float(loop.log.t[end - 1] - loop.log.t[row])
+            name, limit = self._model.joint_names[joint], self._model.tau_max[joint]
+            reasons.append(f"joint '{name}' was the first at its limit of {limit:g} N.m, {ahead:.2f} s before")
         return "; ".join(reasons)

@@ -276,13 +276,14 @@ def check_robot(
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Folder in which package:// is looked for; may be repeated.")
     ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
 ) -> None:
     """Propose a profile for a URDF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
     from bridge.check_robot import check_robot as check
     from bridge.check_robot import report
 
     with told():
-        verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or ())
+        verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)
     report(verdict, Console())
     raise typer.Exit(0 if verdict.passed else 1)
 

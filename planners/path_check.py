@@ -67,7 +67,7 @@ def check_path(
                 f"after {time:.2f} s the CoM would be {margin:.3f} m inside the support polygon, at least "
                 f"{bounds.com_margin:.3f} m"
             )
-        if i % every == 0 or i == len(curve.times) - 1:
+        if collision.count and (i % every == 0 or i == len(curve.times) - 1):
             distances = collision.distances(q, config.collision.margin)
             wanted = bounds.gaps - config.collision.path_slack
             pair = int((distances - wanted).argmin())

@@ -22,6 +22,7 @@ from models.proposal.findings import Finding, named
 from models.proposal.legs import Legs
 from models.proposal.skeleton import BASE, Skeleton
 from models.proposal.soles import SoleShape
+from models.proposal.strength import weak_knees
 from models.types import Vector
 
 _HABIT = 1e-3
@@ -93,6 +94,7 @@ class PostureSolver:
         elif np.abs(residuals[6:11]).max() > self._config.residual:
             text = f"the soles cannot be below the CoM: {1e3 * np.abs(residuals[6:11]).max():.0f} mm off"
             findings.append(Finding("wrong", self._stuck(), text, "the nearest posture is proposed"))
+        findings += weak_knees(self._skeleton, self._legs.both, [knee for knee, _, _ in knees], self._q)
         self._forward()
         com = pin.centerOfMass(self._model, self._data, self._q)
         height = float(com[2] - np.mean([place.translation[2] for place in self._sole_places()]))

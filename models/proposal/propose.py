@@ -47,7 +47,7 @@ class Proposal:
     """A profile as found, and all that was found on the way.
 
     Attributes:
-        profile: The profile; its ``urdf`` is the one that was read, or empty where ``robot`` replaces it.
+        profile: The profile; its ``urdf`` is the one that was read, or the name of a file for ``robot`` next to it.
         robot: The changed URDF where the given one had to be changed; None where it is used as it is.
         findings: What is missing or wrong.
         pairs: Names of the joints that mirror each other, left and right.
@@ -106,7 +106,7 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
     mass = float(pin.computeTotalMass(skeleton.model))
     profile = Profile(
         name=_robot_name(robot, urdf),
-        urdf=f"{urdf.stem}.urdf" if changed else str(urdf),
+        urdf=f"{urdf.stem}_repaired.urdf" if changed else str(urdf),
         base_link=_root(robot),
         motors=motors,
         joints=joints,
