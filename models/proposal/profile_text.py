@@ -117,7 +117,7 @@ def _described(values: dict[str, Any], schema: type) -> str:
     """One line a key, with the description of the schema behind it."""
     hints = get_type_hints(schema, include_extras=True)
     lines = []
-    for item in fields(schema):  # type: ignore[arg-type]  # every schema is a dataclass
+    for item in fields(schema):
         value = values[item.name]
         if value is not None:
             lines.append(f"    {item.name}: {_flow(value)}  # {_description(hints[item.name])}\n")

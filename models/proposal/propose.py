@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -189,17 +190,6 @@ def _sensors(mass: float) -> Sensors:
     pattern = load_profile(_PATTERN)
     sensors = pattern.sensors
     ratio = mass / _PATTERN_MASS
-    feet = {
-        key: float(f"{ratio * getattr(sensors.feet, key):.2g}")
-        for key in (
-            "force_noise",
-            "torque_noise",
-            "force_offset",
-            "torque_offset",
-            "force_range",
-            "torque_range",
-            "force_resolution",
-            "torque_resolution",
-        )
-    }
+    weighed = [f"{kind}_{what}" for kind in ("force", "torque") for what in ("noise", "offset", "range", "resolution")]
+    feet: dict[str, Any] = {key: float(f"{ratio * getattr(sensors.feet, key):.2g}") for key in weighed}
     return replace(sensors, feet=replace(sensors.feet, **feet), scan=None)

@@ -17,8 +17,11 @@ from models.proposal.tree import numbers
 from models.types import Matrix
 from models.urdf import resolve_uri
 
-MUJOCO_MESHES = (".stl", ".obj")
-"""Suffixes of the meshes that MuJoCo's reader of URDFs decodes."""
+_STL_HEAD, _STL_FACE = 84, 50
+"""Bytes of a binary STL file before its faces, and of a face."""
+
+_STL_FACES = 200_000
+"""Most faces of an STL file that MuJoCo takes."""
 
 _ROUND = 24
 """Points on the rim of a cylinder."""
@@ -35,8 +38,9 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     """Point every mesh to its file; replace in place what MuJoCo cannot draw, and drop what nobody can read.
 
     Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the quarter turn
-    that is missing. A visual in a format that MuJoCo has no decoder for becomes the box of its bounds. A collision
-    shape stays as long as Pinocchio reads it: only the planner's self-collision check uses it.
+    that is missing. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
+    anywhere, since a collision shape is drawn where there is no visual. Any other collision shape stays as long as
+    Pinocchio reads it.
 
     Args:
         robot: The ``<robot>`` element.
@@ -72,7 +76,7 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
             if vertices is None:
                 link.remove(shape)
                 dropped.setdefault(suffix, []).append(name)
-            elif shape.tag == "visual" and suffix not in MUJOCO_MESHES:
+            elif (shape.tag == "visual" or suffix == ".stl") and not _drawable(file):
                 _box(shape, vertices * _scale(mesh))
                 boxed.setdefault(suffix, []).append(name)
             elif shape.tag == "visual" and volume < _FLAT:
@@ -82,7 +86,9 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
         for suffix, names in dropped.items()
     ]
     findings += [
-        Finding("note", named("link", names), f"MuJoCo cannot read {suffix} meshes", "drawn as boxes of their bounds")
+        Finding(
+            "note", named("link", names), f"{suffix} meshes that MuJoCo cannot read", "drawn as boxes of their bounds"
+        )
         for suffix, names in boxed.items()
     ]
     if lying:
@@ -91,6 +97,15 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     if shells:
         findings.append(Finding("note", named("link", shells), "meshes without volume", "drawn as shells"))
     return findings, bool(boxed or dropped or lying)
+
+
+def _drawable(file: Path) -> bool:
+    """Whether MuJoCo decodes a mesh: OBJ, and STL when it is binary and not too large."""
+    if file.suffix.lower() != ".stl":
+        return file.suffix.lower() == ".obj"
+    with file.open("rb") as stream:
+        faces = int.from_bytes(stream.read(_STL_HEAD)[-4:], "little")
+    return 0 < faces <= _STL_FACES and file.stat().st_size == _STL_HEAD + faces * _STL_FACE
 
 
 def link_points(link: ET.Element, upright: Matrix, kinds: Sequence[str] = ("collision", "visual")) -> Matrix:

@@ -82,8 +82,8 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
     points = foot_points(robot, skeleton, ankle)
     findings: list[Finding] = []
     if not len(points):
-        shape = -config.heel, config.toe, -config.half_width, config.half_width
-        rectangle = tuple(round(length * value, 3) for value in shape)
+        heel, toe, half = (round(length * part, 3) for part in (config.heel, config.toe, config.half_width))
+        rectangle = -heel, toe, -half, half
         text = f"no shape below joint '{skeleton.name(ankle)}': size and height of the sole are unknown"
         remedy = (
             f"{1e3 * length * config.ankle:.0f} mm below the joint assumed, and a usual size: give the foot a shape"

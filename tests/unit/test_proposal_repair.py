@@ -155,7 +155,7 @@ def test_an_unreadable_visual_becomes_a_box(changed: Callable[[Change], Proposal
 
     proposal = changed(swap)
     texts = findings(proposal, "left_rubber_hand")
-    assert "note: MuJoCo cannot read .dae meshes: drawn as boxes of their bounds" in texts
+    assert "note: .dae meshes that MuJoCo cannot read: drawn as boxes of their bounds" in texts
     assert "note: Collada meshes with y up, which Pinocchio leaves lying: turned up" in texts
     assert proposal.robot is not None
     box = find(proposal.robot, "link[@name='left_rubber_hand']/visual/geometry/box")
