@@ -17,6 +17,9 @@ from models.types import Matrix
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
+_DIGITS = 12
+"""Digits that count of an inertia in a message; less is the rounding of whoever printed a zero."""
+
 _DENSITY = 1000.0
 """Of a body without shapes, as a solid ball [kg/m^3]."""
 
@@ -47,7 +50,7 @@ def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
         for i, link in enumerate(links):
             if link in usable or (whole and not _inertia(elements[link]).any()):
                 continue  # a point that is welded to a body is no fault
-            moments = np.linalg.eigvalsh(_inertia(elements[link]))
+            moments = np.linalg.eigvalsh(_inertia(elements[link]).round(_DIGITS)) + 0.0  # no -0
             fault = "impossible inertia: principal moments " + ", ".join(f"{value:.3g}" for value in moments)
             if len(twins) == len(links) and twins[i] in usable:
                 ratio = weights[link] / weights[twins[i]]

@@ -89,7 +89,7 @@ def asymmetries(skeleton: Skeleton, tolerance: float) -> list[Finding]:
 
     Args:
         skeleton: The joints.
-        tolerance: Largest difference that counts as equal, over the value itself [-].
+        tolerance: Largest difference that counts as equal: of positions [rad], of others over the value itself [-].
     """
     model = skeleton.model
     findings = []
@@ -99,23 +99,25 @@ def asymmetries(skeleton: Skeleton, tolerance: float) -> list[Finding]:
     for joint, other in skeleton.partners.items():
         if joint == other or skeleton.origins[joint][1] < skeleton.origins[other][1]:
             continue
-        names = named("joint", [skeleton.name(joint), skeleton.name(other)])
-        q, p, v, w = (model.joints[joint].idx_q, model.joints[other].idx_q, *_idx_v(skeleton, joint, other))
-        mine = model.lowerPositionLimit[q], model.upperPositionLimit[q]
-        theirs = model.lowerPositionLimit[p], model.upperPositionLimit[p]
+        faults = []
+        mine, theirs = _range(skeleton, joint), _range(skeleton, other)
         if skeleton.signs[joint] < 0.0:
             theirs = -theirs[1], -theirs[0]
         if max(abs(a - b) for a, b in zip(mine, theirs, strict=True)) > tolerance:
-            text = (
+            faults.append(
                 f"ranges differ: [{mine[0]:.2f}, {mine[1]:.2f}] and, mirrored, [{theirs[0]:.2f}, {theirs[1]:.2f}] rad"
             )
-            findings.append(Finding("wrong", names, text, "kept: check the URDF"))
+        v, w = int(model.joints[joint].idx_v), int(model.joints[other].idx_v)
         for kind, unit, values in (("torque", "N.m", model.effortLimit), ("velocity", "rad/s", model.velocityLimit)):
             if abs(values[v] - values[w]) > tolerance * max(values[v], values[w]):
-                text = f"{kind} limits differ: {values[v]:g} and {values[w]:g} {unit}"
-                findings.append(Finding("wrong", names, text, "kept: check the URDF"))
+                faults.append(f"{kind} limits differ: {values[v]:g} and {values[w]:g} {unit}")
+        if faults:
+            names = named("joint", [skeleton.name(joint), skeleton.name(other)])
+            findings.append(Finding("wrong", names, "; ".join(faults), "kept: check the URDF"))
     return findings
 
 
-def _idx_v(skeleton: Skeleton, joint: int, other: int) -> tuple[int, int]:
-    return int(skeleton.model.joints[joint].idx_v), int(skeleton.model.joints[other].idx_v)
+def _range(skeleton: Skeleton, joint: int) -> tuple[float, float]:
+    """Position limits of a joint [rad]."""
+    q, model = int(skeleton.model.joints[joint].idx_q), skeleton.model
+    return float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])

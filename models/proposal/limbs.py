@@ -59,18 +59,15 @@ def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) 
     frames = {"torso": Frame(link=skeleton.links(torso)[0])}
     if not left:
         text = "no arms: no two mirrored chains of joints outside the legs"
-        findings.append(Finding("wrong", named_base(skeleton), text, "l_wrist and r_wrist placed on the torso"))
+        findings.append(
+            Finding("wrong", f"link '{skeleton.links(BASE)[0]}'", text, "l_wrist and r_wrist placed on the torso")
+        )
     shoulder = skeleton.origins[left[0]][2] if left else skeleton.origins[torso][2]
     frames["gaze"] = _gaze(robot, skeleton, torso, floor + _HEAD_ABOVE * (float(shoulder) - floor), findings)
     for name, chain in zip(("l_wrist", "r_wrist"), arms, strict=True):
         frames[name] = Frame(link=skeleton.links(chain[-1] if chain else torso)[0])
     frames["imu"] = _imu(skeleton, torso, skeleton.reach(list(legs.left)), findings)
     return Limbs(arms, torso, frames, tuple(findings))
-
-
-def named_base(skeleton: Skeleton) -> str:
-    """The base, as a culprit."""
-    return f"link '{skeleton.links(BASE)[0]}'"
 
 
 def _arm(skeleton: Skeleton, legs: Legs) -> tuple[int, ...]:
@@ -122,7 +119,7 @@ def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, find
         tops[link] = float(points[:, 2].max()) if len(points) else float(place.translation[2])
     link = max(tops, key=lambda name: tops[name])
     place = skeleton.place(link)
-    top = max(tops[link], height) if height > tops[link] else tops[link]
+    top = max(tops[link], height)
     findings.append(Finding("note", f"link '{link}'", "no link is called head or camera", "gaze placed on top of it"))
     lift = place.actInv(np.array([place.translation[0], 0.0, top]))
     return level(skeleton, link, (round(float(lift[0]), 4), round(float(lift[1]), 4), round(float(lift[2]), 4)))

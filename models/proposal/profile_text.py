@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import asdict, fields
 from pathlib import Path
+from textwrap import fill
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import yaml
@@ -12,6 +13,9 @@ from pydantic.fields import FieldInfo
 
 from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
+
+_WIDTH = 120
+"""Longest line of a comment."""
 
 _HEAD = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
@@ -72,12 +76,18 @@ def profile_text(proposal: Proposal) -> str:
     data: dict[str, Any] = asdict(profile)
     head = _HEAD.format(
         name=profile.name,
-        urdf=Path(profile.urdf).name,
+        urdf=proposal.source.name,
         mass=proposal.mass,
         com=proposal.com_height,
         leg=proposal.leg_length,
     )
-    findings = "".join(f"# - {f.severity}: {f.culprit}: {f.fault}: {f.remedy}\n" for f in proposal.findings)
+    findings = "".join(
+        fill(
+            f"{f.severity}: {f.culprit}: {f.fault}: {f.remedy}", _WIDTH, initial_indent="# - ", subsequent_indent="#   "
+        )
+        + "\n"
+        for f in proposal.findings
+    )
     feet = data["feet"]
     text = head + findings
     text += "\n".join(f"{key}: {_flow(data[key])}" for key in ("name", "urdf", "base_link")) + "\n"

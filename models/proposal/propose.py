@@ -48,6 +48,7 @@ class Proposal:
     """A profile as found, and all that was found on the way.
 
     Attributes:
+        source: The URDF that was read.
         profile: The profile; its ``urdf`` is the one that was read, or the name of a file for ``robot`` next to it.
         robot: The changed URDF where the given one had to be changed; None where it is used as it is.
         findings: What is missing or wrong.
@@ -57,6 +58,7 @@ class Proposal:
         leg_length: From hip to ankle along the leg [m].
     """
 
+    source: Path
     profile: Profile
     robot: ET.Element | None
     findings: tuple[Finding, ...]
@@ -120,6 +122,7 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
     names = skeleton.name
     pairs = tuple((names(j), names(k)) for j, k in skeleton.partners.items() if j != k and _is_left(skeleton, j, k))
     return Proposal(
+        urdf,
         profile,
         robot if changed else None,
         tuple(findings),

@@ -32,10 +32,10 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     """
     findings = _unfloat(robot)
     mimics = [joint for joint in _moving(robot) if joint.find("mimic") is not None]
-    findings += _fix(mimics, "note", "follow another joint (mimic)")
+    findings += _fix(mimics, "follow another joint (mimic)")
     for kind in _UNSUPPORTED:
         joints = [joint for joint in robot.findall("joint") if joint.get("type") == kind]
-        findings += _fix(joints, "note", f"of type {kind}, which the laws do not move")
+        findings += _fix(joints, f"of type {kind}, which the laws do not move")
     continuous = [joint for joint in robot.findall("joint") if joint.get("type") == "continuous"]
     for joint in continuous:
         joint.set("type", "revolute")
@@ -105,7 +105,7 @@ def _unfloat(robot: ET.Element) -> list[Finding]:
     return findings
 
 
-def _fix(joints: list[ET.Element], severity: str, fault: str) -> list[Finding]:
+def _fix(joints: list[ET.Element], fault: str) -> list[Finding]:
     if not joints:
         return []
     for joint in joints:
@@ -113,7 +113,7 @@ def _fix(joints: list[ET.Element], severity: str, fault: str) -> list[Finding]:
         for tag in ("mimic", "limit", "dynamics", "axis", "safety_controller", "calibration"):
             for element in joint.findall(tag):
                 joint.remove(element)
-    return [Finding("wrong" if severity == "wrong" else "note", _names(joints), fault, "fixed at zero")]
+    return [Finding("note", _names(joints), fault, "fixed at zero")]
 
 
 def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
@@ -122,7 +122,7 @@ def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     weights = masses(robot)
     mass = sum(weights.values())
     light = [j for j in without if sum(weights[n] for n in links_below(robot, end(j, "child"))) < config.light * mass]
-    findings = _fix(light, "note", "no torque limit, and next to nothing to move")
+    findings = _fix(light, "no torque limit, and next to nothing to move")
     heavy = [joint for joint in without if joint not in light]
     torque = float(f"{config.torque * mass * GRAVITY * longest_chain(robot):.3g}")
     for joint in heavy:

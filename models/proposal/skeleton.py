@@ -57,7 +57,7 @@ class Skeleton:
             near = [k for k in near if abs(self._agreement(joint, k)) > _PARALLEL]
             if not near:
                 continue
-            other = min(near, key=lambda k: (float(np.linalg.norm(self.origins[k] - image)).__round__(4), k != joint))
+            other = min(near, key=lambda k: (round(float(np.linalg.norm(self.origins[k] - image)), 4), k != joint))
             self.partners[joint] = other
             self.signs[joint] = float(np.sign(self._agreement(joint, other)))
             self._pair(joint, other, tolerance)

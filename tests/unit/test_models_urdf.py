@@ -139,6 +139,9 @@ def test_uris_resolve(tmp_path: Path) -> None:
     assert resolve_uri("package://my_robot/meshes/a.stl", folder) == tmp_path / "my_robot" / "meshes" / "a.stl"
     assert resolve_uri("file:///a/b.stl", folder) == Path("/a/b.stl")
     assert resolve_uri("/a/b.stl", folder) == Path("/a/b.stl")
+    assert resolve_uri("package:///my_robot/a.stl", folder) == tmp_path / "my_robot" / "a.stl"
+    (tmp_path / "elsewhere" / "my_robot").mkdir(parents=True)
+    assert resolve_uri("package://my_robot/a.stl", folder, [tmp_path / "elsewhere"]).parent.parent.name == "elsewhere"
     assert resolve_uri("meshes/b.stl", folder) == folder / "meshes" / "b.stl"
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from models.robot_model import RobotModel
 from models.trajectory import validate_trajectory
@@ -225,3 +228,15 @@ def test_left_and_right_hand_reach_alike(robot: str) -> None:
         order = ("r_wrist", "l_wrist") if frame == "r_wrist" else ("l_wrist", "r_wrist")
         ends.append([mirror * place for place in (*places, *(hands[name] for name in order))])
     np.testing.assert_allclose(ends[0], ends[1], atol=2e-3)  # the URDFs' masses are not perfectly symmetric
+
+
+def test_a_robot_without_collision_bodies_has_nothing_to_collide(g1: RobotModel, tmp_path: Path) -> None:
+    tree = ET.parse(g1.urdf).getroot()
+    for link in tree.findall("link"):
+        for shape in link.findall("collision"):
+            link.remove(shape)
+    (tmp_path / "bare.urdf").write_text(ET.tostring(tree, encoding="unicode"))
+    data = yaml.safe_load(Path(g1.profile.source).read_text())
+    (tmp_path / "bare.yaml").write_text(yaml.safe_dump(data | {"urdf": "bare.urdf"}))
+    model = RobotModel.load(tmp_path / "bare.yaml")
+    assert MotionPlanner(model).plan("wave", model.posture("stand")).joint_names == g1.joint_names
