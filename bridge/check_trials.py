@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 from pydantic.dataclasses import dataclass as config_dataclass
 
 from bridge.closed_loop import ClosedLoop
+from bridge.loop_config import Fraction, Positive
 from models.config import STRICT
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode
-
-Positive = Annotated[float, Field(gt=0.0)]
-Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
@@ -27,14 +23,14 @@ class TrialConfig:
 
     stand_time: Positive
     pause: Positive
-    walk_speed: Share
+    walk_speed: Fraction
     walk_time: Positive
     stop_time: Positive
     drift_max: Positive
     hand_min: Positive
     squat_min: Positive
     stride_min: Positive
-    at_limit: Share
+    at_limit: Fraction
 
 
 @dataclass(frozen=True, slots=True)
