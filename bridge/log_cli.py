@@ -24,10 +24,11 @@ def imu(
     if csv is None and mcap is None:
         raise typer.BadParameter("name a file: --csv FILE, --mcap FILE, or both")
     need_ros()
-    from bridge.imu_log import CsvImuLog, ImuLog, McapImuLog
+    from bridge.imu_log import ImuLog, McapImuLog
     from bridge.ros.imu_listener import ImuListener
     from models.nodes import topics
     from models.nodes.imu import ImuSample
+    from models.nodes.imu_csv import CsvImuLog
     from models.nodes.spin import Stop
 
     logs: list[ImuLog] = []

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from bridge.part_file import part_of
 from models.nodes.message_text import message_text
+from models.part_file import part_beside
 
 
 class McapLog:
@@ -26,7 +26,7 @@ class McapLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._part = path, part_of(path)
+        self._path, self._part = path, part_beside(path)
         self._file = self._part.open("wb")
         self._writer = Writer(self._file)
         self._writer.start(profile="ros2", library=f"poise {version('poise')}")

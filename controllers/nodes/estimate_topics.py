@@ -13,6 +13,7 @@ from std_msgs.msg import UInt8MultiArray
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.kernels_predict import ROTATION
+from controllers.nodes.due import Due
 from controllers.nodes.transform_topics import TransformTopics
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -59,23 +60,6 @@ def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateR
     )
 
 
-class _Due:
-    """Divides the stamps into periods and says when another one has begun.
-
-    Args:
-        period: [ns]; 0 for every stamp.
-        phase: When a period begins, as a share of it: what is published at the same rate shares no tick.
-    """
-
-    def __init__(self, period: int, phase: float = 0.0) -> None:
-        self._period, self._shift = max(period, 1), round(phase * period)
-        self._present = -1
-
-    def __call__(self, stamp: int) -> bool:
-        before, self._present = self._present, (stamp - self._shift) // self._period
-        return self._present != before
-
-
 class EstimateTopics:
     """Publishes each state that is due on each topic.
 
@@ -89,8 +73,8 @@ class EstimateTopics:
     def __init__(self, node: PoiseNode, law: StateEstimator, rates: EstimateRates, *, lockstep: bool) -> None:
         self._node, self._law = node, law
         self._codec, self._imu_codec = OdometryCodec(), OrientedImuCodec(topics.IMU_FRAME)
-        self._odom_due, self._imu_due, self._tf_due = _Due(rates.odom), _Due(rates.imu, 0.3), _Due(rates.tf, 0.4)
-        self._covariance_due, self._push_due = _Due(rates.covariance), _Due(rates.push, 0.6)
+        self._odom_due, self._imu_due, self._tf_due = Due(rates.odom), Due(rates.imu, 0.3), Due(rates.tf, 0.4)
+        self._covariance_due, self._push_due = Due(rates.covariance), Due(rates.push, 0.6)
         qos = sensor(reliable=lockstep)
         self._odom = node.announce(Odometry, topics.ODOM, qos)
         self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, qos)

@@ -42,7 +42,13 @@ class PoiseNode(LifecycleNode):
     Args:
         name: Default node name.
         kwargs: Passed to rclpy.
+
+    Attributes:
+        AUTOSTART: Whether such a node configures and activates itself unless the parameter ``autostart`` says
+            otherwise: those that only listen and tell.
     """
+
+    AUTOSTART = False
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -51,6 +57,8 @@ class PoiseNode(LifecycleNode):
         period = self.declare_parameter(
             "diagnostics_period", 0.2, describe("Time between two diagnostics [s]", low=0.01, high=10.0)
         )
+        text = describe("Configure and activate without being asked, when run as a process of its own")
+        self.autostart = bool(self.declare_parameter("autostart", self.AUTOSTART, text).value)
         self._declare_realtime()
         self.active = False
         self._owned: list[tuple[Callable[[Any], Any], Any]] = []
@@ -71,6 +79,16 @@ class PoiseNode(LifecycleNode):
     def model(self) -> RobotModel:
         """The robot named by the parameter ``robot``."""
         return shared_model(self.robot)
+
+    def bring_up(self) -> None:
+        """Configure and activate.
+
+        Raises:
+            PoiseError: A transition is refused; says why.
+        """
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() != TransitionCallbackReturn.SUCCESS:
+                raise PoiseError(f"{self.get_name()}: {self.message}")
 
     def configure(self) -> None:
         """Build the law and create publishers, subscriptions and services."""

@@ -16,6 +16,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
+from models.errors import PoiseError
 from models.nodes import realtime
 
 SUPERVISED = "POISE_SUPERVISED"
@@ -87,7 +88,7 @@ def run(
     loop: Callable[[Any, Sequence[Any], Stop], None] = spin,
     make: Callable[[], Any] = make_executor,
 ) -> int:
-    """Create nodes and run them until SIGINT or SIGTERM.
+    """Create nodes, bring those up that are to start by themselves, and run them until SIGINT or SIGTERM.
 
     Args:
         factories: Each makes one node; they are taken out of the list, as they may refer to each other's.
@@ -96,7 +97,7 @@ def run(
         make: Makes the executor.
 
     Returns:
-        Exit code: 0 after a signal, 1 when a callback raised.
+        Exit code: 0 after a signal, 1 when a callback raised or a node that starts by itself could not.
     """
     if os.environ.get(SUPERVISED):
         realtime.die_with_parent()
@@ -111,7 +112,12 @@ def run(
         while factories:
             nodes.append(factories.pop(0)())
             executor.add_node(nodes[-1])
+            if getattr(nodes[-1], "autostart", False):
+                nodes[-1].bring_up()
         loop(executor, nodes, stop)
+    except PoiseError as error:
+        print(error, file=sys.stderr, flush=True)
+        code = 1
     except Exception:  # no half-alive node: say it and end the process
         traceback.print_exc()
         code = 1

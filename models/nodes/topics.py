@@ -11,10 +11,14 @@ from models.types import FOOT_NAMES
 JOINT_STATES = "joint_states"
 IMU_RAW = "imu/data_raw"
 IMU_DATA = "imu/data"
+IMU_FILTERED = "imu/data_filtered"
 FOOT_WRENCHES = tuple(f"foot/{name}/wrench" for name in FOOT_NAMES)
+FOOT_CONTACTS = tuple(f"foot/{name}/contact" for name in FOOT_NAMES)
+FOOT_COPS = tuple(f"foot/{name}/cop" for name in FOOT_NAMES)
 ODOM = "odom"
 CONTACTS = "contacts"
 EXTERNAL_WRENCH = "external_wrench"
+MOTOR_COMMANDS, MOTOR_STATE = "motor_commands", "motor_controller/state"
 JOINT_COMMAND = "joint_trajectory_controller/joint_trajectory"
 APPLIED = "control/applied"
 MODE = "mode"

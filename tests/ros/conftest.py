@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -110,6 +111,16 @@ def bench(ros_domain_id: int) -> Iterator[Bench]:
 def values(g1: RobotModel) -> np.ndarray:
     """Made-up values of three kinds for every joint (3, nj)."""
     return np.random.default_rng(1).normal(size=(3, g1.nj))
+
+
+@pytest.fixture
+def barefoot(g1: RobotModel, tmp_path: Path) -> Path:
+    """Profile of a G1 without foot sensors."""
+    profile = yaml.safe_load(Path(g1.profile.source).read_text(encoding="utf-8"))
+    profile["sensors"]["feet"]["fitted"] = False
+    path = tmp_path / "barefoot.yaml"
+    path.write_text(yaml.safe_dump(profile), encoding="utf-8")
+    return path
 
 
 class Eyes:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
@@ -253,13 +252,9 @@ def test_a_start_without_the_imu_waits(bench: Any, g1: RobotModel) -> None:
     assert robot.states
 
 
-def test_a_robot_without_foot_sensors(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
-    profile = yaml.safe_load(Path(g1.profile.source).read_text(encoding="utf-8"))
-    profile["sensors"]["feet"]["fitted"] = False
-    path = tmp_path / "barefoot.yaml"
-    path.write_text(yaml.safe_dump(profile), encoding="utf-8")
-    model = RobotModel.load(path)
-    robot = Estimated(bench, model, robot=str(path))
+def test_a_robot_without_foot_sensors(bench: Any, barefoot: Path) -> None:
+    model = RobotModel.load(barefoot)
+    robot = Estimated(bench, model, robot=str(barefoot))
     robot.tick(START + 50, feet=False)
     assert len(robot.states) == 51
     assert robot.node._samples.assembler.whole

@@ -1,4 +1,4 @@
-"""Files that get their name only once they are complete."""
+"""Files that have their name only once they are complete."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 from models.errors import PoiseError
 
 
-def part_of(path: Path) -> Path:
-    """File beside ``path`` to write into until it is complete.
+def part_beside(path: Path) -> Path:
+    """Empty file beside ``path`` to write into until it is complete; ``replace`` gives it its name.
 
     Raises:
         PoiseError: It cannot be written.

@@ -1,0 +1,146 @@
+"""Node ``imu_node``: raw samples of the inertial unit in; orientation without gyro bias out, and into a table."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+
+from controllers.nodes.due import Due
+from controllers.orientation_filter import OrientationFilter, OrientationFilterConfig
+from controllers.stamp_guard import StampGuard
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.imu import ImuSample, OrientedImuCodec
+from models.nodes.imu_csv import CsvImuLog
+from models.nodes.messages import ImuCodec
+from models.nodes.parameters import declare_config, describe
+from models.nodes.qos import LATCHED, SENSOR
+from models.nodes.spin import run
+from models.types import Vector
+
+NO_COVARIANCE = np.zeros((3, 3))
+"""A complementary filter has none: zeros mean unknown (sensor_msgs/Imu)."""
+
+
+class ImuNode(PoiseNode):
+    """Runs ``OrientationFilter`` on each sample of ``imu/data_raw``; orientation from the inertial unit alone.
+
+    ``imu/data`` is the state estimator's, which knows more than this node; one topic has one publisher, so this one
+    publishes ``imu/data_filtered``. Where no estimator runs, remap it.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    AUTOSTART = True
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("imu_node", **kwargs)
+        config = default_config(OrientationFilterConfig, "controllers", "orientation_filter")
+        self._config = declare_config(self, config, "filter.")
+        text = describe(f"Rate of {topics.IMU_FILTERED} and of the table [Hz]", low=1.0, high=1000.0)
+        self._period = round(NANOSECONDS / float(self.declare_parameter("rate", 100.0, text).value))
+        text = describe("Samples averaged for the start, at rest", integer=(1, 10000))
+        self._start_samples = int(self.declare_parameter("start_samples", 100, text).value)
+        text = describe("Largest step of a stamp that is believed at once [s]", low=0.001, high=1.0)
+        self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, text).value))
+        text = describe("Table to write: orientation, rate without bias, specific force (CSV); empty for none")
+        self._path = str(self.declare_parameter("log.csv", "", text).value)
+        self._log: CsvImuLog | None = None
+        self._rows = 0
+        self._first: list[tuple[Vector, Vector]] = []
+        self._started = False
+
+    def configure(self) -> None:
+        """Build the law, the codecs and the topics."""
+        self._law = OrientationFilter(self._config)
+        self._raw, self._codec = ImuCodec(topics.IMU_FRAME), OrientedImuCodec(topics.IMU_FRAME)
+        self._filtered = self.announce(Imu, topics.IMU_FILTERED, SENSOR)
+        self.listen(Imu, topics.IMU_RAW, self.on_imu, SENSOR, raw=True)
+        self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+
+    def activate(self) -> None:
+        """Start from the next samples at rest, with a new table."""
+        self._start_over()
+        if self._path:
+            self._log, self._rows = CsvImuLog(Path(self._path)), 0
+
+    def deactivate(self) -> None:
+        """Complete the table; one without a sample is left out."""
+        log, self._log = self._log, None
+        if log is not None:
+            if self._rows:
+                log.close()
+            else:
+                log.discard()
+
+    def _start_over(self) -> None:
+        self._first.clear()
+        self._started = False
+        self._due, self._stamps = Due(self._period), StampGuard(self._max_gap)
+
+    def on_imu(self, data: bytes) -> None:
+        """Take a serialised sample."""
+        if not self.active:
+            return
+        try:
+            self._take(*self._raw.decode(data))
+        except PoiseError as error:
+            self.refuse(topics.IMU_RAW, error)
+
+    def _take(self, stamp: int, gyro: Vector, accel: Vector) -> None:
+        step = self._stamps.step(stamp)
+        if not self._started:
+            self._average(gyro, accel)
+            return
+        if step > self._max_gap:
+            self.counters["gaps bridged"] += 1
+        self._law.step(gyro, accel, step / NANOSECONDS)
+        if self._due(stamp):
+            sample = ImuSample(self._law.quaternion, NO_COVARIANCE, gyro - self._law.bias, accel)
+            data = self._codec.encode(stamp, sample)
+            self._filtered.publish(data)
+            if self._log is not None:
+                self._log.add(stamp, sample, data)
+                self._rows += 1
+
+    def _average(self, gyro: Vector, accel: Vector) -> None:
+        """Start from the mean of enough samples; a robot that moves meanwhile is waited for."""
+        self._first.append((gyro, accel))
+        if len(self._first) < self._start_samples:
+            return
+        mean = np.mean(self._first, axis=0)
+        self._first.clear()
+        self._law.reset(mean[0], mean[1])
+        self._started = True
+
+    def _on_driver_state(self, message: String) -> None:
+        """Start over when the simulated robot has been put back to its start."""
+        if message.data == topics.HELD and self._started:
+            self._start_over()
+
+    def before_diagnostics(self) -> None:
+        """Report what the filter has found."""
+        if not self.active:
+            return
+        self.message = "filtering" if self._started else "waiting for a robot at rest"
+        if self._started:
+            self.values["gyro bias [rad/s]"] = " ".join(f"{value:.4f}" for value in self._law.bias)
+            self.values["at rest"] = str(self._law.resting)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([ImuNode], args))
+
+
+if __name__ == "__main__":
+    main()
