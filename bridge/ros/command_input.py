@@ -9,14 +9,13 @@ from trajectory_msgs.msg import JointTrajectory
 
 from bridge.ros.driven_robot import DrivenRobot
 from bridge.ros.latency_probe import LatencyProbe
-from models.errors import MessageError, PoiseError
+from controllers.driver_orders import check_stamp
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import JointCommandCodec
+from models.nodes.modes import mode_named
 from models.nodes.qos import COMMAND, LATCHED
-from models.types import Mode
-
-MODES = {mode.value: mode for mode in Mode}
 
 
 class CommandInput:
@@ -58,7 +57,7 @@ class CommandInput:
             return
         try:
             stamp, command = self._codec.decode(data)
-            self._check(stamp)
+            check_stamp(stamp, self.stamp, self.now, self._max_age, self._node.counters)
             if self._driven.command(command):
                 self.stamp = stamp or self.stamp
                 if stamp and self._probe is not None:
@@ -71,17 +70,7 @@ class CommandInput:
         if not self._node.active:
             return
         try:
-            if message.data not in MODES:
-                raise MessageError(f"unknown mode '{message.data[:32]}'; known: {', '.join(MODES)}")
-            self._driven.set_mode(MODES[message.data])
+            self._driven.set_mode(mode_named(message.data))
         except PoiseError as error:
             self._node.refuse(topics.MODE, error)
         self._tell()
-
-    def _check(self, stamp: int) -> None:
-        """Refuse a stamp [ns] that is not newer than the last command's, not yet due, or too old; 0 means now."""
-        if stamp and not self.stamp < stamp <= self.now:
-            raise MessageError(f"header.stamp: {stamp} ns is not after {self.stamp} ns or not yet due")
-        if stamp and self.now - stamp > self._max_age:
-            self._node.counters["commands too old"] += 1
-            raise MessageError(f"header.stamp: {stamp} ns is {self.now - stamp} ns old, more than {self._max_age} ns")

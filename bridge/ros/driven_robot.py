@@ -5,6 +5,7 @@ from __future__ import annotations
 from bridge.loop_config import LoopConfig
 from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
+from controllers.driver_orders import follow_mode
 from controllers.joint_servo import JointServo, ServoState
 from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES
@@ -85,20 +86,14 @@ class DrivenRobot:
         """
         if self._hanging and mode in ACTIVE_MODES:
             raise CommandError(f"mode '{mode.value}' refused: the robot hangs in the air")
-        if mode is Mode.OFF and not self.plant.held and self.servo.state is ServoState.ACTIVE:
-            raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
-        before, self._mode = self._mode, mode
+        if not self.plant.held:
+            follow_mode(self.servo, self._mode, mode)
+        self._mode = mode
         if mode in ACTIVE_MODES:
-            if before not in ACTIVE_MODES and not self.plant.held:
-                self.servo.arm()
             return
         self._commanded, self._gate = False, None
         if self.plant.held:
             self.servo.blend()
-        elif mode is Mode.DAMP:
-            self.servo.damp()
-        else:
-            self.servo.off()
 
     def command(self, command: JointCommand | JointTrajectory) -> bool:
         """Give the drivers a set-point or a trajectory, if the mode lets the robot move.

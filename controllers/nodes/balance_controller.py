@@ -23,17 +23,17 @@ from controllers.walking import WalkingConfig, WalkingController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.applied import Applied
 from models.config import default_config
+from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import JointCommandCodec, JointStateCodec
+from models.nodes.modes import mode_named
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import LATCHED, SENSOR, command
 from models.nodes.spin import run
 from models.nodes.tick_timer import TickTimer
 from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
-
-MODES = {mode.value: mode for mode in Mode}
 
 OVERRUNS_TOLD = 10
 """Ticks in a row over their budget after which the diagnostics do not wait for their timer."""
@@ -220,10 +220,11 @@ class BalanceControllerNode(PoiseNode):
         self.values |= self._timer.values()
 
     def _on_mode(self, message: String) -> None:
-        if message.data not in MODES:
-            self.refuse(topics.MODE, f"unknown mode '{message.data[:32]}'; known: {', '.join(MODES)}")
+        try:
+            before, self._mode = self._mode, mode_named(message.data)
+        except MessageError as error:
+            self.refuse(topics.MODE, error)
             return
-        before, self._mode = self._mode, MODES[message.data]
         if before not in ACTIVE_MODES:
             self.activate()
             self._motions.forget()

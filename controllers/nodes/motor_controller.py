@@ -1,0 +1,130 @@
+"""Node ``motor_controller``: joint states and joint commands in, torques for the motors of a real robot out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from controllers.joint_servo import JointServoConfig, ServoState
+from controllers.motor_driver import MotorDriver, MotorDriverConfig
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.messages import JointCommandCodec, JointStateCodec
+from models.nodes.modes import mode_named
+from models.nodes.parameters import declare_config
+from models.nodes.qos import COMMAND, LATCHED, SENSOR
+from models.nodes.spin import run
+from models.nodes.torques import TorqueCodec
+
+WATCH_PERIOD = 0.01
+"""Time between two looks whether the joints still speak [s]."""
+
+
+class MotorControllerNode(PoiseNode):
+    """Runs ``MotorDriver`` once for each sample of ``joint_states``.
+
+    In simulation the bridge's own drivers do this, so the state of these drivers has a topic of its own; on a robot it
+    is remapped to ``driver_state``. Without samples nothing is published: motors must damp by themselves when
+    ``motor_commands`` is silent.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("motor_controller", **kwargs)
+        self._config = declare_config(self, default_config(MotorDriverConfig, "controllers", "motor_driver"))
+        self._servo = declare_config(self, default_config(JointServoConfig, "controllers", "joint_servo"), "servo.")
+        self._heard = 0.0
+        self._said = ""
+        self.every(WATCH_PERIOD, self._watch)
+
+    def configure(self) -> None:
+        """Build the law, the codecs and the topics."""
+        self._joints, self._commands = JointStateCodec(self.model), JointCommandCodec(self.model)
+        self._torques = TorqueCodec(self.model)
+        self._motors = self.announce(JointState, topics.MOTOR_COMMANDS, COMMAND)
+        self._state = self.announce(String, topics.MOTOR_STATE, LATCHED)
+        self.listen(JointState, topics.JOINT_STATES, self.on_joints, SENSOR, raw=True)
+        self.listen(JointTrajectory, topics.JOINT_COMMAND, self.on_command, COMMAND, raw=True)
+        self.listen(String, topics.MODE, self.on_mode, LATCHED)
+
+    def activate(self) -> None:
+        """Begin without torque."""
+        self.law = MotorDriver(self.model, self._config, self._servo, self.counters)
+        self._said = ""
+
+    def on_joints(self, data: bytes) -> None:
+        """Answer serialised joint states with torques."""
+        if not self.active:
+            return
+        try:
+            stamp, q, v, _ = self._joints.decode(data)
+            tau = self.law.sample(stamp, q, v)
+        except PoiseError as error:
+            self.refuse(topics.JOINT_STATES, error)
+            return
+        self._heard = time.monotonic()
+        self._motors.publish(self._torques.encode(stamp, tau))
+        self._tell()
+
+    def on_command(self, data: bytes) -> None:
+        """Have the drivers follow a command, or refuse it."""
+        if not self.active:
+            return
+        try:
+            self.law.command(*self._commands.decode(data))
+        except PoiseError as error:
+            self.refuse(topics.JOINT_COMMAND, error)
+
+    def on_mode(self, message: String) -> None:
+        """Have the drivers follow the supervisor's mode."""
+        if not self.active:
+            return
+        try:
+            self.law.set_mode(mode_named(message.data))
+        except PoiseError as error:
+            self.refuse(topics.MODE, error)
+        self._tell()
+
+    def _watch(self) -> None:
+        """Damp when the joints are silent."""
+        if not self.active:
+            return
+        if time.monotonic() - self._heard > self._config.sensor_timeout and self.law.silence():
+            self.alarm()
+        self._tell()
+
+    def _tell(self) -> None:
+        """Publish the state of the drivers, if it has changed."""
+        state = self.law.servo.state.value
+        if self._said != state:
+            self._said = state
+            self._state.publish(String(data=state))
+
+    def before_diagnostics(self) -> None:
+        """Report what the drivers do."""
+        if not self.active:
+            return
+        servo = self.law.servo
+        self.level = DiagnosticStatus.ERROR if servo.state is ServoState.DAMPED else DiagnosticStatus.OK
+        self.message = servo.state.value
+        self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+        self.values["samples not finite"] = str(servo.sensor_faults)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([MotorControllerNode], args))
+
+
+if __name__ == "__main__":
+    main()
