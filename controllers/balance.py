@@ -40,6 +40,7 @@ class BalanceController:
     Attributes:
         reference: What the last tick tracked.
         capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
+        gains: Of the feedback, as ``feedback_gains`` orders them (7,); what is changed here counts from the next tick.
 
     Assumptions:
         Both soles stand on the same plane. The state comes from the estimator; nothing here knows the truth.
@@ -59,7 +60,8 @@ class BalanceController:
         shapes = ((2, 4, 3), (7,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
         self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))
         block["corners"][:] = [foot.corners for foot in model.feet]
-        block["gains"][:] = feedback_gains(config, self.whole_body.config.com)
+        self.gains = block["gains"]
+        self.gains[:] = feedback_gains(config, self.whole_body.config.com)
         self._rotations, self._positions = block["rotations"], block["positions"]
         self._anchor_rotation, self._anchor = block["anchor_rotation"], block["anchor"]
         self._dcm, self._cmp = block["dcm"], block["cmp"]

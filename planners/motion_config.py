@@ -63,17 +63,19 @@ class SolverConfig:
 class WeightConfig:
     """Cost of one unit of squared error in the key-pose problem."""
 
-    target_position: Annotated[float, Field(gt=0.0, description="[1/m^2]")]
-    target_orientation: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
-    target_joint: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
+    target_position: Annotated[float, Field(gt=0.0, description="hand or foot from its target position [1/m^2]")]
+    target_orientation: Annotated[
+        float, Field(gt=0.0, description="hand or foot from its target orientation [1/rad^2]")
+    ]
+    target_joint: Annotated[float, Field(gt=0.0, description="joint from its target [1/rad^2]")]
     com: Annotated[float, Field(gt=0.0, description="CoM over its nominal place [1/m^2]")]
-    base_height: Annotated[float, Field(gt=0.0, description="[1/m^2]")]
-    base_orientation: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
-    torso_orientation: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
-    posture: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
+    base_height: Annotated[float, Field(gt=0.0, description="height of the base from its target [1/m^2]")]
+    base_orientation: Annotated[float, Field(gt=0.0, description="base from its target orientation [1/rad^2]")]
+    torso_orientation: Annotated[float, Field(gt=0.0, description="torso from its target orientation [1/rad^2]")]
+    posture: Annotated[float, Field(gt=0.0, description="joints from the nominal posture [1/rad^2]")]
     idle_posture: Annotated[float, Field(gt=0.0, description="posture of joints that no target needs [1/rad^2]")]
     leg_posture: Annotated[float, Field(gt=0.0, description="posture of the legs [1/rad^2]")]
-    damping: Annotated[float, Field(gt=0.0, description="[1/rad^2]")]
+    damping: Annotated[float, Field(gt=0.0, description="change of the joints in an iteration [1/rad^2]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -190,7 +190,7 @@ class ObserverConfig:
 class EstimatorConfig:
     """Everything the state estimator is tuned by."""
 
-    gravity: Annotated[float, Field(gt=0.0, description="[m/s^2]")]
+    gravity: Annotated[float, Field(gt=0.0, description="magnitude of free fall [m/s^2]")]
     gate: Annotated[
         float, Field(gt=0.0, description="normalised innovation squared above which a sole is weighed down [-]")
     ]

@@ -15,9 +15,11 @@ from controllers.balance import BalanceController
 from controllers.joint_monitor import JointMonitor
 from controllers.law_switch import LawSwitch
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
+from controllers.nodes.gain_parameters import GainParameters
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
+from controllers.tuning import TUNABLE
 from controllers.walker import Gait, Walker
 from controllers.walking import WalkingConfig, WalkingController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
@@ -60,9 +62,11 @@ class BalanceControllerNode(PoiseNode):
     ) -> None:
         super().__init__("balance_controller", **kwargs)
         self._local, self._gait, self._applied = local, gait, applied
-        self._balance = declare_config(self, default_config(BalanceConfig, "controllers", "balance"), "balance.")
+        balance = default_config(BalanceConfig, "controllers", "balance")
+        self._balance = declare_config(self, balance, "balance.", TUNABLE)
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
-        self._whole_body = declare_config(self, whole_body, "whole_body.")
+        self._whole_body = declare_config(self, whole_body, "whole_body.", TUNABLE)
+        self._gains = GainParameters(self, self._balance, self._whole_body)
         walking = default_config(WalkingConfig, "controllers", "walking")
         self._walking = declare_config(self, walking, "walking.")
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")
@@ -88,6 +92,7 @@ class BalanceControllerNode(PoiseNode):
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         self._law = BalanceController(self.model, self._balance, self._whole_body)
+        self._gains.start(self._law)
         self._tracker: WalkingController | None = None
         self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model), self._applied)
         if self._applied is not None:
@@ -159,6 +164,7 @@ class BalanceControllerNode(PoiseNode):
             self._reset = False
         self._last_stamp = stamp
         with self._timer:
+            self._gains.step(dt)
             self._laws.enter(self._mode, state)
             result = self._laws.step(state, dt)
         self.scheduled = self._laws.reference.contacts

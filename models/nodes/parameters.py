@@ -9,7 +9,7 @@ import re
 import sys
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Annotated, Any, TypeVar
 
 from pydantic import Field
@@ -22,13 +22,14 @@ T = TypeVar("T")
 _SCALARS = (bool, int, float, str)
 
 
-def declare_config(node: Any, default: T, prefix: str = "") -> T:
-    """Declare every field of a configuration as a read-only parameter and read it back.
+def declare_config(node: Any, default: T, prefix: str = "", live: Collection[str] = ()) -> T:
+    """Declare every field of a configuration as a parameter and read it back.
 
     Args:
         node: rclpy node.
         default: Configuration whose values are the defaults; nested dataclasses become dotted names.
         prefix: Put before every name, with its dot.
+        live: Parameters, with their prefix, that may be changed while the node runs; the others are read-only.
 
     Returns:
         The configuration after parameter overrides.
@@ -36,7 +37,7 @@ def declare_config(node: Any, default: T, prefix: str = "") -> T:
     Raises:
         ConfigError: A value is out of range; the parameter is named.
     """
-    values = _declare(node, default, prefix)
+    values = _declare(node, default, prefix, live)
     return parse_config(type(default), values, f"parameters of {node.get_name()}")
 
 
@@ -73,7 +74,7 @@ def describe(
     return descriptor
 
 
-def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
+def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:
     """Declare the fields of one dataclass; returns their values by field name."""
     hints = typing.get_type_hints(type(default), include_extras=True)
     texts = _texts(type(default))
@@ -82,13 +83,13 @@ def _declare(node: Any, default: Any, prefix: str) -> dict[str, Any]:
         value = getattr(default, field.name)
         name = prefix + field.name
         if dataclasses.is_dataclass(value):
-            values[field.name] = _declare(node, value, f"{name}.")
+            values[field.name] = _declare(node, value, f"{name}.", live)
         elif isinstance(value, dict):
             hint = _descriptor_source(hints[field.name], texts(field.name))
-            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hint) for k, v in value.items()}
+            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hint, live) for k, v in value.items()}
         else:
             hint = _descriptor_source(hints[field.name], texts(field.name))
-            values[field.name] = _declare_item(node, name, value, hint)
+            values[field.name] = _declare_item(node, name, value, hint, live)
     return values
 
 
@@ -110,14 +111,14 @@ def _descriptor_source(hint: Any, text: str) -> Any:
     return Annotated[hint, Field(description=text)]
 
 
-def _declare_item(node: Any, name: str, value: Any, hint: Any) -> Any:
+def _declare_item(node: Any, name: str, value: Any, hint: Any, live: Collection[str]) -> Any:
     """Declare one value if ROS has a type for it, otherwise leave it at its default."""
     if dataclasses.is_dataclass(value):
-        return _declare(node, value, f"{name}.")
+        return _declare(node, value, f"{name}.", live)
     if isinstance(value, tuple | list) and value and all(type(item) in (float, str) for item in value):
-        return list(node.declare_parameter(name, list(value), _descriptor(hint, None)).value)
+        return list(node.declare_parameter(name, list(value), _descriptor(hint, None, name not in live)).value)
     if type(value) in _SCALARS:
-        return node.declare_parameter(name, value, _descriptor(hint, type(value))).value
+        return node.declare_parameter(name, value, _descriptor(hint, type(value), name not in live)).value
     return _plain(value)
 
 
@@ -132,7 +133,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _descriptor(hint: Any, kind: type | None) -> Any:
+def _descriptor(hint: Any, kind: type | None, read_only: bool) -> Any:
     """Descriptor from ``Annotated[..., Field(...)]``. ROS ranges include their ends; the schema checks open ones."""
     description, low, high = "", -math.inf, math.inf
     for info in _metadata(hint):
@@ -140,7 +141,7 @@ def _descriptor(hint: Any, kind: type | None) -> Any:
         for bound in getattr(info, "metadata", []):
             low = max(low, getattr(bound, "gt", -math.inf), getattr(bound, "ge", -math.inf))
             high = min(high, getattr(bound, "lt", math.inf), getattr(bound, "le", math.inf))
-    descriptor = ParameterDescriptor(description=description, read_only=True)
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if (low, high) == (-math.inf, math.inf):
         return descriptor
     if kind is float:

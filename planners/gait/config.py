@@ -71,12 +71,12 @@ class VelocityConfig:
     """Limits of the command.
 
     Attributes:
-        forward: [m/s].
-        backward: [m/s].
-        lateral: [m/s].
-        turn: [rad/s].
+        forward: Largest velocity forward [m/s].
+        backward: Largest velocity backward [m/s].
+        lateral: Largest velocity to either side [m/s].
+        turn: Largest turning speed [rad/s].
         acceleration: Of the linear velocities [m/s^2].
-        turn_acceleration: [rad/s^2].
+        turn_acceleration: Of the turning speed [rad/s^2].
     """
 
     forward: Positive

@@ -1,0 +1,73 @@
+"""Every parameter of every node is described, has a range where it is a number, and says whether it may change."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rclpy.parameter import Parameter
+
+from bridge.ros.node_classes import NODES, parameters
+from controllers.tuning import TUNABLE
+from models.nodes.base import PoiseNode
+
+pytestmark = pytest.mark.ros
+
+LIVE = {
+    "balance_controller": set(TUNABLE),
+    "mujoco_bridge": {"push.force", "push.duration", "push.body", "obstacle.place", "faults.scenario"},
+}
+"""Parameters that may be changed while a node runs; every other one is read-only."""
+
+FREE = {"realtime.cores"}
+"""Numbers that have no bounds of their own."""
+
+
+@pytest.fixture(params=NODES)
+def node(bench: Any, request: pytest.FixtureRequest) -> Iterator[PoiseNode]:
+    """A node as it is before it is configured, and once it is."""
+    made = bench.add(NODES[request.param], active=False, diagnostics_period=10.0)
+    assert made.get_name() == request.param
+    assert made.message == "configured", made.message
+    yield made
+
+
+def _ranged(descriptor: ParameterDescriptor) -> bool:
+    return bool(descriptor.floating_point_range or descriptor.integer_range)
+
+
+def test_every_parameter_is_described(node: PoiseNode) -> None:
+    found = parameters(node)
+    assert len(found) > 5
+    numbers = (ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_INTEGER)
+    undescribed = [name for name, each in found.items() if len(re.sub(r"\[.*?\]", "", each.description)) < 8]
+    assert not undescribed
+    unbounded = [n for n, each in found.items() if each.type in numbers and not _ranged(each) and n not in FREE]
+    assert not unbounded
+    live = {name for name, each in found.items() if not each.read_only}
+    assert live == LIVE.get(node.get_name(), set())
+
+
+def test_what_is_read_only_cannot_be_changed(node: PoiseNode) -> None:
+    (result,) = node.set_parameters([Parameter("robot", value="talos")])
+    assert not result.successful and "read-only" in result.reason
+
+
+def test_no_node_is_left_out(root: Path) -> None:
+    """Whatever derives from ``PoiseNode`` in a package is in the list that the other tests and the reference go by."""
+    script = """
+import importlib, pathlib
+from models.nodes.base import PoiseNode
+for package in ("models", "planners", "controllers", "bridge"):
+    for file in sorted(pathlib.Path(package).rglob("nodes/*.py")):
+        importlib.import_module(".".join(file.with_suffix("").parts))
+print(sorted(each.__name__ for each in PoiseNode.__subclasses__()))
+"""
+    result = subprocess.run([sys.executable, "-c", script], cwd=root, capture_output=True, text=True, check=False)
+    assert result.stdout.strip() == str(sorted(each.__name__ for each in NODES.values())), result.stderr
