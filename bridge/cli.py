@@ -108,6 +108,7 @@ def up(
         Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
     ] = None,
     actions: Annotated[bool, typer.Option(help="Offer actions, in a process of their own.")] = True,
+    namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
@@ -131,6 +132,7 @@ def up(
         parameters={"mujoco_bridge": plant},
         calibration=calibration,
         actions=actions,
+        namespace=namespace,
     )
     raise typer.Exit(code)
 

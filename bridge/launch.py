@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from bridge.ros.environment import graph_environment, join_graph
 from bridge.ros.layout import activation_order, node_parameters, process_specs
 from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
-from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, stop_all
+from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, absolute_namespace, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import missing_types
@@ -54,6 +54,7 @@ class Graph:
         calibration: Folder of the calibration files. When None, one of this graph's own, gone when it ends: a file of
             the user's is for another robot than the simulated one.
         log: File for the processes' output; this process's output when None.
+        namespace: Of every node, topic and service; empty for none.
         say: Takes one line about each event.
 
     Attributes:
@@ -76,12 +77,14 @@ class Graph:
         activation: Sequence[str] | None = None,
         calibration: Path | None = None,
         log: Path | None = None,
+        namespace: str = "",
         say: Callable[[str], object] = print,
     ) -> None:
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._namespace = absolute_namespace(namespace)
+        self._folder = tempfile.TemporaryDirectory(prefix="poise_")
         if calibration is None:
-            self._folder = tempfile.TemporaryDirectory(prefix="poise_calibration_")
-            calibration = Path(self._folder.name)
+            calibration = Path(self._folder.name) / "calibration"
+            calibration.mkdir()
         self.mode = self.driver_state = ""
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
@@ -95,7 +98,7 @@ class Graph:
     def __enter__(self) -> Graph:
         join_graph(domain_id=self._domain_id, network=self._network)
         rclpy.init(args=log_arguments(), signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("poise")
+        self.node = rclpy.create_node("poise", namespace=self._namespace)
         self._executor = make_executor()
         self._executor.add_node(self.node)
         self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
@@ -120,8 +123,7 @@ class Graph:
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         try_shutdown()
-        if self._folder is not None:
-            self._folder.cleanup()
+        self._folder.cleanup()
 
     @property
     def pids(self) -> dict[str, int]:
@@ -185,7 +187,10 @@ class Graph:
         if self._log is not None:
             self._log.parent.mkdir(parents=True, exist_ok=True)
             self._output = self._log.open("ab")
-        self._processes = [GraphProcess(spec, self._parameters, environment, self._output) for spec in self._specs]
+        self._processes = [
+            GraphProcess(s, self._parameters, environment, self._output, self._namespace, Path(self._folder.name))
+            for s in self._specs
+        ]
         for process in self._processes:
             process.start()
         names = self._activation
@@ -244,6 +249,7 @@ def up(
     parameters: Parameters | None = None,
     calibration: Path | None = None,
     log: Path | None = None,
+    namespace: str = "",
     quiet: bool = False,
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a time.
@@ -259,6 +265,7 @@ def up(
         parameters: Further parameters by node.
         calibration: Folder of the calibration files; one that is gone afterwards when None.
         log: File for the processes' output; the terminal when None.
+        namespace: Of every node, topic and service; empty for none.
         quiet: Whether to say nothing.
 
     Returns:
@@ -290,6 +297,7 @@ def up(
             parameters=parameters,
             calibration=calibration,
             log=log,
+            namespace=namespace,
             say=say,
         )
         exit_codes = graph.exit_codes

@@ -10,10 +10,19 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import IO
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+
+from models.errors import PoiseError
 
 Parameters = Mapping[str, Mapping[str, object]]
 """Parameter values by node name, then by parameter name."""
+
+GLOBAL_TOPICS = ("/clock", "/diagnostics", "/tf", "/tf_static")
+"""Topics that a namespace does not move by itself: they are remapped into it, as Nav2 does."""
 
 STOP_SIGNALS = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
 """What a process is sent to end it, and how long it is given each time [s]."""
@@ -44,6 +53,39 @@ def ros_arguments(nodes: Sequence[str], parameters: Parameters) -> list[str]:
     return arguments
 
 
+def absolute_namespace(namespace: str) -> str:
+    """A namespace with its leading slash; empty for none.
+
+    Raises:
+        PoiseError: It is no valid name.
+    """
+    given = namespace.strip("/")
+    if not given:
+        return ""
+    try:
+        validate_namespace(f"/{given}")
+    except InvalidNamespaceException as error:
+        raise PoiseError(f"namespace '{namespace}': {str(error).splitlines()[0]}") from error
+    return f"/{given}"
+
+
+def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
+    """The same for nodes in a namespace; their parameters go into a file, as ``-p`` finds no node in a namespace.
+
+    Args:
+        nodes: Names of the nodes.
+        parameters: Values by node.
+        namespace: Such as ``/robot_1``.
+        file: Is written.
+    """
+    values = {f"{namespace}/{node}": {"ros__parameters": dict(parameters.get(node, {}))} for node in nodes}
+    file.write_text(json.dumps(values), encoding="utf-8")
+    arguments = ["--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}"]
+    for topic in GLOBAL_TOPICS:
+        arguments += ["-r", f"{topic}:={topic.removeprefix('/')}"]
+    return arguments
+
+
 class GraphProcess:
     """Starts and ends one process.
 
@@ -52,6 +94,8 @@ class GraphProcess:
         parameters: Values by node.
         environment: Variables beside those of this process.
         output: Where its output goes; this process's when None.
+        namespace: Of its nodes, as ``absolute_namespace`` gives it.
+        folder: Where the parameters of nodes in a namespace are written.
     """
 
     def __init__(
@@ -60,10 +104,16 @@ class GraphProcess:
         parameters: Parameters,
         environment: Mapping[str, str],
         output: IO[bytes] | None = None,
+        namespace: str = "",
+        folder: Path = Path(),
     ) -> None:
         self.spec = spec
         self.restarts = 0
-        self._command = [sys.executable, "-m", spec.module, *ros_arguments(spec.nodes, parameters)]
+        if namespace:
+            arguments = namespaced_arguments(spec.nodes, parameters, namespace, folder / f"{spec.module}.yaml")
+        else:
+            arguments = ros_arguments(spec.nodes, parameters)
+        self._command = [sys.executable, "-m", spec.module, *arguments]
         self._environment = {**os.environ, **environment}
         self._output = output
         self._process: subprocess.Popen[bytes] | None = None

@@ -1,0 +1,66 @@
+"""``ros2 launch bridge humanoid.launch.py robot:=talos``: what ``poise up`` runs, from a sourced ROS 2.
+
+One process starts, configures, activates and watches over the others, and ends them with itself, as ``poise up`` does.
+This file imports nothing of poise: the Python of ``ros2`` need not be the one that poise is installed in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+POISE = Path(__file__).resolve().parents[3] / "lib" / "bridge" / "poise"
+"""Beside ``share``, under the prefix that this file is installed in."""
+
+ARGUMENTS: Mapping[str, tuple[str, str]] = {
+    "robot": ("g1", "Robot profile, by name or path"),
+    "namespace": ("", "Namespace of every node, topic and service; empty for none"),
+    "terrain": ("flat", "Ground: a name of models/config/terrain.yaml"),
+    "lockstep": ("false", "Whether the plant waits for the command of every tick"),
+    "network": ("false", "Whether other machines may join; loopback only otherwise"),
+}
+"""Default and description of each launch argument."""
+
+FLAGS = ("lockstep", "network")
+
+END_TIME = "15.0"
+"""``poise up`` gives its processes 9 s to end [s]."""
+
+
+def command(given: Mapping[str, str]) -> list[str]:
+    """Command line of ``poise up``.
+
+    Args:
+        given: Value of each launch argument.
+
+    Raises:
+        ValueError: A flag is neither true nor false; it is named.
+    """
+    line = [str(POISE), "up"]
+    for name, value in given.items():
+        if name not in FLAGS:
+            line += [f"--{name}", value]
+        elif value.lower() not in ("true", "false"):
+            raise ValueError(f"{name}: '{value}' is neither true nor false")
+        elif value.lower() == "true":
+            line.append(f"--{name}")
+    return line
+
+
+def generate_launch_description() -> Any:
+    """What ``ros2 launch`` calls."""
+    from launch import LaunchDescription
+    from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+    from launch.substitutions import LaunchConfiguration
+
+    def start(context: Any) -> list[Any]:
+        given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+        end = Shutdown(reason="poise up has ended")
+        return [ExecuteProcess(cmd=command(given), output="screen", sigterm_timeout=END_TIME, on_exit=end)]
+
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])

@@ -1,0 +1,87 @@
+"""A robot in a namespace: it stands, and nothing of it is outside; the launch file and what it asks for."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from bridge.cli import app
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain
+from bridge.ros.processes import absolute_namespace
+from models.errors import PoiseError
+
+pytestmark = pytest.mark.ros
+
+OF_RCLPY = {"/parameter_events", "/rosout"}
+"""Topics that every node has, wherever it is."""
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    log = tmp_path_factory.mktemp("namespace") / "log"
+    os.environ["ROS_LOG_DIR"] = str(log.parent)
+    with Graph("g1", domain_id=free_domain(), log=log, namespace="robot_1", say=lambda text: None) as graph:
+        graph.wait_standing(90.0)
+        yield graph
+    assert set(graph.exit_codes.values()) == {0}
+
+
+def test_it_stands_and_nothing_of_it_is_outside(graph: Graph) -> None:
+    names = {name for name, _ in graph.node.get_topic_names_and_types()} - OF_RCLPY
+    names |= {name for name, _ in graph.node.get_service_names_and_types()}
+    assert {"/robot_1/joint_states", "/robot_1/clock", "/robot_1/tf", "/robot_1/diagnostics"} <= names
+    assert not [name for name in names if not name.startswith("/robot_1/")]
+
+
+def test_its_nodes_have_their_parameters_and_answer(graph: Graph) -> None:
+    assert graph.call("mode/damp")[0]
+    graph.wait_for(lambda: graph.mode == "damp", 5.0, "damped")
+    accepted, reason = graph.call("mode/walk")
+    assert not accepted and reason
+
+
+@pytest.mark.parametrize(("given", "name"), [("", ""), ("/", ""), ("robot_1", "/robot_1"), ("/a/b/", "/a/b")])
+def test_namespaces_are_made_absolute(given: str, name: str) -> None:
+    assert absolute_namespace(given) == name
+
+
+@pytest.mark.parametrize("given", ["robot 1", "1robot", "a//b"])
+def test_wrong_namespaces_are_refused_by_name(given: str) -> None:
+    with pytest.raises(PoiseError, match=f"namespace '{given}'"):
+        absolute_namespace(given)
+
+
+@pytest.fixture(scope="module")
+def launch_file(root: Path) -> Any:
+    """The launch file as a module; ``launch`` itself is imported by what only ``ros2 launch`` calls."""
+    spec = importlib.util.spec_from_file_location("launch_file", root / "bridge/launch_files/humanoid.launch.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_launch_file_asks_for_options_that_poise_up_has(launch_file: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, Any] = {}
+
+    def up(robot: str, **options: Any) -> int:
+        given.update(options, robot=robot)
+        return 0
+
+    monkeypatch.setattr("bridge.launch.up", up)
+    values = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
+    line = launch_file.command(values | {"robot": "talos", "namespace": "robot_1", "network": "True"})
+    assert line[0].endswith("lib/bridge/poise")
+    result = CliRunner().invoke(app, line[1:])
+    assert result.exit_code == 0, result.output
+    assert (given["robot"], given["namespace"]) == ("talos", "robot_1")
+    assert (given["network"], given["lockstep"]) == (True, False)
+    with pytest.raises(ValueError, match="network: 'perhaps'"):
+        launch_file.command({"network": "perhaps"})
