@@ -9,7 +9,7 @@ ROBOT ?= g1
 OUT ?= out
 BENCHES ?= tick gait push stand latency calibrate estimate walk terrain
 
-.PHONY: help demo view test test-slow check bench clean distclean
+.PHONY: help demo view test test-slow check bench reference clean distclean
 
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -42,6 +42,10 @@ bench:  ## All benchmarks, or BENCHES='tick push'; JSON and plots in out/bench/
 	@status=0; for name in $(BENCHES); do \
 	  $(BIN)/poise bench $$name --robot $(ROBOT) --json $(OUT)/bench/$$name-$(ROBOT).json --plot $(OUT)/bench || status=1; \
 	done; exit $$status
+
+reference:  ## docs/reference.md from what the nodes declare
+	@.ci/setup dev
+	@$(BIN)/python -m bridge.ros.reference
 
 clean:  ## Remove what runs leave behind
 	rm -rf $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

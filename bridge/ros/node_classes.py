@@ -16,7 +16,7 @@ from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
 
-NODES: Mapping[str, type[PoiseNode]] = {
+NODES: Mapping[str, type[Any]] = {
     "mujoco_bridge": MujocoBridge,
     "state_estimator": StateEstimatorNode,
     "balance_controller": BalanceControllerNode,

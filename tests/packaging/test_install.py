@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 PACKAGES = ("models", "planners", "controllers", "bridge")
+OF_ROS = re.compile(r"rclpy|\w+_(msgs|srvs|interfaces)")
 PREFIX = Path(sysconfig.get_path("data"))
 
 
@@ -48,10 +50,25 @@ def test_ros_finds_the_package(package: str) -> None:
     assert manifest.findtext("license") == "Apache-2.0"
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_manifest_names_every_package_of_ros_that_is_imported(root: Path, package: str) -> None:
+    imported: set[str] = set()
+    for file in (root / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                imported.add(node.module.split(".")[0])
+    needed = {name for name in imported if OF_ROS.fullmatch(name) or name in PACKAGES} - {package}
+    manifest = ElementTree.parse(root / package / "package.xml").getroot()
+    assert needed <= {str(each.text) for each in manifest.iter("exec_depend")}
+
+
 def test_every_node_is_an_executable_of_its_package() -> None:
     nodes = {name: value for name, value in _entries("console_scripts").items() if ".nodes." in value}
     assert set(nodes) >= {
-        "mujoco_bridge", "state_estimator", "balance_controller", "motion_planner", "supervisor"
+        "mujoco_bridge", "state_estimator", "balance_controller", "motion_planner", "supervisor",
+        "imu_node", "foot_sensor_node", "motor_controller",
     }  # fmt: skip
     for name, value in nodes.items():
         wrapper = PREFIX / "lib" / value.split(".")[0] / name
@@ -59,6 +76,15 @@ def test_every_node_is_an_executable_of_its_package() -> None:
         lines = wrapper.read_text().splitlines()
         assert lines == ["#!/bin/sh", f'exec "$(dirname "$0")/../../bin/{name}" "$@"']
         assert os.access(wrapper.parent / "../../bin" / name, os.X_OK)
+
+
+def test_ros_finds_the_launch_file_and_what_it_runs() -> None:
+    assert (PREFIX / "share/bridge/launch/humanoid.launch.py").is_file()
+    poise = [PREFIX / "lib/bridge/poise", "--version"]
+    result = subprocess.run(
+        poise, env={"PATH": "/usr/bin:/bin"}, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert result.stdout.startswith("poise ")
 
 
 @pytest.mark.ros

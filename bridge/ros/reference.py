@@ -1,0 +1,195 @@
+"""Writes ``docs/reference.md``: every topic, service and parameter, as the nodes declare them.
+
+Run as ``python -m bridge.ros.reference [FILE]``, or ``make reference``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from bridge.ros.environment import free_domain, join_graph
+from bridge.ros.node_classes import NODES, parameters
+from models.errors import PoiseError
+from models.nodes.base import PoiseNode
+
+FILE = Path("docs/reference.md")
+"""Where the reference is kept, from the root of the repository."""
+
+HEAD = """# Reference
+
+Every topic, service and parameter, as the nodes declare them with the G1. Made by `make reference`; a test holds it
+to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names are relative: a namespace goes
+before them. Parameters marked `live` may be changed while the node runs; all others are read-only. `-` is no bound.
+"""
+
+OF_EVERY_NODE = "Of every node"
+"""Heading of the parameters that all nodes share."""
+
+TYPES = {
+    ParameterType.PARAMETER_BOOL: "bool",
+    ParameterType.PARAMETER_INTEGER: "int",
+    ParameterType.PARAMETER_DOUBLE: "double",
+    ParameterType.PARAMETER_STRING: "string",
+    ParameterType.PARAMETER_INTEGER_ARRAY: "int[]",
+    ParameterType.PARAMETER_DOUBLE_ARRAY: "double[]",
+    ParameterType.PARAMETER_STRING_ARRAY: "string[]",
+}
+
+HUGE = 1e300
+"""A bound beyond this is none."""
+
+
+def reference() -> str:
+    """The text of ``docs/reference.md``.
+
+    Raises:
+        PoiseError: A node cannot be configured.
+    """
+    join_graph(domain_id=free_domain())
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    nodes: list[PoiseNode] = []
+    try:
+        for name, kind in NODES.items():
+            nodes.append(kind(context=context, cli_args=["--ros-args", "--log-level", "error"]))
+            nodes[-1].trigger_configure()
+            if nodes[-1].message != "configured":
+                raise PoiseError(f"{name}: {nodes[-1].message}")
+        return "\n".join(_lines(nodes)) + "\n"
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        context.try_shutdown()
+
+
+def _lines(nodes: list[PoiseNode]) -> Iterator[str]:
+    shared = _shared(nodes)
+    yield HEAD
+    yield "## Topics\n"
+    yield from _table(("topic", "type", "QoS", "from", "to"), _topics(nodes))
+    yield "\n## Services\n"
+    yield "Beside those of every lifecycle node (`change_state`, `get_state`, ...) and of its parameters.\n"
+    services = sorted((_short(s.srv_name), _type(s.srv_type), n.get_name()) for n in nodes for s in _services(n))
+    yield from _table(("service", "type", "node"), services)
+    yield f"\n## Parameters\n\n### {OF_EVERY_NODE}\n"
+    yield from _parameters(nodes[0], shared)
+    for node in nodes:
+        yield f"\n### {node.get_name()}\n"
+        yield from _parameters(node, set(parameters(node)) - shared)
+
+
+def _shared(nodes: list[PoiseNode]) -> set[str]:
+    """Parameters that every node has with the same default."""
+    names = set.intersection(*(set(parameters(node)) for node in nodes))
+    return {name for name in names if len({_value(node.get_parameter(name).value) for node in nodes}) == 1}
+
+
+def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
+    """Rows of the table of topics, by name."""
+    found: dict[str, tuple[str, str, list[str], list[str]]] = {}
+    for node in nodes:
+        for ends, side in ((node.publishers, 2), (node.subscriptions, 3)):
+            for end in ends:
+                row = found.setdefault(_short(end.topic_name), (_type(end.msg_type), _qos(end.qos_profile), [], []))
+                if node.get_name() not in row[side]:
+                    row[side].append(node.get_name())  # type: ignore[union-attr]  # the two lists
+    for name in ("parameter_events", "rosout"):
+        found.pop(f"/{name}", None)
+    for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):
+        everybody = "every node" if len(sources) == len(nodes) else ", ".join(sources)
+        yield topic, kind, qos, everybody or "you", ", ".join(sinks) or "anybody"
+
+
+def _services(node: PoiseNode) -> list[Any]:
+    """Services that are neither of the lifecycle nor of parameters: those have the node's name before theirs."""
+    return [service for service in node.services if not _short(service.srv_name).startswith(f"{node.get_name()}/")]
+
+
+def _parameters(node: PoiseNode, names: set[str]) -> Iterator[str]:
+    descriptors = parameters(node)
+    rows = [
+        (
+            name,
+            TYPES[each.type],
+            _value(node.get_parameter(name).value),
+            _range(each),
+            "" if each.read_only else "live",
+            each.description,
+        )
+        for name, each in descriptors.items()
+        if name in names
+    ]
+    yield from _table(("parameter", "type", "default", "range", "", "what"), rows)
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    yield f"| {' | '.join(head)} |"
+    yield f"|{'---|' * len(head)}"
+    for row in rows:
+        cells = [cell.replace("|", "\\|") for cell in row]
+        yield f"| {' | '.join([f'`{cells[0]}`', *cells[1:]])} |".replace("  ", " ")
+
+
+def _short(name: str) -> str:
+    """Relative name of what lies in the root namespace because the node does; absolute names keep their slash."""
+    return name if name in ABSOLUTE else name.removeprefix("/")
+
+
+ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events", "/rosout"})
+"""Topics that a namespace does not move."""
+
+
+def _type(kind: Any) -> str:
+    """Such as ``sensor_msgs/Imu``."""
+    if kind.__name__ == "TFMessage":
+        return "tf2_msgs/TFMessage"
+    return f"{kind.__module__.split('.')[0]}/{kind.__name__}"
+
+
+def _qos(profile: QoSProfile) -> str:
+    words = ["best effort" if profile.reliability == ReliabilityPolicy.BEST_EFFORT else "reliable"]
+    if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        words.append("latched")
+    return f"{' '.join(words)}, {profile.depth}"
+
+
+def _range(descriptor: ParameterDescriptor) -> str:
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    if not ranges:
+        return ""
+    ends = (ranges[0].from_value, ranges[0].to_value)
+    low, high = ("-" if abs(end) >= (HUGE if isinstance(end, float) else 2**62) else f"{end:g}" for end in ends)
+    return f"{low} to {high}"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool | int):
+        return str(value).lower()
+    return f"[{', '.join(_value(item) for item in value)}]"
+
+
+def main() -> None:
+    """Write the reference, or say that it cannot be."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.setdefault("ROS_LOG_DIR", folder)
+        text = reference()
+    Path(sys.argv[1] if len(sys.argv) > 1 else FILE).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,19 @@
+"""The reference of topics, services and parameters says what the nodes declare."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+
+def test_the_reference_is_up_to_date(root: Path, tmp_path: Path, ros_domain_id: int) -> None:
+    file = tmp_path / "reference.md"
+    command = [sys.executable, "-m", "bridge.ros.reference", str(file)]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
+    assert result.returncode == 0, result.stderr
+    assert file.read_text() == (root / "docs/reference.md").read_text(), "run `make reference`"
