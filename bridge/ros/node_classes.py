@@ -35,5 +35,5 @@ OF_RCLPY = frozenset({"use_sim_time", "start_type_description_service"})
 
 def parameters(node: PoiseNode) -> dict[str, Any]:
     """Descriptor of each parameter that a node has declared itself, by name."""
-    names = [name for name in node._parameters if name not in OF_RCLPY]
+    names = [name for name in node.get_parameters_by_prefix("") if name not in OF_RCLPY]
     return dict(zip(names, node.describe_parameters(names), strict=True))

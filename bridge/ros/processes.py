@@ -70,7 +70,7 @@ def absolute_namespace(namespace: str) -> str:
 
 
 def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
-    """The same for nodes in a namespace; their parameters go into a file, as ``-p`` finds no node in a namespace.
+    """Command line of nodes in a namespace, their parameters in a file: ``-p node:name:=value`` finds no node there.
 
     Args:
         nodes: Names of the nodes.
