@@ -12,6 +12,7 @@ from controllers.balance import BalanceController
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.law_switch import LawSwitch
+from controllers.tuning import Tuning
 from controllers.walker import Walker
 from controllers.walking import WalkingConfig, WalkingController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
@@ -88,6 +89,7 @@ class ReplayedLaws:
         self._gait = _HeldGait(GaitPlanner(model, given(GaitConfig, "gait")))
         walker = Walker(self._gait, tracker)
         self._laws = LawSwitch(balance, lambda: walker)
+        self._tuning = Tuning(balance)
         self._state: RobotState | None = None
         self._scheduled: tuple[bool, bool] | None = None
         self._calibration: Calibration | None = None
@@ -132,7 +134,9 @@ class ReplayedLaws:
             self._tell(note.after)
         if not (self._running and self.begun) or self._state is None:
             return None
-        return self._laws.step(self._state, dt or self._law_dt).command
+        step = dt or self._law_dt
+        self._tuning.step(step)
+        return self._laws.step(self._state, step).command
 
     def _tell(self, entries: tuple[Entry, ...]) -> None:
         for word, *values in entries:
@@ -184,6 +188,9 @@ class ReplayedLaws:
     def _on_stop_motion(self) -> None:
         if self.begun:
             self._laws.stop_motion()
+
+    def _on_gain(self, name: str, value: float) -> None:
+        self._tuning.set(name, value)
 
     def _on_velocity(self, forward: float, left: float, turn: float) -> None:
         self._gait.planner.set_velocity(forward, left, turn)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bridge.nodes.action_server import ActionServerNode
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.foot_sensor_node import FootSensorNode
@@ -23,6 +24,7 @@ NODES: Mapping[str, type[Any]] = {
     "gait_planner": GaitPlannerNode,
     "motion_planner": MotionPlannerNode,
     "supervisor": SupervisorNode,
+    "action_server": ActionServerNode,
     "imu_node": ImuNode,
     "foot_sensor_node": FootSensorNode,
     "motor_controller": MotorControllerNode,

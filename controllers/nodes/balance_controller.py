@@ -66,7 +66,7 @@ class BalanceControllerNode(PoiseNode):
         self._balance = declare_config(self, balance, "balance.", TUNABLE)
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
         self._whole_body = declare_config(self, whole_body, "whole_body.", TUNABLE)
-        self._gains = GainParameters(self, self._balance, self._whole_body)
+        self._gains = GainParameters(self, self._balance, self._whole_body, applied)
         walking = default_config(WalkingConfig, "controllers", "walking")
         self._walking = declare_config(self, walking, "walking.")
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")

@@ -9,6 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange
 from controllers.balance import BalanceController
 from controllers.tuning import FACTOR, TUNABLE, Tuning, configured
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from models.applied import Applied
 from models.nodes.base import PoiseNode
 
 
@@ -19,10 +20,13 @@ class GainParameters:
         node: Node that has declared the gains, not read-only.
         balance: Configuration after parameter overrides: ranges are about its values.
         whole_body: Likewise.
+        applied: Notes what changes, for a replay; None for nobody.
     """
 
-    def __init__(self, node: PoiseNode, balance: BalanceConfig, whole_body: WholeBodyConfig) -> None:
-        self._node = node
+    def __init__(
+        self, node: PoiseNode, balance: BalanceConfig, whole_body: WholeBodyConfig, applied: Applied | None = None
+    ) -> None:
+        self._node, self._applied = node, applied
         self._tuning: Tuning | None = None
         for name in TUNABLE:
             value, descriptor = configured(name, balance, whole_body), node.describe_parameter(name)
@@ -48,4 +52,6 @@ class GainParameters:
                 low, high = self._tuning.ranges[parameter.name]
                 value = min(max(float(parameter.value), low), high)  # rclpy is lenient by a millionth
                 self._tuning.set(parameter.name, value)
+                if self._applied is not None:
+                    self._applied.note("gain", parameter.name, value)
                 self._node.get_logger().info(f"{parameter.name}: {value:g}")
