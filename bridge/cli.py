@@ -43,7 +43,7 @@ Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
 
 def _operator(key: Path | None) -> Signer | None:
     """Signer of who steers; None without a key."""
-    from bridge.ros.actions import SOURCE
+    from bridge.ros.operator import SOURCE
     from controllers.command_key import read_key
     from controllers.command_signature import Signer
 
@@ -108,12 +108,14 @@ def up(
         Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
     ] = None,
     actions: Annotated[bool, typer.Option(help="Offer actions, in a process of their own.")] = True,
+    motions: Annotated[Path | None, typer.Option(help="Folder of motion files of your own.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
     from bridge.fault_plan import fault_plan
     from bridge.launch import up as launch
+    from bridge.own_motions import own_motions
     from bridge.sensor_errors import read_sensor_errors
     from models.terrain import terrain_named
 
@@ -121,6 +123,7 @@ def up(
         read_sensor_errors(sensor_errors)
         fault_plan(faults)
         terrain_named(terrain)
+        own = {} if motions is None else own_motions(robot, motions)
     given = {"sensor_errors": sensor_errors, "faults.plan": faults}
     plant = {"terrain": terrain, **{name: text for name, text in given.items() if text}}
     code = launch(
@@ -129,7 +132,7 @@ def up(
         network=network,
         merged=merged,
         lockstep=lockstep,
-        parameters={"mujoco_bridge": plant},
+        parameters={"mujoco_bridge": plant, **own},
         calibration=calibration,
         actions=actions,
         namespace=namespace,
@@ -170,13 +173,15 @@ def view(
     need("viser", "view")
     from bridge.view.page import view as serve
 
+    if key is not None and host not in ("127.0.0.1", "localhost"):
+        raise typer.BadParameter("a page that others reach would sign for everybody: --key goes with 127.0.0.1 only")
     with told():
         serve(robot=robot, host=host, port=port, network=network, signer=_operator(key))
 
 
 @app.command()
 def teleop(
-    robot: Robot = "g1",
+    robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
     gamepad: Annotated[Path | None, typer.Option(help="Device, such as /dev/input/js0; keys by default.")] = None,
     key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
     network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,

@@ -139,9 +139,8 @@ class Graph:
         end = time.monotonic() + duration
         while time.monotonic() < end:
             self._tick(min(0.05, max(end - time.monotonic(), 0.0)))
-            for process in self._processes:
-                if process.exit_code is not None:
-                    self._restart(process)
+            for process in [each for each in self._processes if each.exit_code is not None]:
+                self._restart(process)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
         """Serve callbacks until a condition holds.
@@ -204,6 +203,10 @@ class Graph:
         code, process.restarts = process.exit_code, process.restarts + 1
         self._say(f"{process.spec.module} ended with code {code}: restart {process.restarts} of {RESTARTS_MAX}")
         if process.restarts > RESTARTS_MAX:
+            if process.spec.optional:
+                self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
+                self._processes.remove(process)
+                return
             raise PoiseError(f"{process.spec.module} crashed {process.restarts} times")
         process.start()
         for transition in (CONFIGURE, ACTIVATE):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from controllers.kernels_balance import feedback_gains
@@ -9,6 +11,7 @@ from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
 from controllers.qp.kernels_check import finite_state
+from controllers.tasks import Task
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
@@ -36,6 +39,7 @@ class BalanceController:
         model: The robot.
         config: Gains; the packaged default when None.
         whole_body: Gains of the QP; the packaged default when None.
+        extra_tasks: Further tasks for the stack of the QP.
 
     Attributes:
         reference: What the last tick tracked.
@@ -51,11 +55,15 @@ class BalanceController:
     """
 
     def __init__(
-        self, model: RobotModel, config: BalanceConfig | None = None, whole_body: WholeBodyConfig | None = None
+        self,
+        model: RobotModel,
+        config: BalanceConfig | None = None,
+        whole_body: WholeBodyConfig | None = None,
+        extra_tasks: Sequence[Task] = (),
     ) -> None:
         self.model = model
         self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
-        self.whole_body = WholeBodyController(model, whole_body)
+        self.whole_body = WholeBodyController(model, whole_body, extra_tasks)
         posture = PostureReference(model)
         shapes = ((2, 4, 3), (7,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
         self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))

@@ -276,6 +276,9 @@ class Supervisor:
             if self.motion is not None:
                 self.motion, self._pending = None, "stop"
             return CommandReply(True, "walk: comes to a standstill")
+        if self.mode is Mode.STAND:
+            self._pending = "stop"  # of a trajectory that nobody asked the supervisor for
+            return CommandReply(True, "stand: holding this posture")
         if self.mode is not Mode.MOTION:
             return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")
         stopped = self.motion

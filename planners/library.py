@@ -105,6 +105,18 @@ def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[st
     return dict(sorted(library.items()))
 
 
+def motion_files(folder: Path) -> tuple[Path, ...]:
+    """Motion files in a folder, by name.
+
+    Raises:
+        ConfigError: There are none.
+    """
+    found = tuple(sorted(folder.glob("*.yaml")))
+    if not found:
+        raise ConfigError(f"{folder}: no motion files (*.yaml) there")
+    return found
+
+
 def load_motion(path: Path, model: RobotModel) -> Motion:
     """Read one motion file and check its frames, postures and joints against a robot.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -27,6 +28,9 @@ PERIOD = 0.05
 ANSWER_TIMEOUT = 5.0
 """Longest wait for the answer of a service [s]."""
 
+WORDS = 100
+"""Words of a topic that are remembered [-]."""
+
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
 """Modes in which an action may go on."""
 
@@ -39,8 +43,9 @@ class Ears:
 
     Attributes:
         mode: Newest word on ``mode``.
-        motion: Words on ``motion/state`` and refusals on ``motion/plan_state``, since they were last cleared.
-        route: Words on ``gait/route``, since they were last cleared.
+        motion: Words on ``motion/state`` and refusals on ``motion/plan_state``, since ``begin``.
+        route: Words on ``gait/route``, since ``begin``.
+        stops: How often the controller was told to end its motion, since ``begin``.
 
     Raises:
         MessageError: The types of the services are not built.
@@ -48,8 +53,9 @@ class Ears:
 
     def __init__(self, node: PoiseNode) -> None:
         self.mode = ""
-        self.motion: list[str] = []
-        self.route: list[str] = []
+        self.motion: deque[str] = deque(maxlen=WORDS)
+        self.route: deque[str] = deque(maxlen=WORDS)
+        self.stops = 0
         self._joints, self._odom = b"", b""
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
         self._model = node.model
@@ -64,17 +70,32 @@ class Ears:
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
         node.listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
         node.listen(String, topics.MOTION_PLAN_STATE, self._on_plan, EVENT)
+        node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
         node.listen(String, topics.GAIT_ROUTE, lambda message: self.route.append(message.data), EVENT)
         node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
         node.own(node.destroy_timer, node.every(PERIOD, self._look))
 
+    def begin(self) -> None:
+        """Forget the words of before."""
+        self.motion.clear()
+        self.route.clear()
+        self.stops = 0
+
     async def command(self, text: str) -> CommandReply:
-        """Say a text command, and hear what becomes of it."""
+        """Say a text command, and hear what becomes of it.
+
+        Raises:
+            CommandError: The supervisor does not answer.
+        """
         return await self._ask("command", text=text)
 
     async def set_mode(self, mode: Mode) -> CommandReply:
-        """Ask for a mode."""
+        """Ask for a mode.
+
+        Raises:
+            CommandError: The supervisor does not answer.
+        """
         return await self._ask("set_mode", mode=mode.value)
 
     async def turn(self) -> None:
@@ -135,6 +156,9 @@ class Ears:
     def _on_plan(self, message: String) -> None:
         if message.data.startswith(topics.MOTION_REFUSED):
             self.motion.append(message.data)
+
+    def _on_request(self, message: String) -> None:
+        self.stops += message.data == topics.STOP_MOTION
 
     def _on_joints(self, data: bytes) -> None:
         self._joints = data

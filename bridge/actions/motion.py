@@ -9,62 +9,90 @@ from typing import Any
 import numpy as np
 
 from bridge.actions.ears import Ears
-from bridge.actions.goals import Outcome, Turns
+from bridge.actions.goals import Outcome, Turn
+from controllers.supervisor import GAIT_WORDS
 from models.nodes import topics
 from models.nodes.messages import doubles
 from models.robot_model import RobotModel
 
 START_TIMEOUT = 25.0
-"""Longest wait for a motion to start: it is planned first [s]."""
+"""Longest wait for a motion to start, which is planned first: more than ``plan_timeout`` of the supervisor [s]."""
+
+HALT_TIMEOUT = 5.0
+"""Longest wait for the end of a motion that is stopped [s]."""
 
 STOP = "stop"
 
 
-async def followed(handle: Any, ears: Ears, ended: Callable[[], str], feedback: Callable[[str], None]) -> Outcome:
+async def followed(handle: Any, ears: Ears, turn: Turn, feedback: Callable[[str], None]) -> Outcome:
     """Follow a motion that was asked for, by the words on ``motion/state``, to its end.
 
     Args:
         handle: Of the goal.
-        ears: Hears the words; those of before the goal are cleared.
-        ended: Why the goal cannot go on; empty while it can.
+        ears: Hear the words; those of before the goal have been cleared.
+        turn: Of the goal.
         feedback: Called with ``requested`` or ``running``.
+
+    Returns:
+        How it ended. A motion that cannot go on, or is cancelled, has been stopped.
+
+    Raises:
+        CommandError: The supervisor does not answer.
     """
-    running, until = False, time.monotonic() + START_TIMEOUT
+    until = time.monotonic() + START_TIMEOUT
     while True:
+        running = topics.MOTION_RUNNING in ears.motion
         word, _, reason = (ears.motion[-1] if ears.motion else "").partition(": ")
         if word == topics.MOTION_REFUSED:
             return Outcome(False, reason)
-        if word == topics.MOTION_DONE and (running or topics.MOTION_RUNNING in ears.motion):
-            return Outcome(True, "played to its end")
-        running = running or word == topics.MOTION_RUNNING
-        if why := ended():
+        if word == topics.MOTION_DONE and running:
+            return Outcome(False, "stopped by somebody else") if ears.stops else Outcome(True, "played to its end")
+        if why := turn.ended:
+            await _halt(ears)
             return Outcome(False, why)
         if handle.is_cancel_requested:
-            await ears.command(STOP)
-            return Outcome(False, "cancelled; the robot holds its posture", cancelled=True)
+            stopped = await _halt(ears)
+            return Outcome(False, f"cancelled; {stopped}", cancelled=True)
         if not running and time.monotonic() > until:
+            await _halt(ears)
             return Outcome(False, f"the motion did not start within {START_TIMEOUT:.0f} s")
         feedback(topics.MOTION_RUNNING if running else "requested")
         await ears.turn()
+
+
+async def _halt(ears: Ears) -> str:
+    """Have the robot stop what it does, and wait until it has; returns what it does then."""
+    if ears.stopped:
+        return ears.stopped
+    reply = await ears.command(STOP)
+    if not reply.accepted:
+        return reply.reason
+    over = await ears.until(lambda: not ears.motion or ears.motion[-1] != topics.MOTION_RUNNING, HALT_TIMEOUT)
+    return "it holds its posture" if over else f"the motion has not ended within {HALT_TIMEOUT:.0f} s"
 
 
 class ExecuteMotion:
     """Plays a motion by name.
 
     Args:
-        ears: Hears and asks.
-        turns: Numbers the goals.
+        ears: Hear and ask.
         kind: Type of the action.
     """
 
-    def __init__(self, ears: Ears, turns: Turns, kind: Any) -> None:
-        self._ears, self._turns, self._kind = ears, turns, kind
+    def __init__(self, ears: Ears, kind: Any) -> None:
+        self._ears, self._kind = ears, kind
 
-    async def __call__(self, handle: Any) -> Outcome:
+    def refusal(self, request: Any) -> Outcome | None:
+        """Words that are no motions: a walk has no end of its own."""
+        word = request.motion.strip().lower()
+        if word in (*GAIT_WORDS, STOP):
+            return Outcome(False, f"'{word}' is no motion; walk with walk_to, or a velocity")
+        return None
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Do it; see ``ExecuteMotion.action``."""
         ears, begin = self._ears, time.monotonic()
-        ended = self._turns.begin()
-        ears.motion.clear()
+        ears.begin()
         reply = await ears.command(handle.request.motion)
         if not reply.accepted:
             return Outcome(False, reply.reason)
@@ -72,7 +100,7 @@ class ExecuteMotion:
         def feedback(state: str) -> None:
             handle.publish_feedback(self._kind.Feedback(state=state, elapsed=time.monotonic() - begin))
 
-        return await followed(handle, ears, ended, feedback)
+        return await followed(handle, ears, turn, feedback)
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
@@ -83,42 +111,47 @@ class FollowJointTrajectory:
     """Has the balance controller follow a joint trajectory while it keeps its balance, as MoveIt asks for.
 
     Args:
-        ears: Hears and asks.
-        turns: Numbers the goals.
+        ears: Hear and ask.
         kind: Type of the action.
         model: The robot.
         publish: Publishes a trajectory on ``motion/joint_trajectory``.
     """
 
-    def __init__(self, ears: Ears, turns: Turns, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
-        self._ears, self._turns, self._kind, self._model, self._publish = ears, turns, kind, model, publish
-        self._code = kind.Result.SUCCESSFUL
+    def __init__(self, ears: Ears, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
+        self._ears, self._kind, self._model, self._publish = ears, kind, model, publish
 
-    async def __call__(self, handle: Any) -> Outcome:
-        """Do it; see ``FollowJointTrajectory.action``."""
-        ears, asked = self._ears, handle.request
-        codes, names = self._kind.Result, list(asked.trajectory.joint_names)
-        self._code = codes.INVALID_JOINTS
+    def refusal(self, request: Any) -> Outcome | None:
+        """Joints that there are not; what else is wrong the controller says."""
+        codes, names = self._kind.Result, list(request.trajectory.joint_names)
         unknown = [name for name in names if name not in self._model.joint_names]
         if unknown or not names:
-            return Outcome(False, f"unknown joint '{unknown[0]}'" if unknown else "no joints are named")
-        self._code = codes.INVALID_GOAL
-        if asked.multi_dof_trajectory.points:
-            return Outcome(False, "multi_dof_trajectory: this robot has no such joints")
-        ended = self._turns.begin()
-        ears.motion.clear()
+            text = f"unknown joint '{unknown[0]}'" if unknown else "no joints are named"
+            return Outcome(False, text, code=codes.INVALID_JOINTS)
+        strangers = [each.name for each in request.goal_tolerance if each.name not in names]
+        if strangers:
+            return Outcome(False, f"goal_tolerance of '{strangers[0]}', which does not move", code=codes.INVALID_GOAL)
+        if request.multi_dof_trajectory.points:
+            return Outcome(False, "multi_dof_trajectory: this robot has no such joints", code=codes.INVALID_GOAL)
+        return None
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
+        """Do it; see ``FollowJointTrajectory.action``."""
+        ears, asked, codes = self._ears, handle.request, self._kind.Result
+        names = list(asked.trajectory.joint_names)
+        ears.begin()
         asked.trajectory.header.frame_id = ""  # it answers no request
         self._publish(asked.trajectory)
-        outcome = await followed(handle, ears, ended, lambda state: self._feedback(handle, names))
+        outcome = await followed(handle, ears, turn, lambda state: self._feedback(handle, names))
         if not outcome.success:
-            return outcome
+            begun = topics.MOTION_RUNNING in ears.motion
+            code = codes.PATH_TOLERANCE_VIOLATED if begun else codes.INVALID_GOAL
+            return Outcome(False, outcome.message, outcome.cancelled, code)
         worst = self._outside(asked, names)
-        self._code = codes.GOAL_TOLERANCE_VIOLATED if worst else codes.SUCCESSFUL
-        return Outcome(False, worst) if worst else outcome
+        return Outcome(False, worst, code=codes.GOAL_TOLERANCE_VIOLATED) if worst else outcome
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
-        return self._kind.Result(error_code=self._code, error_string="" if outcome.success else outcome.message)
+        return self._kind.Result(error_code=outcome.code, error_string="" if outcome.success else outcome.message)
 
     def _feedback(self, handle: Any, names: list[str]) -> None:
         posture = self._ears.posture
@@ -133,8 +166,10 @@ class FollowJointTrajectory:
         posture = self._ears.posture
         last = dict(zip(names, asked.trajectory.points[-1].positions, strict=True))
         for tolerance in asked.goal_tolerance:
-            if posture is None or tolerance.position <= 0.0 or tolerance.name not in last:
+            if tolerance.position <= 0.0:
                 continue
+            if posture is None:
+                return f"where '{tolerance.name}' ended is not known"
             off = abs(posture[self._model.joint_index(tolerance.name)] - last[tolerance.name])
             if off > tolerance.position:
                 return f"'{tolerance.name}' ended {off:.4f} rad off, tolerance {tolerance.position:.4f}"

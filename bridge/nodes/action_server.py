@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
 from bridge.actions.ears import Ears
-from bridge.actions.goals import Turns, goal
+from bridge.actions.goals import Action, Turns, goal
 from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory
 from bridge.actions.walk import WalkTo
 from models.errors import MessageError
@@ -41,24 +41,32 @@ class ActionServerNode(PoiseNode):
         """Build the actions; without their types this refuses, and says how they are built."""
         motion, walk = (interface("poise_interfaces", "action", name) for name in ("ExecuteMotion", "WalkTo"))
         ears = Ears(self)
-        turns = Turns(ears)
+        self._turns = Turns(ears)
         goals = self.announce(PoseStamped, topics.GOAL_POSE, EVENT)
-        self._offer(motion, "execute_motion", ExecuteMotion(ears, turns, motion))
-        self._offer(walk, "walk_to", WalkTo(ears, turns, walk, goals.publish))
+        self._offer(motion, "execute_motion", ExecuteMotion(ears, motion))
+        self._offer(walk, "walk_to", WalkTo(ears, walk, goals.publish))
         try:
             follow = interface("control_msgs", "action", "FollowJointTrajectory")
         except MessageError as error:
             self.values[FOLLOW] = str(error)
             return
         motions = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
-        self._offer(follow, FOLLOW, FollowJointTrajectory(ears, turns, follow, self.model, motions.publish))
+        self._offer(follow, FOLLOW, FollowJointTrajectory(ears, follow, self.model, motions.publish))
 
-    def _offer(self, kind: Any, name: str, action: Any) -> None:
+    def activate(self) -> None:
+        """Take goals."""
+        self._turns.closed = False
+
+    def deactivate(self) -> None:
+        """End the goal that there is, and take none."""
+        self._turns.closed = True
+
+    def _offer(self, kind: Any, name: str, action: Action) -> None:
         server = ActionServer(
             self,
             kind,
             name,
-            goal(action, action.result),
+            goal(self._turns, action),
             goal_callback=lambda request: GoalResponse.ACCEPT if self.active else GoalResponse.REJECT,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )

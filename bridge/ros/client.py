@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import join_graph
 from controllers.command_signature import Signer
-from models.errors import CommandError
+from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
@@ -30,6 +30,23 @@ from models.types import CommandReply
 
 SPIN = 0.01
 """Longest wait for a callback between two looks at a condition [s]."""
+
+
+STOP = "stop"
+"""The word that everybody may say, and that nothing may hinder: it is never signed, so that no signature is refused."""
+
+
+def signed(text: str, signer: Signer | None) -> str:
+    """A word as it is sent.
+
+    Args:
+        text: The word.
+        signer: Signs it; None to send it as it is.
+
+    Raises:
+        CommandError: It cannot be signed.
+    """
+    return text if signer is None or text.strip().lower() == STOP else signer.sign(text)
 
 
 class Client:
@@ -55,6 +72,7 @@ class Client:
         self.motion_states: list[str] = []
         self._refusals: int | None = None
         self._last_refusal = ""
+        self._robot = ""
         self.context = Context()
 
     def __enter__(self) -> Client:
@@ -99,6 +117,7 @@ class Client:
         """Note how many text commands the supervisor has refused."""
         for status in message.status:
             if status.name.endswith("/supervisor"):
+                self._robot = str(status.hardware_id)
                 values = {item.key: item.value for item in status.values}
                 self._refusals = int(values.get(f"refused {topics.HUMANOID_COMMANDS}", "0"))
                 self._last_refusal = values.get("last refusal", "refused")
@@ -118,6 +137,16 @@ class Client:
     def parameters_of(self, node: str) -> Any:
         """Parameters of another node, until this one leaves; see ``rclpy.parameter_client.AsyncParameterClient``."""
         return AsyncParameterClient(self._node, node)
+
+    def robot(self, timeout: float = 10.0) -> str:
+        """Name of the profile of the running robot, as its supervisor's diagnostics carry it.
+
+        Raises:
+            PoiseError: Nobody says it within a time [s].
+        """
+        if not self.wait(lambda: bool(self._robot), timeout):
+            raise PoiseError(f"no robot on /diagnostics within {timeout:.0f} s: is one up? start it with: poise up")
+        return self._robot
 
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""
@@ -156,7 +185,7 @@ class Client:
             raise CommandError(
                 f"nobody listens on {topics.HUMANOID_COMMANDS}: is the robot up? start it with: poise up"
             )
-        self._text.publish(String(data=text if self._signer is None else self._signer.sign(text)))
+        self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
         """Send a text command and look at what the supervisor says about it.

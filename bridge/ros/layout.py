@@ -15,7 +15,7 @@ CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_contr
 PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
 SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
-ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",))
+ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional=True)
 
 REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}

@@ -38,10 +38,12 @@ class ProcessSpec:
     Attributes:
         module: Python module with a ``main``.
         nodes: Names of the nodes it hosts, in the order of their activation.
+        optional: Whether the graph goes on without it once it has crashed too often.
     """
 
     module: str
     nodes: tuple[str, ...]
+    optional: bool = False
 
 
 def ros_arguments(nodes: Sequence[str], parameters: Parameters) -> list[str]:

@@ -30,7 +30,7 @@ class GamepadConfig:
         buttons: What each button does.
     """
 
-    axes: dict[Axis, Annotated[int, Field(ge=0)]]
+    axes: Annotated[dict[Axis, Annotated[int, Field(ge=0)]], Field(min_length=3)]
     deadband: Annotated[float, Field(ge=0.0, lt=1.0)]
     buttons: dict[int, Deed]
 
@@ -50,5 +50,5 @@ class TeleopConfig:
     rate: Positive
     idle: Positive
     keys: dict[Annotated[str, Field(min_length=1, max_length=1)], Move | Deed]
-    steps: dict[Axis, Positive]
+    steps: Annotated[dict[Axis, Positive], Field(min_length=3)]
     gamepad: GamepadConfig

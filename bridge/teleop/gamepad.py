@@ -24,7 +24,8 @@ FULL = 32767.0
 class Gamepad:
     """Reads a joystick device without waiting for it.
 
-    Sticks give parts of the limits: pushed away and to the left is positive, as REP-103 counts.
+    Sticks give parts of the limits: pushed away and to the left is positive, as REP-103 counts. One that is found
+    deflected counts once it has been let go.
 
     Args:
         device: Such as ``/dev/input/js0``.
@@ -42,6 +43,7 @@ class Gamepad:
         except OSError as error:
             raise PoiseError(f"{device}: no gamepad there: {error.strerror}") from error
         self._deflection: dict[int, float] = {}
+        self._centred: set[int] = set()
         self._rest = b""
 
     def read(self) -> list[str]:
@@ -58,7 +60,9 @@ class Gamepad:
         whole = len(self._rest) - len(self._rest) % EVENT.size
         for _, value, kind, number in EVENT.iter_unpack(self._rest[:whole]):
             if kind & ~INITIAL == AXIS:
-                self._deflection[number] = max(value / FULL, -1.0)
+                self._deflection[number] = deflection = max(value / FULL, -1.0)
+                if abs(deflection) < self._config.deadband:
+                    self._centred.add(number)
             elif kind == BUTTON and value and number in self._config.buttons:
                 deeds.append(self._config.buttons[number])
         self._rest = self._rest[whole:]
@@ -73,8 +77,9 @@ class Gamepad:
         os.close(self._file)
 
     def _along(self, axis: Axis) -> float:
-        deflection = -self._deflection.get(self._config.axes[axis], 0.0)  # pads count down and right as positive
-        if abs(deflection) < self._config.deadband:
+        number = self._config.axes[axis]
+        deflection = -self._deflection.get(number, 0.0)  # pads count down and right as positive
+        if number not in self._centred or abs(deflection) < self._config.deadband:
             return 0.0
         low, high = self._limits[axis]
         return deflection * (high if deflection > 0.0 else -low)

@@ -16,6 +16,12 @@ from models.errors import PoiseError
 from models.nodes.velocity import Velocity
 from planners.gait.config import VelocityConfig
 
+KEYS_MAX = 64
+"""Keys that are read at a time [-]."""
+
+SLACK = 1e-3
+"""Rounding that is let pass at a limit, in parts of a step [-]."""
+
 _MOVES: Mapping[str, tuple[Axis, int]] = {
     "forward": ("forward", 1),
     "backward": ("forward", -1),
@@ -55,6 +61,7 @@ class KeyLaw:
         Returns:
             What is to be done at once; empty when the key only changed the velocity, or means nothing.
         """
+        self.velocity(now)  # whose time is up does not come back with this key
         self._pressed = now
         meaning = self._config.keys.get(key, "")
         if meaning not in _MOVES:
@@ -79,7 +86,7 @@ class KeyLaw:
 
     def _within(self, axis: Axis, steps: int) -> bool:
         low, high = self._limits[axis]
-        slack = 1e-3 * self._config.steps[axis]  # of rounding
+        slack = SLACK * self._config.steps[axis]
         return low - slack <= steps * self._config.steps[axis] <= high + slack
 
 
@@ -105,6 +112,13 @@ def keyboard(stream: IO[str] = sys.stdin) -> Iterator[int]:
 
 
 def read_keys(descriptor: int) -> str:
-    """Keys that were pressed since the last time."""
-    ready, _, _ = select.select([descriptor], [], [], 0.0)
-    return os.read(descriptor, 64).decode(errors="ignore") if ready else ""
+    """Keys that were pressed since the last time.
+
+    Raises:
+        PoiseError: The terminal is gone.
+    """
+    try:
+        ready, _, _ = select.select([descriptor], [], [], 0.0)
+        return os.read(descriptor, KEYS_MAX).decode(errors="ignore") if ready else ""
+    except OSError as error:
+        raise PoiseError(f"the terminal is gone: {error.strerror}") from error

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from std_msgs.msg import String
 
-from bridge.ros.actions import Actions
 from bridge.ros.client import Client
+from bridge.ros.operator import Operator
 from bridge.teleop.config import TeleopConfig
 from bridge.teleop.gamepad import Gamepad
 from bridge.teleop.keys import KeyLaw, keyboard, limits_of, read_keys
@@ -39,31 +39,29 @@ def teleop(
     """Steer the running robot as ``teleop`` until Ctrl-C or the key that quits.
 
     Args:
-        robot: Profile whose limits hold, by name or path.
+        robot: Profile whose limits hold, by name or path; the one that the graph names when empty.
         gamepad: Device of a gamepad; keys of the terminal when None.
         network: Whether the robot may run on another machine.
         signer: Signs words; None sends them as they are.
         say: Called with each line for the terminal.
 
     Raises:
-        PoiseError: There is no terminal or no gamepad, or the gamepad goes.
+        PoiseError: There is no terminal, no robot or no gamepad, or one of them goes.
     """
     config = default_config(TeleopConfig, "bridge", "teleop")
-    limits = limits_of(load_gait_config(RobotModel.load(robot)).velocity)
     stop = Stop()
     with ExitStack() as stack:
-        law = KeyLaw(config, limits)
-        pad = None
-        descriptor = -1
+        descriptor = -1 if gamepad is not None else stack.enter_context(keyboard(sys.stdin))
+        client = stack.enter_context(Client(network=network))
+        limits = limits_of(load_gait_config(RobotModel.load(robot or client.robot())).velocity)
+        law, pad = KeyLaw(config, limits), None
         if gamepad is not None:
             pad = Gamepad(gamepad, config.gamepad, limits)
             stack.callback(pad.close)
         else:
-            descriptor = stack.enter_context(keyboard(sys.stdin))
             say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
-        client = stack.enter_context(Client(network=network))
-        actions = Actions(client, say, signer)
-        stack.callback(actions.drive, None)  # whatever happens: zero, then silence
+        operator = Operator(client, say, signer)
+        stack.callback(operator.drive, None)  # whatever happens: zero, then silence
         commander = [""]
         client.subscribe(String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED)
         told: tuple[object, ...] = ()
@@ -77,20 +75,20 @@ def teleop(
             for deed in deeds:
                 if deed == QUIT:
                     return
-                _do(actions, deed)
-            actions.drive(velocity if any(velocity) else None)
+                _do(operator, deed)
+            operator.drive(velocity if any(velocity) else None)
             if (client.mode, commander[0], velocity) != told:
                 told = client.mode, commander[0], velocity
                 say(_line(client.mode, commander[0], velocity))
             client.spin(1.0 / config.rate)
 
 
-def _do(actions: Actions, deed: str) -> None:
+def _do(operator: Operator, deed: str) -> None:
     """A service where there is one of that name, a word elsewhere."""
-    if deed in actions.services:
-        actions.call(deed)
+    if deed in operator.services:
+        operator.call(deed)
     else:
-        actions.say(STOP if deed == HALT else deed)
+        operator.say(STOP if deed == HALT else deed)
 
 
 def _line(mode: str, commander: str, velocity: Velocity) -> str:

@@ -21,6 +21,7 @@ class ViewConfig:
     plot_window: Positive
     force_scale: Positive
     force_least: Positive
+    drive_idle: Positive
     drive_rate: Positive
     push_force_max: Positive
     torques: Annotated[int, Field(ge=1)]

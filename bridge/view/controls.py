@@ -9,17 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from bridge.ros.actions import MODE_SERVICES, Actions
+from bridge.ros.operator import MODE_SERVICES, Operator
 from bridge.view.config import ViewConfig
 from bridge.view.snapshot import Snapshot, Words
-from models.types import Mode
+from bridge.view.sticks import Sticks
+from models.heading import heading
+from models.types import Mode, Vector
 from planners.gait.config import VelocityConfig
 
 DIRECTIONS = {"from the left": -90.0, "from the right": 90.0, "from behind": 0.0, "from the front": 180.0}
-"""Headings of pushes in W [deg]; the robot starts facing 0."""
+"""Headings of pushes, from that of the robot [deg]."""
 
-STICK_STEP = 0.05
-"""Of the velocity sticks [m/s], [rad/s]."""
+PUSH_STEP, PUSH_FIRST = 5.0, 100.0
+"""Of the slider for pushes: its step, and where it starts [N]."""
+
+ANSWER_MAX = 160
+"""Characters of an answer that are shown [-]."""
 
 _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
@@ -29,16 +34,19 @@ class Controls:
 
     Args:
         gui: viser's gui.
-        actions: What the buttons do.
+        operator: What the buttons do.
         config: Largest push.
         words: Text commands that get a button.
         limits: Of the velocity sticks.
+
+    Attributes:
+        sticks: For velocities.
     """
 
     def __init__(
-        self, gui: Any, actions: Actions, config: ViewConfig, words: Sequence[str], limits: VelocityConfig
+        self, gui: Any, operator: Operator, config: ViewConfig, words: Sequence[str], limits: VelocityConfig
     ) -> None:
-        self._actions = actions
+        self._operator, self._yaw = operator, 0.0
         self._status = gui.add_html("")
         self._follow = gui.add_checkbox("follow the robot", initial_value=True)
         self._answer = gui.add_markdown("")
@@ -47,23 +55,13 @@ class Controls:
             button.on_click(self._calls(name))
         said = gui.add_button_group("say", words)
         said.on_click(self._says)
-        with gui.add_folder("velocity, in mode walk"):
-            self._drive = gui.add_checkbox("drive", initial_value=False, hint="Publish the sticks' velocity.")
-            ends = {
-                "forward [m/s]": (-limits.backward, limits.forward),
-                "left [m/s]": (-limits.lateral, limits.lateral),
-                "turn [rad/s]": (-limits.turn, limits.turn),
-            }
-            self._sticks = [
-                gui.add_slider(label, round(low, 2), round(high, 2), STICK_STEP, 0.0)
-                for label, (low, high) in ends.items()
-            ]
-            gui.add_button("sticks to zero").on_click(lambda _: self._release())
+        self.sticks = Sticks(gui, limits, config.drive_idle, self.tell)
         with gui.add_folder("push, in simulation"):
-            force = gui.add_slider("force [N]", 0.0, config.push_force_max, 5.0, min(100.0, config.push_force_max))
+            most = config.push_force_max
+            force = gui.add_slider("force [N]", 0.0, most, PUSH_STEP, min(PUSH_FIRST, most))
             direction = gui.add_dropdown("direction", tuple(DIRECTIONS))
             gui.add_button("push").on_click(
-                lambda _: actions.post(lambda: actions.push(_force(force.value, DIRECTIONS[direction.value])))
+                lambda _: operator.post(lambda: operator.push(self._force(force.value, DIRECTIONS[direction.value])))
             )
 
     @property
@@ -73,22 +71,11 @@ class Controls:
 
     def tell(self, text: str) -> None:
         """Show the newest answer."""
-        self._answer.content = f"`{text[:160]}`"
-
-    def drive(self, *, watched: bool) -> None:
-        """Publish the sticks' velocity while somebody holds them; called at ``drive_rate``.
-
-        Args:
-            watched: Whether a browser is there: the sticks of a page that nobody looks at are let go.
-        """
-        if not watched and self._drive.value:
-            self._drive.value = False
-            self._release()
-        forward, left, turn = (float(stick.value) for stick in self._sticks)
-        self._actions.drive((forward, left, turn) if self._drive.value else None)
+        self._answer.content = f"`{text[:ANSWER_MAX]}`"
 
     def show(self, snapshot: Snapshot, words: Words) -> None:
         """Show mode, state and faults."""
+        self._yaw = heading(*snapshot.q[3:7])
         good = words.mode in (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value) and not words.faults
         rows = [
             ("mode", words.mode or "unknown"),
@@ -110,19 +97,24 @@ class Controls:
             + "</div>"
         )
 
+    def _force(self, size: float, direction: float) -> Vector:
+        return force_from(size, direction, self._yaw)
+
     def _says(self, event: Any) -> None:
         word = str(event.target.value)
-        self._actions.post(lambda: self._actions.say(word))
+        self._operator.post(lambda: self._operator.say(word))
 
     def _calls(self, name: str) -> Callable[[object], None]:
-        return lambda event: self._actions.post(lambda: self._actions.call(name))
-
-    def _release(self) -> None:
-        for stick in self._sticks:
-            stick.value = 0.0
+        return lambda event: self._operator.post(lambda: self._operator.call(name))
 
 
-def _force(size: float, heading: float) -> Any:
-    """Force of a size [N] in W along a heading [deg] (3,) [N]."""
-    angle = math.radians(heading)
+def force_from(size: float, direction: float, yaw: float) -> Vector:
+    """A push in W (3,) [N].
+
+    Args:
+        size: [N].
+        direction: Heading of the push from that of the robot [deg].
+        yaw: Heading of the robot in W [rad].
+    """
+    angle = yaw + math.radians(direction)
     return size * np.array([math.cos(angle), math.sin(angle), 0.0])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
-from bridge.ros.actions import Actions
 from bridge.ros.client import Client
+from bridge.ros.operator import Operator
 
 STEPS = 200
 """Positions of a slider [-]."""
@@ -28,24 +29,35 @@ class Gains:
         gui: viser's gui.
         place: Tab that the sliders go into; entered as a context.
         client: Inside its context.
-        actions: Post what the sliders ask for.
+        operator: Post what the sliders ask for.
         node: Name of the node.
-        tell: Called with refusals.
+        tell: Called with what was accepted and refused.
+        timeout: A question without an answer for so long is asked again [s].
     """
 
     def __init__(
-        self, gui: Any, place: Any, client: Client, actions: Actions, node: str, tell: Callable[[str], object]
+        self,
+        gui: Any,
+        place: Any,
+        client: Client,
+        operator: Operator,
+        node: str,
+        tell: Callable[[str], object],
+        timeout: float,
     ) -> None:
-        self._gui, self._place, self._actions, self._node, self._tell = gui, place, actions, node, tell
-        self._parameters = client.parameters_of(node)
-        self._asked = False
+        self._gui, self._place, self._operator, self._node, self._tell = gui, place, operator, node, tell
+        self._parameters, self._timeout = client.parameters_of(node), timeout
+        self._asked_at: float | None = None
+        self._asked: dict[str, int] = {}
         self._accepted: dict[str, float] = {}
         self.sliders: dict[str, Any] = {}
 
     def ask(self) -> None:
-        """Ask for the parameters, once the node is there; later calls do nothing."""
-        if not self._asked and self._parameters.services_are_ready():
-            self._asked = True
+        """Ask for the parameters, once the node is there, and again where no answer has come in time."""
+        now = time.monotonic()
+        due = self._asked_at is None or (not self.sliders and now - self._asked_at > self._timeout)
+        if due and self._parameters.services_are_ready():
+            self._asked_at = now
             self._then(self._parameters.list_parameters(), self._on_list)
 
     def _on_list(self, answer: Any) -> None:
@@ -63,6 +75,8 @@ class Gains:
             self._then(self._parameters.get_parameters(names), lambda values: self._on_values(free, values))
 
     def _on_values(self, descriptors: list[Any], answer: Any) -> None:
+        if self.sliders:  # a late answer to a question that was asked again
+            return
         with self._place:
             for item, value in zip(descriptors, answer.values, strict=True):
                 self._add(item, float(value.double_value))
@@ -79,12 +93,14 @@ class Gains:
 
         def on_update(event: Any) -> None:
             if event.client is not None:  # moved by hand, not by us
-                self._actions.post(lambda: self.move(item.name, float(slider.value)))
+                value = float(slider.value)
+                self._operator.post(lambda: self.move(item.name, value))
 
         slider.on_update(on_update)
 
     def move(self, name: str, value: float) -> None:
-        """Have the node take a value; the slider shows the one that it has."""
+        """Have the node take a value; where it refuses the newest one, the slider goes back."""
+        self._asked[name] = number = self._asked.get(name, 0) + 1
 
         def on_result(answer: Any) -> None:
             result = answer.results[0]
@@ -93,7 +109,8 @@ class Gains:
                 self._tell(f"{name} = {value:g}")
             else:
                 self._tell(f"{name} = {value:g} refused: {result.reason}")
-            self.sliders[name].value = self._accepted[name]
+                if number == self._asked[name]:
+                    self.sliders[name].value = self._accepted[name]
 
         self._then(self._parameters.set_parameters([Parameter(name, value=value)]), on_result)
 

@@ -29,7 +29,7 @@ from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose
 
 SILENCE = 3.0
-"""A node whose diagnostics have not come for so long counts as gone [s]."""
+"""A node whose diagnostics have not come for so long counts as gone, and joints that have not as old [s]."""
 
 
 class Listener:
@@ -58,7 +58,7 @@ class Listener:
         self._joint_state: tuple[Vector, Vector] | None = None
         self._wrenches, self._push = np.zeros((2, 6)), np.zeros(6)
         self._footsteps: tuple[tuple[int, Foothold], ...] = ()
-        self._margin = float("nan")
+        self._margin, self._heard = float("nan"), time.monotonic()
         self._words = Words()
         self._statuses: dict[str, tuple[float, Any]] = {}
         self.refused = 0
@@ -81,17 +81,14 @@ class Listener:
         A malformed message is counted in ``refused`` and left out.
         """
         joint_codec, odom_codec, foot_codecs = self._codecs
-        try:
-            if (data := newest(self._joints)) is not None:
-                stamp, q, v, self._tau = joint_codec.decode(data)
-                self._t, self._joint_state = to_seconds(stamp), (q, v)
-            if (data := newest(self._odom)) is not None:
-                self._base = odom_codec.decode(data)[1:]
-            for foot, subscription in enumerate(self._feet):
-                if (data := newest(subscription)) is not None:
-                    self._wrenches[foot] = foot_codecs[foot].decode(data)[1]
-        except PoiseError:
-            self.refused += 1
+        if (joints := self._take(self._joints, joint_codec)) is not None:
+            stamp, q, v, self._tau = joints
+            self._t, self._joint_state, self._heard = to_seconds(stamp), (q, v), time.monotonic()
+        if (odom := self._take(self._odom, odom_codec)) is not None:
+            self._base = odom[1:]
+        for foot, subscription in enumerate(self._feet):
+            if (sample := self._take(subscription, foot_codecs[foot])) is not None:
+                self._wrenches[foot] = sample[1]
         if self._base is None or self._joint_state is None:
             return None
         walks = self._words.mode == Mode.WALK.value
@@ -106,6 +103,15 @@ class Listener:
             margin=self._margin if walks else float("nan"),
         )
 
+    def _take(self, subscription: Any, codec: Any) -> Any:
+        """Newest sample of a subscription, decoded; None for nothing new, or a malformed one."""
+        try:
+            data = newest(subscription)
+            return None if data is None else codec.decode(data)
+        except PoiseError:
+            self.refused += 1
+            return None
+
     def words(self) -> Words:
         """What the robot says of itself."""
         now = time.monotonic()
@@ -115,6 +121,8 @@ class Listener:
             if status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
         ]
         faults += [(name, "silent") for name, (heard, _) in sorted(self._statuses.items()) if now - heard > SILENCE]
+        if now - self._heard > SILENCE:
+            faults.append((topics.JOINT_STATES, "silent: the picture is old"))
         return replace(self._words, faults=tuple(faults))
 
     def close(self) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import viser
-from diagnostic_msgs.msg import DiagnosticArray
 
-from bridge.ros.actions import Actions
 from bridge.ros.client import Client
+from bridge.ros.operator import Operator
 from bridge.view.balance_scene import BalanceScene
 from bridge.view.config import ViewConfig
 from bridge.view.controls import Controls
@@ -23,7 +23,6 @@ from controllers.command_signature import Signer
 from controllers.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.errors import PoiseError
-from models.nodes.qos import EVENT
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from planners.gait.scaling import load_gait_config
@@ -64,34 +63,37 @@ class Page:
         self._listener = Listener(model, client)
         self.robot = RobotScene(scene, model)
         self._balance = BalanceScene(scene, model, self._config)
-        self._actions = Actions(client, lambda text: self._controls.tell(text), signer)
-        words = (*default_config(SupervisorConfig, "controllers", "supervisor").motions, "forward", "stop")
+        self._operator = Operator(client, lambda text: self._controls.tell(text), signer)
+        words = (*default_config(SupervisorConfig, "controllers", "supervisor").motions, "stop")
         limits = load_gait_config(model).velocity
         tabs = gui.add_tab_group()
         with tabs.add_tab("robot"):
             self._controls = Controls(
-                gui, self._actions, self._config, [w for w in words if not w.startswith("calibrate")], limits
+                gui, self._operator, self._config, [w for w in words if not w.startswith("calibrate")], limits
             )
         with tabs.add_tab("plots"):
             self._plots = LivePlots(gui, model, self._config)
         with tabs.add_tab("gains") as tab:
             gui.add_markdown(f"Parameters of `{TUNED}` that may be changed while it runs.")
-            self._gains = Gains(gui, tab, client, self._actions, TUNED, self._controls.tell)
+            self._gains = Gains(
+                gui, tab, client, self._operator, TUNED, self._controls.tell, self._config.answer_timeout
+            )
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Show and steer until ``stop`` says so."""
         next_picture = next_plot = next_drive = time.monotonic()
         while not stop():
-            self._actions.do_posted()
+            self._operator.do_posted()
             now = time.monotonic()
-            watched = bool(self._server.get_clients())
+            browsers = self._server.get_clients()
             if now >= next_drive:
                 next_drive = now + 1.0 / self._config.drive_rate
-                self._controls.drive(watched=watched)
+                self._operator.drive(self._controls.sticks.velocity(browsers))
             if now >= next_picture:
                 next_picture = now + 1.0 / self._config.rate
                 plot = now >= next_plot
-                self._show(plot=plot)
+                if browsers:
+                    self._show(plot=plot)
                 if plot:
                     next_plot = now + 1.0 / self._config.plot_rate
                     self._gains.ask()
@@ -99,9 +101,10 @@ class Page:
 
     def close(self) -> None:
         """Let go of the robot, leave the graph, and end the server."""
-        self._actions.drive(None)
-        self._listener.close()
-        self._server.stop()
+        with ExitStack() as stack:
+            stack.callback(self._server.stop)
+            stack.callback(self._listener.close)
+            self._operator.drive(None)
 
     def _show(self, *, plot: bool) -> None:
         snapshot = self._listener.poll()
@@ -143,7 +146,7 @@ def view(
     """
     stop = Stop()
     with Client(network=network) as client:
-        model = RobotModel.load(robot or _robot_of(client, timeout))
+        model = RobotModel.load(robot or client.robot(timeout))
         page = Page(model, client, host=host, port=port, signer=signer)
         try:
             say(f"{page.url} shows {model.name}; Ctrl-C ends it")
@@ -152,23 +155,6 @@ def view(
             page.run(lambda: stop.requested)
         finally:
             page.close()
-
-
-def _robot_of(client: Client, timeout: float) -> str:
-    """Name of the profile that a running graph's diagnostics carry.
-
-    Raises:
-        PoiseError: Nobody says anything.
-    """
-    names: list[str] = []
-
-    def hear(message: DiagnosticArray) -> None:
-        names.extend(status.hardware_id for status in message.status if status.hardware_id)
-
-    client.subscribe(DiagnosticArray, "/diagnostics", hear, EVENT)
-    if not client.wait(lambda: bool(names), timeout):
-        raise PoiseError(f"no robot on /diagnostics within {timeout:.0f} s: is one up? start it with: poise up")
-    return names[0]
 
 
 def _serve(host: str, port: int, robot: str) -> Any:

@@ -149,9 +149,10 @@ class HealthTopics:
         """
         arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self._now - self._started > arming_time * NANOSECONDS
+        late = round(config.heartbeat_timeout * NANOSECONDS)
         return Health(
-            state_stamp=self._moving(0, self._odom_stamp) / NANOSECONDS,
-            command_stamp=self._moving(1, self._command_stamp) / NANOSECONDS,
+            state_stamp=self._moving(0, self._odom_stamp, late) / NANOSECONDS,
+            command_stamp=self._moving(1, self._command_stamp, late) / NANOSECONDS,
             tilt=self._tilt,
             status=self._status,
             drivers_damped=armed and driver_state == topics.DAMPED,
@@ -164,14 +165,14 @@ class HealthTopics:
             joint_fault=self._joint_fault if driver_state == topics.ACTIVE else "",
         )
 
-    def _moving(self, which: int, stamp: int) -> int:
+    def _moving(self, which: int, stamp: int, late: int) -> int:
         """A stamp to count the age from: that of now while the stamps still move from one look to the next.
 
         Then somebody is alive. How late they arrive here tells of this process and its queue; commands that are too old
-        for the joints are refused by the drivers.
+        for the joints are refused by the drivers. What is later than ``late`` [ns] tells of a clock that is not theirs.
         """
         moved, self._looked[which] = stamp != self._looked[which], stamp
-        return self._now if moved else stamp
+        return self._now if moved and self._now - stamp <= late else stamp
 
     def _on_description(self, message: String) -> None:
         self.description = message.data

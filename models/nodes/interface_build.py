@@ -10,6 +10,7 @@ missing.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import os
@@ -18,7 +19,8 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from models.errors import PoiseError
@@ -39,6 +41,12 @@ ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_inte
 STAMP = ".poise_built"
 """File in a package built here: hash of the definitions that it was built from."""
 
+VERSIONS = ("rosidl_generator_py", "rosidl_typesupport_fastrtps_c", "rclpy", "numpy")
+"""Packages that what is built has to go with."""
+
+SAID_MAX = 600
+"""Of what a compiler says, so many characters of the end are told [-]."""
+
 ADVICE = "Debian and Ubuntu: sudo apt install g++ python3-dev"
 
 LOADER = '''"""Built by poise from its interface definitions."""
@@ -57,23 +65,19 @@ class InterfaceBuild:
     Args:
         package: Its name.
         into: Folder that is on Python's path.
-
-    Raises:
-        PoiseError: No compiler, no headers of Python, or no generators.
     """
 
     def __init__(self, package: str, into: Path) -> None:
         self._package, self._into = package, into
         self._source = DEFINITIONS / package
         self._files = sorted(path for path in self._source.rglob("*") if path.suffix in (".msg", ".srv", ".action"))
-        self._prefix = ros_prefix()
         self._depends = (*ALWAYS, *PACKAGES[package])
-        require_tools()
 
     @property
     def stamp(self) -> str:
-        """Hash of the definitions and of the interpreter they are built for."""
-        digest = hashlib.sha256(sysconfig.get_config_var("EXT_SUFFIX").encode())
+        """Hash of the definitions, of the interpreter and the ROS 2 they are built for, and of how."""
+        told = [sysconfig.get_config_var("EXT_SUFFIX"), *(ros_version(name) for name in VERSIONS)]
+        digest = hashlib.sha256("".join(told).encode() + Path(__file__).read_bytes())
         for path in self._files:
             digest.update(path.relative_to(self._source).as_posix().encode() + path.read_bytes())
         return digest.hexdigest()
@@ -82,20 +86,24 @@ class InterfaceBuild:
         """Generate, compile, and put the package in its place in one go.
 
         Raises:
-            PoiseError: The generators or the compiler refuse; with what they say.
+            PoiseError: No compiler, no headers of Python, or no generators; or these refuse, with what they say.
         """
+        require_tools()
+        self._prefix = ros_prefix()
         with tempfile.TemporaryDirectory(prefix="poise_interfaces_") as folder:
             work = Path(folder)
-            os.environ.setdefault("AMENT_PREFIX_PATH", str(self._prefix))
-            generate(self._package, self._source, self._files, work, self._prefix / "share")
+            with ament_prefix(self._prefix):
+                generate(self._package, self._source, self._files, work, self._prefix / "share")
             made = work / "made"
             shutil.copytree(work / "py" / self._package, made)
             self._compile(work, made)
             (made / "__init__.py").write_text(LOADER.format(libraries=LIBRARIES, package=self._package))
             (made / STAMP).write_text(self.stamp)
-            place = self._into / self._package
+            place, new = self._into / self._package, self._into / f".{self._package}.new"
+            shutil.rmtree(new, ignore_errors=True)
+            shutil.copytree(made, new)
             shutil.rmtree(place, ignore_errors=True)
-            shutil.move(made, place)
+            new.rename(place)
         self._tell_ament()
 
     def _compile(self, work: Path, made: Path) -> None:
@@ -165,6 +173,26 @@ def ros_prefix() -> Path:
     raise PoiseError(f"no headers of ROS 2 beside {spec.origin}")
 
 
+@contextlib.contextmanager
+def ament_prefix(prefix: Path) -> Iterator[None]:
+    """Where the generators look for their templates, unless a sourced ROS 2 says so already."""
+    before = os.environ.get("AMENT_PREFIX_PATH")
+    os.environ["AMENT_PREFIX_PATH"] = before or str(prefix)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["AMENT_PREFIX_PATH"]
+
+
+def ros_version(name: str) -> str:
+    """Version of a package of ROS 2; empty where it does not say."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
 def require_tools() -> None:
     """Check for a compiler and Python's headers.
 
@@ -190,9 +218,8 @@ def build_interfaces(into: Path, say: Callable[[str], object] = print) -> bool:
     """
     there = True
     for package in PACKAGES:
-        spec = importlib.util.find_spec(package)
-        built = into / package / STAMP
-        if spec is not None and not built.is_file():
+        spec, built = importlib.util.find_spec(package), into / package / STAMP
+        if spec is not None and spec.origin is not None and Path(spec.origin).parent != built.parent:
             say(f"{package}: that of the installed ROS 2 is used")
             continue
         try:
@@ -200,7 +227,7 @@ def build_interfaces(into: Path, say: Callable[[str], object] = print) -> bool:
             if not built.is_file() or built.read_text() != build.stamp:
                 build.run()
                 say(f"{package}: built")
-        except PoiseError as error:
+        except (PoiseError, OSError) as error:
             there = False
             say(f"{package} is left out, and with it its services and actions; everything else works: {error}")
     return there
@@ -219,7 +246,7 @@ def _compile(arguments: list[str]) -> None:
     compiler = ["g++", "-std=c++17"] if any(item.endswith(".cpp") for item in arguments) else ["gcc"]
     result = subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
     if result.returncode:
-        raise PoiseError(f"the compiler refuses it: {result.stderr[-600:].strip()}")
+        raise PoiseError(f"the compiler refuses it: {result.stderr[-SAID_MAX:].strip()}")
 
 
 def main() -> None:

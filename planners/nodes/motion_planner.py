@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -20,6 +21,7 @@ from models.nodes.spin import run
 from models.trajectory import thin
 from models.types import Vector
 from planners.calibration_motions import calibration_motions, variant
+from planners.library import motion_files
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
 
@@ -37,10 +39,13 @@ class MotionPlannerNode(PoiseNode):
         text = "Points of a published trajectory, whose reader has a tick to keep; a longer one is thinned"
         points = self.declare_parameter("points_max", 600, describe(text, integer=(2, 100000)))
         self._points_max = int(points.value)
+        text = "Folder of motion files (*.yaml) of the user's own, beside the packaged ones; empty: none"
+        self._folder = str(self.declare_parameter("motions_folder", "", describe(text)).value)
 
     def configure(self) -> None:
         """Build the law and the topics."""
-        self._law = MotionPlanner(self.model, self._config, extra=calibration_motions())
+        own = motion_files(Path(self._folder)) if self._folder else ()
+        self._law = MotionPlanner(self.model, self._config, extra=[*calibration_motions(), *own])
         self._codec = JointStateCodec(self.model)
         self._posture: Vector | None = None
         self._trajectory = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)

@@ -8,13 +8,16 @@ from typing import Any
 
 import pytest
 from rclpy.action.client import ActionClient
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from bridge.launch import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import process_specs
 from models.errors import PoiseError
+from models.nodes import topics
 from models.nodes.interfaces import interface
+from models.nodes.qos import SENSOR
 
 try:
     SetMode, Command = (interface("poise_interfaces", "srv", name) for name in ("SetMode", "Command"))
@@ -54,6 +57,15 @@ class User:
         self.graph.wait_for(future.done, 20.0, f"accepting a goal of {name}")
         assert future.result().accepted
         return future.result()
+
+    def posture(self, joint: str) -> float:
+        """Reference posture of a joint [rad]."""
+        heard: list[Any] = []
+        node = self.graph.node
+        listener = node.create_subscription(JointState, topics.POSTURE, heard.append, SENSOR)
+        self.graph.wait_for(lambda: bool(heard), 10.0, "telling its posture")
+        node.destroy_subscription(listener)
+        return float(heard[-1].position[list(heard[-1].name).index(joint)])
 
     def result(self, handle: Any, timeout: float = 120.0) -> tuple[int, Any]:
         """State and result of a goal."""
@@ -96,10 +108,38 @@ def test_an_unknown_motion_is_aborted_with_the_reason(user: User) -> None:
     assert status == ABORTED and "unknown command 'dance'" in result.message
 
 
-def test_a_motion_is_cancelled_and_the_robot_stands(user: User) -> None:
+def test_a_word_that_walks_is_no_motion(user: User) -> None:
+    status, result = user.result(user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="forward")))
+    assert status == ABORTED and "'forward' is no motion" in result.message
+    assert user.graph.mode == "stand"
+
+
+def begun(user: User, motion: str) -> Any:
+    """A motion that runs."""
     feedback: list[Any] = []
-    handle = user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="squat"), feedback)
-    user.graph.wait_for(lambda: bool(feedback) and feedback[-1].state == "running", 60.0, "squatting")
+    handle = user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion=motion), feedback)
+    user.graph.wait_for(lambda: bool(feedback) and feedback[-1].state == "running", 60.0, f"doing {motion}")
+    return handle
+
+
+def test_a_newer_motion_begins_when_the_older_one_has_ended(user: User) -> None:
+    first = begun(user, "wave")
+    second = user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="bow"))
+    status, result = user.result(first)
+    assert status == ABORTED and result.message == "replaced by a newer goal"
+    status, result = user.result(second)
+    assert status == SUCCEEDED and result.success, result
+
+
+def test_a_motion_that_somebody_else_stops_is_not_done(user: User) -> None:
+    handle = begun(user, "wave")
+    user.graph.send("stop")
+    status, result = user.result(handle)
+    assert status == ABORTED and result.message == "stopped by somebody else"
+
+
+def test_a_motion_is_cancelled_and_the_robot_stands(user: User) -> None:
+    handle = begun(user, "squat")
     handle.cancel_goal_async()
     status, result = user.result(handle)
     assert status == CANCELED and "holds its posture" in result.message
@@ -141,8 +181,8 @@ def test_a_walk_is_cancelled_where_it_is(user: User) -> None:
 def trajectory(user: User, name: str, position: float) -> Any:
     goal = Follow.Goal()
     goal.trajectory = JointTrajectory(joint_names=[name])
-    for time, value in ((0.0, None), (2.0, position)):
-        point = JointTrajectoryPoint(positions=[0.0 if value is None else value], velocities=[0.0])
+    for time, value in ((0.0, 0.0), (2.0, position)):
+        point = JointTrajectoryPoint(positions=[value], velocities=[0.0])
         point.time_from_start.sec = int(time)
         goal.trajectory.points.append(point)
     return goal
@@ -164,3 +204,13 @@ def test_moveit_finds_its_action_and_is_told_what_is_wrong(user: User) -> None:
     status, result = user.result(user.send(Follow, name, trajectory(user, "waist_yaw_joint", 0.2), feedback))
     assert status == SUCCEEDED and result.error_code == Follow.Result.SUCCESSFUL, result
     assert feedback[-1].desired.positions[0] == pytest.approx(0.2, abs=0.02)
+    back = trajectory(user, "waist_yaw_joint", -0.2)
+    back.trajectory.points[0].positions[0] = 0.2
+    feedback.clear()
+    handle = user.send(Follow, name, back, feedback)
+    user.graph.wait_for(lambda: bool(feedback) and feedback[-1].desired.positions[0] < 0.15, 60.0, "on its way")
+    handle.cancel_goal_async()
+    status, result = user.result(handle)
+    assert status == CANCELED and "holds its posture" in result.error_string
+    user.graph.spin(2.5)  # longer than the trajectory would have taken
+    assert user.posture("waist_yaw_joint") > -0.15  # it stopped on its way

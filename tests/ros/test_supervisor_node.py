@@ -269,6 +269,21 @@ def test_stamps_that_arrive_late_but_go_on_are_of_somebody_alive(
     assert (world.modes[-1] == "stand") is alive
 
 
+def test_stamps_that_go_on_an_hour_behind_the_clock_are_not_of_its_robot(
+    bench: Any, world: World, g1: RobotModel
+) -> None:
+    world.robot(g1)
+    world.drivers(topics.ACTIVE)
+    node = bench.add(SupervisorNode, lockstep=True)
+    bench.wait(lambda: world.modes and node._reports.heard)
+    bench.spin(0.2)
+    world.tick += 360_000  # an hour
+    world.lag = 3600 * 10**9
+    begin = node._reports.now
+    bench.wait(lambda: world.modes[-1] == "damp")
+    assert node._reports.now - begin < 3700 * 10**9
+
+
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
     world.drivers(topics.DAMPED)
     bench.add(SupervisorNode)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import subprocess
 import sys
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 
@@ -20,7 +22,10 @@ pytestmark = pytest.mark.ros
 COMMAND_LINE = [sys.executable, "-c", "import sys; sys.argv[1:] = ['teleop']; from bridge.cli import app; app()"]
 
 
-def test_keys_in_a_terminal_steer_until_q_is_pressed(bench: Bench) -> None:
+def test_keys_in_a_terminal_steer_until_z_is_pressed(bench: Bench) -> None:
+    diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    status = DiagnosticArray(status=[DiagnosticStatus(name="/supervisor", hardware_id="g1")])
+    bench.world.create_timer(0.1, lambda: diagnostics.publish(status))
     word, velocity = topics.source_topics("teleop")
     words: list[str] = []
     twists: list[float] = []
@@ -30,9 +35,14 @@ def test_keys_in_a_terminal_steer_until_q_is_pressed(bench: Bench) -> None:
     process = subprocess.Popen(COMMAND_LINE, stdin=side, stdout=side, stderr=side)
     os.close(side)
     try:
-        said = b""
-        while b"unknown" not in said:  # its first line about the robot
-            said += os.read(terminal, 4096)
+        said = [b""]
+
+        def told() -> bool:  # its first line about the robot
+            if select.select([terminal], [], [], 0.0)[0]:
+                said[0] += os.read(terminal, 4096)
+            return b"unknown" in said[0]
+
+        bench.wait(told, 60.0)
         os.write(terminal, b"ww")
         bench.wait(lambda: bool(twists) and twists[-1] == pytest.approx(0.2), 20.0)
         os.write(terminal, b"v")

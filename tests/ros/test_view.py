@@ -17,8 +17,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from bridge.ros.actions import SOURCE, Actions
 from bridge.ros.client import Client
+from bridge.ros.operator import SOURCE, Operator
 from bridge.view.listener import Listener
 from models.errors import PoiseError
 from models.nodes import topics
@@ -107,7 +107,7 @@ def test_a_malformed_message_is_counted_and_left_out(client: Client, bench: Benc
 
 def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Bench) -> None:
     told: list[str] = []
-    actions = Actions(client, told.append)
+    operator = Operator(client, told.append)
     word, velocity = topics.source_topics(SOURCE)
     words: list[str] = []
     twists: list[float] = []
@@ -121,26 +121,26 @@ def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Benc
         lambda message: pushes.append((message.header.frame_id, message.wrench.force.y)),
         EVENT,
     )
-    until(client, bench, lambda: bool(twists), lambda: actions.drive((0.2, 0.0, 0.0)))
-    thread = threading.Thread(target=lambda: actions.post(lambda: actions.say("wave")))  # as the web server does
+    until(client, bench, lambda: bool(twists), lambda: operator.drive((0.2, 0.0, 0.0)))
+    thread = threading.Thread(target=lambda: operator.post(lambda: operator.say("wave")))  # as the web server does
     thread.start()
     thread.join()
     assert not words
-    actions.do_posted()
-    actions.push(np.array([0.0, 50.0, 0.0]))
+    operator.do_posted()
+    operator.push(np.array([0.0, 50.0, 0.0]))
     until(client, bench, lambda: words == ["wave"] and pushes == [("base_link", 50.0)])
-    actions.drive(None)
+    operator.drive(None)
     until(client, bench, lambda: twists[-1] == 0.0)
     count = len(twists)
-    actions.drive(None)  # silent now: others are heard again
+    operator.drive(None)  # silent now: others are heard again
     bench.spin(0.2)
     assert len(twists) == count and told == ["said wave", "pushed with 50 N"]
 
 
 def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
     told: list[str] = []
-    actions = Actions(client, told.append)
-    actions.call("stand")
+    operator = Operator(client, told.append)
+    operator.call("stand")
     assert told == ["mode/stand: nobody offers it: is the robot up? (poise up)"]
 
     def refuse(request: Any, response: Any) -> Any:
@@ -151,7 +151,7 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
 
     def ask() -> None:
         if len(told) == 1 or told[-1].endswith("(poise up)"):
-            actions.call("stand")
+            operator.call("stand")
 
     until(client, bench, lambda: told[-1].startswith("stand: "), ask)
     assert told[-1] == "stand: fallen: call reset_faults first"
@@ -169,10 +169,10 @@ def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Ben
         return SetParametersResult(successful=not bad, reason=f"{bad} too stiff" if bad else "")
 
     world.add_on_set_parameters_callback(judge)
-    actions = Actions(client, told.append)
+    operator = Operator(client, told.append)
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
-        gains = Gains(server.gui, server.gui.add_folder("gains"), client, actions, "world", told.append)
+        gains = Gains(server.gui, server.gui.add_folder("gains"), client, operator, "world", told.append, 1.0)
         until(client, bench, lambda: bool(gains.sliders), gains.ask)
         assert list(gains.sliders) == ["com.kp"]
         slider = gains.sliders["com.kp"]

@@ -131,6 +131,11 @@ def test_healthy_robot_keeps_standing(standing: Supervisor) -> None:
     assert standing.faults == ()
 
 
+def test_stop_ends_a_trajectory_that_nobody_asked_the_supervisor_for(standing: Supervisor) -> None:
+    assert standing.text("stop").accepted
+    assert (standing.mode, standing.take_motion()) == (Mode.STAND, "stop")
+
+
 def test_estop_damps_from_any_active_mode_and_leaves_off_alone(law: Supervisor) -> None:
     law.estop()
     assert law.mode is Mode.OFF

@@ -50,6 +50,13 @@ def test_nobody_there_is_no_velocity(law: KeyLaw) -> None:
     assert law.velocity(20.0) == (0.0, 0.0, 0.0)
 
 
+def test_the_velocity_of_one_who_went_away_does_not_come_back_with_a_key(law: KeyLaw) -> None:
+    law.press("w", 10.0)
+    law.press("w", 10.0)
+    law.press("w", 11.0 + CONFIG.idle)  # nobody has looked at the velocity since
+    assert law.velocity(11.0 + CONFIG.idle) == pytest.approx((0.1, 0.0, 0.0))
+
+
 def test_keys_that_act_at_once_halt_first(law: KeyLaw) -> None:
     law.press("w", 0.0)
     assert law.press("n", 0.0) == "stand" and law.velocity(0.0) == (0.0, 0.0, 0.0)
@@ -66,7 +73,9 @@ def test_a_gamepad_gives_parts_of_the_limits_and_deeds(tmp_path: Path) -> None:
     pad = Gamepad(device, CONFIG.gamepad, limits)
     hand = os.open(device, os.O_WRONLY)
     assert pad.read() == [] and pad.velocity() == (0.0, 0.0, 0.0)
-    os.write(hand, event(0x82, 1, 0) + event(0x02, 1, -32767) + event(0x02, 3, 16384) + event(0x02, 0, 1000))
+    os.write(hand, event(0x82, 1, -32767) + event(0x82, 3, 0))  # the first stick is found deflected
+    assert pad.read() == [] and pad.velocity() == (0.0, 0.0, 0.0)
+    os.write(hand, event(0x02, 1, 0) + event(0x02, 1, -32767) + event(0x02, 3, 16384) + event(0x02, 0, 1000))
     assert pad.read() == []
     assert pad.velocity() == pytest.approx((0.9, 0.0, -0.4), abs=1e-3)  # left is inside the dead band
     held = event(0x81, 1, 1)  # was down when the device was opened: nobody presses it now

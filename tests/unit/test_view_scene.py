@@ -65,6 +65,46 @@ def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -
     np.testing.assert_allclose(scene.balls["com"].position, drawn.com)
 
 
+def test_ground_reactions_point_as_the_soles_do(server: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bridge.view.balance_scene import BalanceScene
+    from bridge.view.config import ViewConfig
+    from bridge.view.snapshot import Snapshot
+
+    config, state = default_config(ViewConfig, "bridge", "view"), standing(g1)
+    q = state.q.copy()
+    q[3:7] = 0.0, 0.0, math.sin(0.25 * math.pi), math.cos(0.25 * math.pi)  # turned by a right angle to the left
+    wrenches = np.zeros((2, 6))
+    wrenches[0, :3] = 30.0, 0.0, 200.0  # forward and up, in the sole's frame
+    drawn: list[Any] = []
+    monkeypatch.setattr(server.scene, "add_arrows", lambda name, points, colors: drawn.append(points))
+    push = np.array([50.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    moment = Snapshot(0.0, q, state.v, np.zeros(g1.nj), wrenches, push, (), math.nan)
+    BalanceScene(server.scene, g1, config).show(moment)
+    reaction, pushed = drawn[0][:, 1] - drawn[0][:, 0]
+    np.testing.assert_allclose(reaction, config.force_scale * np.array([0.0, 30.0, 200.0]), atol=1e-6)
+    np.testing.assert_allclose(pushed, config.force_scale * push[:3], atol=1e-6)
+
+
+def test_he_who_steers_is_there_while_he_moves_something_and_his_browser_is() -> None:
+    from bridge.view.sticks import DeadMan
+
+    man = DeadMan(10.0)
+    assert not man.there([1, 2], 0.0)  # nobody has touched anything
+    man.touch(1, 5.0)
+    assert man.there([1, 2], 15.0) and not man.there([1, 2], 15.1)
+    man.touch(1, 20.0)
+    assert not man.there([2], 20.0)  # another browser that only looks does not hold the sticks
+
+
+def test_a_push_comes_from_the_robots_side_wherever_it_looks() -> None:
+    from bridge.view.controls import DIRECTIONS, force_from
+
+    turned = 0.5 * math.pi  # it looks to +y, so its left is -x
+    np.testing.assert_allclose(force_from(10.0, DIRECTIONS["from behind"], turned), [0.0, 10.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(force_from(10.0, DIRECTIONS["from the left"], turned), [10.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(force_from(10.0, DIRECTIONS["from the left"], 0.0), [0.0, -10.0, 0.0], atol=1e-12)
+
+
 def test_a_footstep_is_drawn_where_it_is() -> None:
     from bridge.view.balance_scene import outline
 

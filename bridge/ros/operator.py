@@ -12,7 +12,7 @@ from geometry_msgs.msg import Twist, WrenchStamped
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from bridge.ros.client import Client
+from bridge.ros.client import Client, signed
 from controllers.command_signature import Signer
 from models.nodes import topics
 from models.nodes.qos import COMMAND, EVENT
@@ -33,7 +33,7 @@ MODE_SERVICES = {
 """Buttons and the services that they call."""
 
 
-class Actions:
+class Operator:
     """Publishers and service clients of an operator: the page of ``poise view``, or ``poise teleop``.
 
     The page's buttons are pressed in threads of the web server. They ``post`` what is to be done, and the page's loop
@@ -100,7 +100,7 @@ class Actions:
         self._tell(f"pushed with {np.linalg.norm(force):.0f} N")
 
     def _publish_word(self, text: str) -> None:
-        self._words.publish(String(data=text if self._signer is None else self._signer.sign(text)))
+        self._words.publish(String(data=signed(text, self._signer)))
 
     def _answer(self, name: str, future: Any) -> None:
         error = future.exception()
