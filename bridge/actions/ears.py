@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -30,6 +31,12 @@ ANSWER_TIMEOUT = 5.0
 
 WORDS = 100
 """Words of a topic that are remembered [-]."""
+
+QUIET = 5
+"""Looks without any motion after which the posture counts as at rest [-]."""
+
+MOVED = 1e-4
+"""Change of a joint from one look to the next that is a motion [rad]."""
 
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
 """Modes in which an action may go on."""
@@ -59,6 +66,8 @@ class Ears:
         self._joints, self._odom = b"", b""
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
         self._model = node.model
+        self._before: Vector | None = None
+        self._quiet = 0
         self._waiting: list[Future] = []
         self._types = {
             name: interface("poise_interfaces", "srv", kind)
@@ -145,7 +154,16 @@ class Ears:
         answer = future.result()
         return CommandReply(bool(answer.success), str(answer.message))
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the reference posture has not moved for the last ``QUIET`` looks."""
+        return self._quiet >= QUIET
+
     def _look(self) -> None:
+        posture, before = self.posture, self._before
+        same = posture is not None and before is not None and float(np.abs(posture - before).max()) < MOVED
+        self._quiet = self._quiet + 1 if same else 0
+        self._before = posture
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             future.set_result(None)

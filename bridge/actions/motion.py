@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.actions.ears import Ears
+from bridge.actions.ears import PERIOD, Ears
 from bridge.actions.goals import Outcome, Turn
 from controllers.supervisor import GAIT_WORDS
 from models.nodes import topics
@@ -19,7 +19,7 @@ START_TIMEOUT = 25.0
 """Longest wait for a motion to start, which is planned first: more than ``plan_timeout`` of the supervisor [s]."""
 
 HALT_TIMEOUT = 5.0
-"""Longest wait for the end of a motion that is stopped [s]."""
+"""Longest wait for a motion that is stopped to slow down [s]."""
 
 STOP = "stop"
 
@@ -67,7 +67,8 @@ async def _halt(ears: Ears) -> str:
     reply = await ears.command(STOP)
     if not reply.accepted:
         return reply.reason
-    over = await ears.until(lambda: not ears.motion or ears.motion[-1] != topics.MOTION_RUNNING, HALT_TIMEOUT)
+    await ears.until(lambda: not ears.at_rest, 2.0 * PERIOD)  # what was said before takes its time
+    over = await ears.until(lambda: ears.at_rest or bool(ears.stopped), HALT_TIMEOUT)
     return "it holds its posture" if over else f"the motion has not ended within {HALT_TIMEOUT:.0f} s"
 
 

@@ -18,7 +18,7 @@ from planners.motion import MotionPlanner
 def blocks(root: Path) -> dict[str, str]:
     """Code of the page, by its language."""
     text = (root / "docs/tutorial.md").read_text()
-    return {language: code for language, code in re.findall(r"```(\w+)\n(.*?)```", text, re.DOTALL)}
+    return dict(re.findall(r"```(\w+)\n(.*?)```", text, re.DOTALL))
 
 
 def test_the_task_turns_the_waist_and_the_robot_stands(blocks: dict[str, str], capsys: Any) -> None:
