@@ -1,8 +1,9 @@
-"""The page in a real browser, on the real graph: standing, walking, and after an emergency stop."""
+"""The page in a real browser, on the real graph in lockstep: standing, walking, and after an emergency stop."""
 
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import signal
 import socket
@@ -30,7 +31,7 @@ OPTIONS = (
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--window-size=900,900",
+    "--window-size=900,800",
 )
 
 pytestmark = [
@@ -41,6 +42,9 @@ pytestmark = [
     ),
 ]
 
+
+NICENESS = 15
+"""Of the browser: after everything else."""
 
 DARK = 60
 """Grey of the G1's dark parts; neither grid nor page has any so dark in the scene [0..255]."""
@@ -85,6 +89,8 @@ def visitor(tmp_path: Path) -> Iterator[Visitor]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     code = f"import sys; sys.argv[1:] = ['view', '--port', '{port}']; from bridge.cli import app; app()"
+    # It draws without a graphics card and would keep the graph from both cores.
+    service = webdriver.ChromeService(DRIVER, popen_kw={"preexec_fn": lambda: os.nice(NICENESS)})
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
     for option in OPTIONS:
@@ -92,7 +98,7 @@ def visitor(tmp_path: Path) -> Iterator[Visitor]:
     with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "log", say=lambda text: None) as graph:
         graph.wait_standing(180.0)
         page = subprocess.Popen([sys.executable, "-c", code], env=graph_environment(domain_id=domain))
-        driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+        driver = webdriver.Chrome(options=options, service=service)
         try:
             end = time.monotonic() + 60.0
             while socket.socket().connect_ex(("127.0.0.1", port)):
@@ -110,7 +116,7 @@ def visitor(tmp_path: Path) -> Iterator[Visitor]:
 
 def test_the_page_shows_and_steers_the_robot(visitor: Visitor) -> None:
     visitor.wait(lambda: "mode: stand" in visitor.text and "drivers: active" in visitor.text, "standing")
-    visitor.wait(lambda: (visitor.look("stand") < DARK).mean() > 0.01, "a robot in the picture")
+    visitor.wait(lambda: (visitor.look("stand") < DARK).mean() > 0.001, "a robot in the picture")
     visitor.press("walk")
     visitor.wait(lambda: "mode: walk" in visitor.text, "walking")
     visitor.graph.send("forward")
