@@ -122,6 +122,7 @@ def begun(user: User, motion: str) -> Any:
     return handle
 
 
+@pytest.mark.slow
 def test_a_newer_motion_begins_when_the_older_one_has_ended(user: User) -> None:
     first = begun(user, "wave")
     second = user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="bow"))
@@ -188,6 +189,7 @@ def trajectory(user: User, name: str, position: float) -> Any:
     return goal
 
 
+@pytest.mark.slow
 def test_moveit_finds_its_action_and_is_told_what_is_wrong(user: User) -> None:
     name = "joint_trajectory_controller/follow_joint_trajectory"
     status, result = user.result(user.send(Follow, name, trajectory(user, "tail_joint", 0.1)))

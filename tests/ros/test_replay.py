@@ -91,6 +91,7 @@ def test_other_programs_read_it(recorded: Path, g1: RobotModel) -> None:
     assert "<robot" in described.ros_msg.data
 
 
+@pytest.mark.slow
 def test_a_changed_bit_of_a_sensor_is_found_by_time_and_joint(recorded: Path, g1: RobotModel, tmp_path: Path) -> None:
     codec, at = JointStateCodec(g1), sorted(read_run(recorded).joints)[2000]
 
@@ -111,6 +112,7 @@ def test_a_changed_bit_of_a_sensor_is_found_by_time_and_joint(recorded: Path, g1
     assert f"first difference at t={report.first.t:.3f} s, {report.first.joint}" in result.output
 
 
+@pytest.mark.slow
 def test_lost_samples_and_notes_are_counted(recorded: Path, tmp_path: Path) -> None:
     run = read_run(recorded)
     stamps = sorted(run.joints)
