@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -53,10 +54,10 @@ TUNABLE = tuple(_KNOBS)
 def configured(name: str, balance: BalanceConfig, whole_body: WholeBodyConfig) -> float:
     """Value of a gain in the configuration of the law."""
     root, *path = name.split(".")
-    value: object = {"balance": balance, "whole_body": whole_body}[root]
+    value: Any = {"balance": balance, "whole_body": whole_body}[root]
     for part in path:
         value = getattr(value, part)
-    return float(value)  # type: ignore[arg-type]  # every tunable gain is a number
+    return float(value)
 
 
 class Tuning:

@@ -160,6 +160,8 @@ class Ears:
         return self._quiet >= QUIET
 
     def _look(self) -> None:
+        if not self._waiting:  # nobody asks how the robot does
+            return
         posture, before = self.posture, self._before
         same = posture is not None and before is not None and float(np.abs(posture - before).max()) < MOVED
         self._quiet = self._quiet + 1 if same else 0

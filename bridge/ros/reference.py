@@ -99,11 +99,13 @@ def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
     """Rows of the table of topics, by name."""
     found: dict[str, tuple[str, str, list[str], list[str]]] = {}
     for node in nodes:
-        for ends, side in ((node.publishers, 2), (node.subscriptions, 3)):
-            for end in ends:
-                row = found.setdefault(_short(end.topic_name), (_type(end.msg_type), _qos(end.qos_profile), [], []))
-                if node.get_name() not in row[side]:
-                    row[side].append(node.get_name())  # type: ignore[union-attr]  # the two lists
+        ends: list[tuple[Any, bool]] = [(end, True) for end in node.publishers]
+        ends += [(end, False) for end in node.subscriptions]
+        for end, source in ends:
+            row = found.setdefault(_short(end.topic_name), (_type(end.msg_type), _qos(end.qos_profile), [], []))
+            names = row[2] if source else row[3]
+            if node.get_name() not in names:
+                names.append(node.get_name())
     for name in ("parameter_events", "rosout"):
         found.pop(f"/{name}", None)
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):

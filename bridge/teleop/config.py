@@ -7,9 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from bridge.loop_config import Positive
 from models.config import STRICT
-
-Positive = Annotated[float, Field(gt=0.0)]
 
 Axis = Literal["forward", "left", "turn"]
 

@@ -7,9 +7,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from bridge.loop_config import Positive
 from models.config import STRICT
-
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
