@@ -214,7 +214,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
             more.append(Check(WALK, False, "did not happen"))
         checks += [*more, judge_speed(fast, config)]
         say("plots: " + ", ".join(str(file) for file in plots))
-        problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png")
+        problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot)
         say(problem or f"film strip: {out / 'filmstrip.png'}")
     passed = all(check.passed for check in checks)
     print_report(console, model.name, checks, stable, fast)

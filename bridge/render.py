@@ -1,7 +1,7 @@
 """Film strip of a recorded run, drawn by MuJoCo without a display.
 
-Run as ``python -m bridge.render RECORDING PICTURE`` in a process of its own: OpenGL libraries that are broken end the
-process that loads them.
+Run as ``python -m bridge.render RECORDING PICTURE [PROFILE]`` in a process of its own: OpenGL libraries that are broken
+end the process that loads them.
 """
 
 from __future__ import annotations
@@ -26,15 +26,19 @@ FRAME_SIZE = (300, 480)
 DONE = "done"
 """Last word of the events that end a part of the run."""
 
+NOT_OURS = 3
+"""Exit status when the recording or the profile is at fault, and not the graphics."""
+
 GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 
 
-def render_filmstrip(recording_file: Path, picture: Path, *, timeout: float = 120.0) -> str:
+def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
     """Draw a film strip in another process.
 
     Args:
         recording_file: What ``Recording.save`` wrote.
         picture: PNG file to write.
+        robot: Profile, by name or path; the one that the recording names when empty.
         timeout: How long drawing may take [s].
 
     Returns:
@@ -42,7 +46,7 @@ def render_filmstrip(recording_file: Path, picture: Path, *, timeout: float = 12
     """
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
-    command = [sys.executable, "-m", "bridge.render", str(recording_file), str(picture)]
+    command = [sys.executable, "-m", "bridge.render", str(recording_file), str(picture), robot]
     try:
         result = subprocess.run(
             command,
@@ -57,6 +61,8 @@ def render_filmstrip(recording_file: Path, picture: Path, *, timeout: float = 12
     if result.returncode == 0 and picture.is_file():
         return ""
     last = (result.stderr.strip().splitlines() or [f"exit status {result.returncode}"])[-1]
+    if result.returncode == NOT_OURS:
+        return f"no pictures: {last}"
     return f"{GL_ADVICE} (drawing failed: {last})"
 
 
@@ -99,12 +105,13 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
     return result
 
 
-def draw(recording: Recording, picture: Path) -> None:
+def draw(recording: Recording, picture: Path, robot: str = "") -> None:
     """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
 
     Args:
         recording: The run.
         picture: PNG file to write.
+        robot: Profile, by name or path; the one that the recording names when empty.
     """
     import mujoco
     from PIL import Image, ImageDraw, ImageFont
@@ -112,7 +119,7 @@ def draw(recording: Recording, picture: Path) -> None:
     from models.mujoco_model import build_mujoco, pin_to_mujoco
     from models.robot_model import RobotModel
 
-    model = RobotModel.load(recording.robot)
+    model = RobotModel.load(robot or recording.robot)
     mj = build_mujoco(model, visuals=True)
     data = mujoco.MjData(mj.model)
     width, height = FRAME_SIZE
@@ -141,12 +148,12 @@ def draw(recording: Recording, picture: Path) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Draw ``arguments[1]`` from the recording ``arguments[0]``."""
+    """Draw ``arguments[1]`` from the recording ``arguments[0]``, with the profile ``arguments[2]`` where given."""
     try:
-        draw(Recording.load(Path(arguments[0])), Path(arguments[1]))
+        draw(Recording.load(Path(arguments[0])), Path(arguments[1]), *arguments[2:3])
     except (PoiseError, IndexError) as error:
         print(error, file=sys.stderr)
-        return 1
+        return NOT_OURS
     return 0
 
 

@@ -54,7 +54,6 @@ class WholeBodyController:
         areas: x_min, x_max, y_min, y_max of what it counts on of each sole, in its frame (2, 4) [m].
         builder: Builds the QP.
         solver: Solves it.
-        problem: Last QP, overwritten by the next tick; None before the first.
         solution: Last answer of the solver.
 
     References:
@@ -99,6 +98,7 @@ class WholeBodyController:
             friction=contact.friction,
             sole_margin=contact.sole_margin,
             regularisation=solver.regularisation,
+            lookahead=config.lookahead_s,
         )
         self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho)
         scale = contact.wrench_weight / weight_force**2
@@ -124,11 +124,10 @@ class WholeBodyController:
         self._whole: Matrix = np.array([foot.rectangle for foot in model.feet])
         self.areas = self._whole.copy()
         self._told = b""
-        self._ahead, self._nv = config.lookahead_s, model.nv
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((2, 6))
         self.torque = np.zeros(nj)
-        self.problem: QP | None = None
+        self._problem: QP | None = None
         self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
         self._failures = 0
         self._last: JointCommand | None = None
@@ -156,17 +155,23 @@ class WholeBodyController:
         if (reference.contacts, reference.load) != self._contacts:
             self._change_contacts(reference.contacts, reference.load)
         terms, limits = self.terms, self.limits
-        self.problem = qp = self.builder.build(terms, reference, limits)
+        self._problem = qp = self.builder.build(terms, reference, limits)
         self.solution = solution = self.solver.solve(qp)
         if solution.z is None:
             return self.fall_back()
         self._failures = 0
         self._joints = state.q[7:]
-        self.acceleration, self.wrenches = np.empty(self._nv), np.empty((2, 6))
-        command = self.builder.recover(terms, solution.z, limits, self._ahead, self.acceleration, self.wrenches)
+        command, self.acceleration, self.wrenches = self.builder.recover(solution.z)
         self.torque = command[2]
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
+
+    @property
+    def problem(self) -> QP | None:
+        """Last QP with all its rows, overwritten by the next tick; None before the first."""
+        if self._problem is not None and self._problem.complete is not None:
+            self._problem.complete()
+        return self._problem
 
     def rely_on(self, areas: Matrix | None) -> bool:
         """Count on parts of the soles only (2, 4) [m], None for the whole ones; returns whether anything changed."""

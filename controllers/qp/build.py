@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from controllers.memory import Block
-from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_problem, recover
+from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_cost, fill_rows, recover
 from controllers.qp.kernels_cone import ROWS, fill_cone
 from controllers.qp.kernels_feedback import LIMITS
 from controllers.qp.kernels_stack import ACTIVE, COM_TASK, PLAN, PYTHON_TASK, STACK
@@ -31,6 +31,9 @@ PIVOT_FLOOR = 1e-6
 class QP:
     """``minimise 1/2 z'Hz + f'z  subject to  lower <= [I_nb; A] z <= upper``.
 
+    Most ticks need no rows: the minimum of the cost keeps all limits. A QP that can tell so without them has ``keeps``,
+    and its rows are of an earlier tick until ``complete`` is called.
+
     Attributes:
         hessian: H, positive definite (nz, nz).
         gradient: f (nz,).
@@ -39,6 +42,8 @@ class QP:
         upper: Likewise.
         soft: Rows that a relaxed solve may violate, at a price (nb + m,) of bool.
         finite: Whether there is neither NaN nor infinity in it; None when nobody has looked.
+        keeps: Whether a point (nz,) breaks no row, told without them; None when the rows are there.
+        complete: Fills the rows and ``finite``; None when the rows are there.
     """
 
     hessian: Matrix
@@ -48,6 +53,8 @@ class QP:
     upper: Vector
     soft: np.ndarray
     finite: bool | None = None
+    keeps: Callable[[Vector], bool] | None = None
+    complete: Callable[[], None] | None = None
 
 
 class QPLimits:
@@ -103,6 +110,7 @@ class QPBuilder:
         friction: Coulomb coefficient used by the cone.
         sole_margin: Taken off every side of the contact rectangles [m].
         regularisation: Added to the Hessian's diagonal.
+        lookahead: Time over which accelerations are integrated to the set-point [s].
 
     Attributes:
         tasks: Those that are stacked, in the order of their rows.
@@ -124,6 +132,7 @@ class QPBuilder:
         friction: float,
         sole_margin: float,
         regularisation: float,
+        lookahead: float,
     ) -> None:
         names = [task.name for task in tasks]
         for name in names:
@@ -135,7 +144,7 @@ class QPBuilder:
         self.model = model
         self.posture = postures[0]
         self.tasks = [task for task in tasks if task is not self.posture]
-        self._regularisation = regularisation
+        self._regularisation, self._ahead = regularisation, lookahead
         core = np.concatenate([np.arange(6), *(np.array(foot.joint_ids_v) for foot in model.feet)])
         if len(set(core)) != CORE or len(model.feet[0].joint_ids_v) != 6:
             raise ConfigError(f"{model.name}: each leg needs six joints of its own between base and sole")
@@ -152,6 +161,10 @@ class QPBuilder:
         self.robot["row_scale"][:] = ROW_SCALE
         self._reductions = [_Reduction(mode, model.nv, upper, CORE - 6) for mode in range(4)]
         self._active = self._reductions[0]
+        self._terms: Terms
+        self._limits: QPLimits
+        self._evaluated: Vector | None = None
+        self._recovered: tuple[Matrix, Vector, Matrix]
         self.stacked = stack = self._make_stack()
         self._stack = stack.data, stack.layout
         self._com = next((task for task in self.tasks if task.kind == COM_TASK), None)
@@ -197,10 +210,10 @@ class QPBuilder:
             self._cones[2][foot, -1] = force / self._wrench_scale
 
     def build(self, terms: Terms, reference: Reference, limits: QPLimits) -> QP:
-        """Fill the QP of this tick.
+        """Fill the cost of this tick's QP; its rows follow where they are needed.
 
         Args:
-            terms: Model terms of the measured state.
+            terms: Model terms of the measured state; they and ``limits`` stay as they are until the QP is solved.
             reference: What to track; its ``contacts`` pick the contact mode.
             limits: Limits, contact accelerations and wanted wrenches.
 
@@ -217,16 +230,14 @@ class QPBuilder:
         com = self._no_com if self._com is None else self._com.acceleration(terms, reference)
         mode = (1 if reference.contacts[0] else 0) + (2 if reference.contacts[1] else 0)
         self._active = reduction = self._reductions[mode]
-        qp = reduction.qp
-        qp.finite = fill_problem(
+        self._terms, self._limits, self._evaluated = terms, limits, None
+        fill_cost(
             mode,
             terms.mass_matrix,
             terms.bias,
             terms.block.data,
             terms.block.layout,
             self._indices,
-            self.robot.data,
-            self.robot.layout,
             self._plan,
             com,
             reference.base_orientation,
@@ -248,42 +259,73 @@ class QPBuilder:
             reduction.block.data,
             reduction.block.layout,
         )
+        qp = reduction.qp
+        qp.keeps, qp.complete = self._evaluate, self._fill_rows
         return qp
 
-    def recover(
-        self, terms: Terms, z: Vector, limits: QPLimits, ahead: float, acceleration: Vector, wrenches: Matrix
-    ) -> Matrix:
-        """Set-point of a solution of the QP built last.
-
-        Args:
-            terms: Model terms that it was built from.
-            z: Solution (nz,).
-            limits: Limits that it was built from.
-            ahead: Time over which the accelerations are integrated to the set-point [s].
-            acceleration: Out (nv,).
-            wrenches: Out, in the sole frames (2, 6).
-
-        Returns:
-            Joint positions, velocities and torques (3, nj).
-        """
-        command = np.empty((3, self.model.nj))
-        block, reduction = terms.block, self._active.block
-        recover(
-            z,
+    def _fill_rows(self) -> None:
+        """Fill the rows of the QP built last."""
+        reduction, terms, limits = self._active, self._terms, self._limits
+        qp = reduction.qp
+        qp.keeps = qp.complete = None
+        qp.finite = fill_rows(
+            reduction.mode,
             terms.mass_matrix,
             terms.bias,
-            block.data,
-            block.layout,
-            reduction.data,
-            reduction.layout,
+            terms.block.data,
+            terms.block.layout,
+            self._indices,
+            self.robot.data,
+            self.robot.layout,
             limits.block.data,
             limits.block.layout,
-            ahead,
-            acceleration,
-            wrenches,
-            command,
+            reduction.block.data,
+            reduction.block.layout,
         )
-        return command
+
+    def recover(self, z: Vector) -> tuple[Matrix, Vector, Matrix]:
+        """What a solution of the QP built last means.
+
+        Args:
+            z: Solution (nz,).
+
+        Returns:
+            Joint positions, velocities and torques of the set-point (3, nj), acceleration (nv,), and wrenches in the
+            sole frames (2, 6); arrays of their own.
+        """
+        if z is not self._evaluated:
+            self._evaluate(z)
+        return self._recovered
+
+    def _evaluate(self, z: Vector) -> bool:
+        """Keep what z means for ``recover``; returns whether it keeps every limit."""
+        self._evaluated, model = z, self.model
+        self._recovered = command, acceleration, wrenches = (
+            np.empty((3, model.nj)),
+            np.empty(model.nv),
+            np.empty((2, 6)),
+        )
+        reduction, terms, limits = self._active, self._terms, self._limits
+        return bool(
+            recover(
+                reduction.mode,
+                z,
+                terms.mass_matrix,
+                terms.bias,
+                terms.block.data,
+                terms.block.layout,
+                self.robot.data,
+                self.robot.layout,
+                reduction.block.data,
+                reduction.block.layout,
+                limits.block.data,
+                limits.block.layout,
+                self._ahead,
+                acceleration,
+                wrenches,
+                command,
+            )
+        )
 
 
 def _move(task: Task, name: str, memory: Vector) -> None:

@@ -1,4 +1,4 @@
-"""The whole assembly of the reduced QP as one compiled call, and the recovery of the full solution."""
+"""The reduced QP: its cost as one compiled call, its rows as another, and the full solution with its limits."""
 
 from __future__ import annotations
 
@@ -50,15 +50,13 @@ _BASIS, _START, _INVERSE, _MAPS, _OFFSETS, _HESSIAN, _GRADIENT, _MATRIX, _LOWER,
 
 
 @njit(cache=True)
-def fill_problem(
+def fill_cost(
     mode: int,
     mass_matrix: Array,
     bias: Array,
     terms: Array,
     terms_layout: Index,
     indices: Index,
-    robot: Array,
-    robot_layout: Index,
     plan: Index,
     com: Array,
     base: Array,
@@ -80,8 +78,8 @@ def fill_problem(
     regularisation: float,
     reduction: Array,
     layout: Index,
-) -> bool:
-    """Fill a contact mode's block from terms, stacked tasks and limits.
+) -> None:
+    """Fill the cost of a contact mode's block from terms, stacked tasks and limits.
 
     Args:
         mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
@@ -90,8 +88,6 @@ def fill_problem(
         terms: Block of ``Terms``.
         terms_layout: Its layout.
         indices: Velocities of the base, of the first and of the second leg, then of the rest of the body (nv,).
-        robot: Block with the parts ``ROBOT``.
-        robot_layout: Its layout.
         plan: See ``stack_tasks``, as all up to ``stack_layout``.
         com: (3,).
         base: (3, 3).
@@ -113,9 +109,6 @@ def fill_problem(
         regularisation: Added to the diagonal of H.
         reduction: Out, block of the contact mode with the parts ``REDUCTION``.
         layout: Its layout.
-
-    Returns:
-        Whether the problem holds neither NaN nor infinity.
     """
     stack_tasks(
         plan,
@@ -142,7 +135,6 @@ def fill_problem(
     maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
     inverse = part_3(reduction, layout, _INVERSE)
     hessian, gradient = part_2(reduction, layout, _HESSIAN), part_1(reduction, layout, _GRADIENT)
-    matrix = part_2(reduction, layout, _MATRIX)
     contact_acceleration = part_2(limits, limits_layout, CONTACT_ACCELERATION)
     wanted = np.empty((2, 6))
     for foot in range(2):
@@ -187,6 +179,49 @@ def fill_problem(
         hessian,
         gradient,
     )
+
+
+@njit(cache=True)
+def fill_rows(
+    mode: int,
+    mass_matrix: Array,
+    bias: Array,
+    terms: Array,
+    terms_layout: Index,
+    indices: Index,
+    robot: Array,
+    robot_layout: Index,
+    limits: Array,
+    limits_layout: Index,
+    reduction: Array,
+    layout: Index,
+) -> bool:
+    """Fill the rows of a contact mode's block, after ``fill_cost`` and with the same arguments.
+
+    Args:
+        mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
+        mass_matrix: See ``fill_cost``, as all that have the same name.
+        bias: h (nv,).
+        terms: Block of ``Terms``.
+        terms_layout: Its layout.
+        indices: (nv,).
+        robot: Block with the parts ``ROBOT``.
+        robot_layout: Its layout.
+        limits: Block of ``QPLimits``.
+        limits_layout: Its layout.
+        reduction: In and out, block of the contact mode.
+        layout: Its layout.
+
+    Returns:
+        Whether cost and rows hold neither NaN nor infinity, and the bounds no NaN.
+    """
+    jacobian = part_3(terms, terms_layout, JACOBIAN)
+    core, leg_1, leg_2, upper = indices[:CORE], indices[6:12], indices[12:CORE], indices[CORE:]
+    basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
+    maps, offsets = part_3(reduction, layout, _MAPS), part_2(reduction, layout, _OFFSETS)
+    hessian, gradient = part_2(reduction, layout, _HESSIAN), part_1(reduction, layout, _GRADIENT)
+    matrix = part_2(reduction, layout, _MATRIX)
+    lower, upper_bound = part_1(reduction, layout, _LOWER), part_1(reduction, layout, _UPPER)
     assemble_rows(
         mode,
         mass_matrix,
@@ -209,19 +244,25 @@ def fill_problem(
         part_1(limits, limits_layout, ACCELERATION_UPPER),
         part_1(robot, robot_layout, _ROW_SCALE),
         matrix,
-        part_1(reduction, layout, _LOWER),
-        part_1(reduction, layout, _UPPER),
+        lower,
+        upper_bound,
     )
+    for i in range(lower.shape[0]):  # bounds may be infinite
+        if np.isnan(lower[i]) or np.isnan(upper_bound[i]):
+            return False
     return all_finite(hessian, gradient, matrix)
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def recover(
+    mode: int,
     z: Array,
     mass_matrix: Array,
     bias: Array,
     terms: Array,
     terms_layout: Index,
+    robot: Array,
+    robot_layout: Index,
     reduction: Array,
     layout: Index,
     limits: Array,
@@ -230,15 +271,18 @@ def recover(
     acceleration: Array,
     wrenches: Array,
     command: Array,
-) -> None:
+) -> bool:
     """Accelerations, wrenches and set-point of a solution z, with torques ``M_j a + h_j - sum J_ij' w_i``.
 
     Args:
+        mode: Contact mode: 0 none, 1 first foot, 2 second foot, 3 both.
         z: Solution (nz,).
         mass_matrix: Dynamics.
         bias: h (nv,).
         terms: Block of ``Terms``.
         terms_layout: Its layout.
+        robot: Block with the parts ``ROBOT``.
+        robot_layout: Its layout.
         reduction: Block of the contact mode.
         layout: Its layout.
         limits: Block of ``QPLimits``.
@@ -247,6 +291,9 @@ def recover(
         acceleration: Out (nv,).
         wrenches: Out (2, 6).
         command: Out, joint positions, velocities and torques (3, nj).
+
+    Returns:
+        Whether they keep every limit: those that ``fill_rows`` writes as rows of z.
     """
     jacobian = part_3(terms, terms_layout, JACOBIAN)
     basis, start = part_2(reduction, layout, _BASIS), part_1(reduction, layout, _START)
@@ -285,3 +332,57 @@ def recover(
         command[0],
         command[1],
     )
+    return _within(
+        mode,
+        acceleration,
+        wrenches,
+        torque,
+        part_3(robot, robot_layout, _CONE),
+        part_2(robot, robot_layout, _CONE_LOWER),
+        part_2(robot, robot_layout, _CONE_UPPER),
+        part_1(limits, limits_layout, TORQUE),
+        part_1(limits, limits_layout, ACCELERATION_LOWER),
+        part_1(limits, limits_layout, ACCELERATION_UPPER),
+    )
+
+
+@njit(cache=True)
+def _within(
+    mode: int,
+    acceleration: Array,
+    wrenches: Array,
+    torque: Array,
+    cone: Array,
+    cone_lower: Array,
+    cone_upper: Array,
+    torque_max: Array,
+    lower: Array,
+    upper: Array,
+) -> bool:
+    """Whether joint accelerations and torques and the wrenches of the feet in contact keep their limits; NaN does not.
+
+    Args:
+        mode: Contact mode.
+        acceleration: (nv,).
+        wrenches: In the sole frames (2, 6).
+        torque: (nj,).
+        cone: Wrench cone of each foot (2, rows, 6), scaled.
+        cone_lower: Its bounds (2, rows).
+        cone_upper: Its bounds (2, rows).
+        torque_max: (nj,).
+        lower: Of the joint accelerations (nj,).
+        upper: Likewise.
+    """
+    for j in range(torque.shape[0]):
+        if not (abs(torque[j]) <= torque_max[j] and lower[j] <= acceleration[6 + j] <= upper[j]):
+            return False
+    for foot in range(2):
+        if mode != 3 and mode != foot + 1:
+            continue
+        for i in range(cone.shape[1]):
+            total = 0.0
+            for k in range(6):
+                total += cone[foot, i, k] * wrenches[foot, k]
+            if not cone_lower[foot, i] <= total <= cone_upper[foot, i]:
+                return False
+    return True

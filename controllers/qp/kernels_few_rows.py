@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.qp.kernels_whiten import free_minimum, judge, whiten
+from controllers.qp.kernels_whiten import free_minimum, judge, mark_broken, whiten
 from models.compiled import njit
 
 Array = NDArray[np.float64]
@@ -69,11 +69,11 @@ def solve_few(
         KKT residual of ``kkt_residual``; infinity when the problem is one for a general solver, NaN when H is not
         positive definite.
     """
-    residual = free_minimum(hessian, gradient, matrix, lower, upper, factor, shift, z, marks)
-    if residual < accepted:
-        marks[:] = False
+    residual = free_minimum(hessian, gradient, factor, shift, z)
+    if not residual < np.inf:
         return residual
-    if residual != np.inf:
+    if mark_broken(matrix, lower, upper, z, 0.0, marks) == 0:
+        marks[:] = False
         return residual
     sides, dual = np.zeros(MANY, dtype=np.int8), np.zeros(MANY)
     for _ in range(_ROUNDS):

@@ -14,33 +14,19 @@ Flags = NDArray[np.bool_]
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def free_minimum(
-    hessian: Array,
-    gradient: Array,
-    matrix: Array,
-    lower: Array,
-    upper: Array,
-    factor: Array,
-    shift: Array,
-    z: Array,
-    marks: Flags,
-) -> float:
+def free_minimum(hessian: Array, gradient: Array, factor: Array, shift: Array, z: Array) -> float:
     """Minimiser of the cost alone, ``z = -H^-1 f``, by Cholesky factors; it solves the QP when it breaks no row.
 
     Args:
         hessian: H (nz, nz).
         gradient: f (nz,).
-        matrix: General rows (m, nz).
-        lower: Lower bounds of the nb simple rows, then of the general rows (nb + m,).
-        upper: Upper bounds, likewise (nb + m,).
         factor: Out: L of H = L L', its diagonal inverted (nz, nz).
         shift: Out: L^-1 f (nz,).
         z: Out (nz,).
-        marks: Rows that z breaks are added (nb + m,).
 
     Returns:
-        Largest KKT residual with all multipliers zero, scaled as in ``kkt_residual``; infinity when a row is broken,
-        NaN when H is not positive definite.
+        Largest KKT residual with all multipliers zero, scaled as in ``kkt_residual``; NaN when H is not positive
+        definite.
     """
     nz = hessian.shape[0]
     for i in range(nz):
@@ -61,8 +47,6 @@ def free_minimum(
         shift[i] = total * factor[i, i]
         z[i] = -shift[i]
     _solve_transposed(factor, z)
-    if mark_broken(matrix, lower, upper, z, 0.0, marks) > 0:
-        return np.inf
     worst, scale = 0.0, 1.0
     for i in range(nz):
         quadratic = 0.0

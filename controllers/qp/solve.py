@@ -12,6 +12,7 @@ import quadprog
 from controllers.qp.build import QP
 from controllers.qp.kernels_check import all_finite, kkt_residual
 from controllers.qp.kernels_few_rows import solve_few
+from controllers.qp.kernels_whiten import free_minimum
 from models.types import SolveStatus, Vector
 
 _HARD = 0
@@ -63,12 +64,13 @@ class _Workspace:
             np.zeros(rows),
         )  # as ``solve_few`` wants them
         self.sense = np.zeros(rows, dtype=np.int32)
+        self.held = False  # whether the last answer held any row
 
 
 class QPSolver:
     """Solve, check the KKT conditions, fall back in order.
 
-    1. The minimum without rows, where it breaks none.
+    1. The minimum without rows, where it breaks none; a QP that tells that by itself (``QP.keeps``) is spared its rows.
     2. That with the rows that were active on the last tick, those that this minimum breaks, and those that its answers
        break (``kernels_few_rows.py``): few of a hundred rows are ever active.
     3. daqp with all rows, quadprog with all rows, daqp with soft rows.
@@ -85,7 +87,7 @@ class QPSolver:
     """
 
     def __init__(self, residual_max: float, iterations_max: int, soft_rho: float) -> None:
-        self._residual_max = residual_max
+        self._residual_max, self._accepted = residual_max, min(residual_max, _EXACT)
         self._iterations = iterations_max
         self._rho = soft_rho
         self._workspaces: dict[tuple[int, int], _Workspace] = {}
@@ -101,10 +103,16 @@ class QPSolver:
         """Forget which rows were active."""
         for work in self._workspaces.values():
             work.marks[:] = False
+            work.held = False
 
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
         start = perf_counter()
+        if qp.complete is not None:
+            z, residual = self._free(qp)
+            if z is not None:
+                return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
+            qp.complete()
         finite = all_finite(qp.hessian, qp.gradient, qp.matrix) if qp.finite is None else qp.finite
         if not finite:
             return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
@@ -130,14 +138,25 @@ class QPSolver:
             work = self._workspaces[size] = _Workspace(*size)
         return work
 
+    def _free(self, qp: QP) -> tuple[Vector | None, float]:
+        """The minimum without rows, where it breaks none; not tried where the last answer held some."""
+        work = self._workspace(qp)
+        if work.held or qp.keeps is None:
+            return None, float("nan")
+        z: Vector = np.empty(qp.gradient.shape[0])
+        residual = free_minimum(qp.hessian, qp.gradient, *work.arrays[:2], z)
+        return (z, residual) if residual < self._accepted and qp.keeps(z) else (None, residual)
+
     def _few_rows(self, qp: QP) -> tuple[Vector | None, float]:
         work = self._workspace(qp)
         z: Vector = np.empty(qp.gradient.shape[0])
-        accepted = min(self._residual_max, _EXACT)
-        residual = solve_few(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, *work.arrays, _BROKEN, accepted, z)
-        if residual < accepted:
+        residual = solve_few(
+            qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, *work.arrays, _BROKEN, self._accepted, z
+        )
+        if residual < self._accepted:
+            work.held = bool(work.marks.any())
             return z, residual
-        work.marks[:] = False
+        work.marks[:] = work.held = False
         return None, residual
 
     def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
