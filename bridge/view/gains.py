@@ -18,6 +18,9 @@ STEPS = 200
 REACH = 4.0
 """A slider goes to so many times the value that it starts with, where the parameter's own range goes farther [-]."""
 
+USUAL = "whole_body."
+"""What most names begin with: left out of the labels, for which there is little room."""
+
 
 class Gains:
     """A slider for each float parameter of a node that is not read-only and has a range.
@@ -86,7 +89,12 @@ class Gains:
         low = max(given.from_value, min(0.0, REACH * value))
         high = min(given.to_value, max(REACH * abs(value), low + 1.0))
         slider = self._gui.add_slider(
-            item.name, low, high, (high - low) / STEPS, min(max(value, low), high), hint=item.description
+            item.name.removeprefix(USUAL),
+            low,
+            high,
+            (high - low) / STEPS,
+            min(max(value, low), high),
+            hint=f"{item.name}: {item.description}",
         )
         self.sliders[item.name] = slider
         self._accepted[item.name] = value

@@ -29,7 +29,7 @@ class LivePlots:
         length = max(int(config.plot_window * config.plot_rate), 2)
         self._rows: deque[tuple[float, ...]] = deque(maxlen=length)
         self._shares: deque[Any] = deque(maxlen=length)
-        self._timing = _plot(gui, "tick of the controller [us]", ("median", "99 %"))
+        self._timing = _plot(gui, "tick [us]: blue median, red 99 %", ("median", "99 %"))
         self._margin = _plot(gui, "capture margin, walking [m]", ("margin",))
         self._torques = _plot(gui, "torque over its limit [-]", tuple(f"joint {i}" for i in range(config.torques)))
         self._names = gui.add_markdown("")
