@@ -15,6 +15,7 @@ from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import JointTrajectory, Matrix, Vector
+from planners.arguments import rotation, vector
 from planners.collision import SelfCollision
 from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal
 from planners.key_pose import KeyPoseSolver
@@ -132,14 +133,14 @@ class MotionPlanner:
         longest = self._config.pose.max_duration
         if duration is not None and not 0.0 < duration <= longest:  # NaN fails too
             raise CommandError(f"duration: {duration} s is not a time of more than 0 and at most {longest:g} s")
-        place = None if position is None else _vector(position, 3, f"{frame}: position")
-        rotation = None if orientation is None else _rotation(orientation, f"{frame}: orientation")
+        place = None if position is None else vector(position, 3, f"{frame}: position")
+        turn = None if orientation is None else rotation(orientation, f"{frame}: orientation")
         stance, bounds = self._begin(start_q)
         pin.framesForwardKinematics(self._model.pin, self._data, stance.q)
         base, torso = (self._data.oMf[self._model.frame_id(name)].copy() for name in ("base_link", "torso"))
         goal = PoseGoal(
             name=f"pose of {frame}",
-            frames=(FrameGoal(frame, place, "xyz", rotation),),
+            frames=(FrameGoal(frame, place, "xyz", turn),),
             posture=stance.q[7:],
             com=stance.com[:2],
             base=base,
@@ -157,11 +158,11 @@ class MotionPlanner:
             if frame not in motion.settable_frames:
                 known = ", ".join(motion.settable_frames) or "none"
                 raise CommandError(f"{motion.name}: '{frame}' cannot be set; these can: {known}")
-        return {frame: _vector(value, 3, f"{motion.name}: {frame}") for frame, value in targets.items()}
+        return {frame: vector(value, 3, f"{motion.name}: {frame}") for frame, value in targets.items()}
 
     def _begin(self, start_q: ArrayLike) -> tuple[Stance, Bounds]:
         """Stance and bounds of a start posture; raises if no motion may start there."""
-        joints = _vector(start_q, self._model.nj, "start_q")
+        joints = vector(start_q, self._model.nj, "start_q")
         stance = stand_on(self._model, self._data, self._keys.clipped(joints))
         bounds = self._keys.bounds(stance, self._nominal.q[7:])
         self._ik.stand(stance, bounds)
@@ -240,25 +241,3 @@ class MotionPlanner:
             rows.append(q)
             seed = q
         return rows
-
-
-def _vector(values: ArrayLike, size: int, name: str) -> Vector:
-    """Check a caller's vector; raises ``CommandError`` naming it."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise CommandError(f"{name}: not numbers: {error}") from error
-    if array.shape != (size,):
-        raise CommandError(f"{name}: expected {size} numbers, found shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise CommandError(f"{name}: {array[~np.isfinite(array)][0]} is not a finite number")
-    return array.copy()
-
-
-def _rotation(values: ArrayLike, name: str) -> Matrix:
-    """Rotation of a quaternion xyzw; raises ``CommandError`` unless it has length 1 (to 1 %)."""
-    quaternion = _vector(values, 4, name)
-    length = float(np.linalg.norm(quaternion))
-    if abs(length - 1.0) > 0.01:
-        raise CommandError(f"{name}: the quaternion has length {length:.3g}, expected 1")
-    return np.array(pin.Quaternion(quaternion / length).toRotationMatrix())

@@ -14,6 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from bridge.actions.config import ActionsConfig
 from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -22,21 +23,6 @@ from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.types import CommandReply, Mode, Vector
-
-PERIOD = 0.05
-"""Time between two looks at what has happened [s]."""
-
-ANSWER_TIMEOUT = 5.0
-"""Longest wait for the answer of a service [s]."""
-
-WORDS = 100
-"""Words of a topic that are remembered [-]."""
-
-QUIET = 5
-"""Looks without any motion after which the posture counts as at rest [-]."""
-
-MOVED = 1e-4
-"""Change of a joint from one look to the next that is a motion [rad]."""
 
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
 """Modes in which an action may go on."""
@@ -47,8 +33,10 @@ class Ears:
 
     Args:
         node: Node whose executor awaits coroutines.
+        config: How long to wait, and what is rest.
 
     Attributes:
+        config: The same.
         mode: Newest word on ``mode``.
         motion: Words on ``motion/state`` and refusals on ``motion/plan_state``, since ``begin``.
         route: Words on ``gait/route``, since ``begin``.
@@ -58,10 +46,11 @@ class Ears:
         MessageError: The types of the services are not built.
     """
 
-    def __init__(self, node: PoiseNode) -> None:
+    def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
+        self.config = config
         self.mode = ""
-        self.motion: deque[str] = deque(maxlen=WORDS)
-        self.route: deque[str] = deque(maxlen=WORDS)
+        self.motion: deque[str] = deque(maxlen=config.words)
+        self.route: deque[str] = deque(maxlen=config.words)
         self.stops = 0
         self._joints, self._odom = b"", b""
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
@@ -83,7 +72,7 @@ class Ears:
         node.listen(String, topics.GAIT_ROUTE, lambda message: self.route.append(message.data), EVENT)
         node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
-        node.own(node.destroy_timer, node.every(PERIOD, self._look))
+        node.own(node.destroy_timer, node.every(config.period, self._look))
 
     def begin(self) -> None:
         """Forget the words of before."""
@@ -145,25 +134,25 @@ class Ears:
             return None
 
     async def _ask(self, service: str, **request: str) -> CommandReply:
-        client = self._clients[service]
-        if not await self.until(client.service_is_ready, ANSWER_TIMEOUT):
+        client, longest = self._clients[service], self.config.answer_timeout
+        if not await self.until(client.service_is_ready, longest):
             raise CommandError(f"service {service} is absent: is a supervisor there, and built with its types?")
         future = client.call_async(self._types[service].Request(**request))
-        if not await self.until(future.done, ANSWER_TIMEOUT):
-            raise CommandError(f"service {service} did not answer within {ANSWER_TIMEOUT:.0f} s")
+        if not await self.until(future.done, longest):
+            raise CommandError(f"service {service} did not answer within {longest:g} s")
         answer = future.result()
         return CommandReply(bool(answer.success), str(answer.message))
 
     @property
     def at_rest(self) -> bool:
-        """Whether the reference posture has not moved for the last ``QUIET`` looks."""
-        return self._quiet >= QUIET
+        """Whether the reference posture has not moved for the last ``config.quiet`` looks."""
+        return self._quiet >= self.config.quiet
 
     def _look(self) -> None:
         if not self._waiting:  # nobody asks how the robot does
             return
         posture, before = self.posture, self._before
-        same = posture is not None and before is not None and float(np.abs(posture - before).max()) < MOVED
+        same = posture is not None and before is not None and float(np.abs(posture - before).max()) < self.config.moved
         self._quiet = self._quiet + 1 if same else 0
         self._before = posture
         waiting, self._waiting = self._waiting, []

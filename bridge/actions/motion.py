@@ -8,18 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from bridge.actions.ears import PERIOD, Ears
+from bridge.actions.ears import Ears
 from bridge.actions.goals import Outcome, Turn
 from controllers.supervisor import GAIT_WORDS
 from models.nodes import topics
 from models.nodes.messages import doubles
 from models.robot_model import RobotModel
-
-START_TIMEOUT = 25.0
-"""Longest wait for a motion to start, which is planned first: more than ``plan_timeout`` of the supervisor [s]."""
-
-HALT_TIMEOUT = 5.0
-"""Longest wait for a motion that is stopped to slow down [s]."""
 
 STOP = "stop"
 
@@ -39,7 +33,8 @@ async def followed(handle: Any, ears: Ears, turn: Turn, feedback: Callable[[str]
     Raises:
         CommandError: The supervisor does not answer.
     """
-    until = time.monotonic() + START_TIMEOUT
+    longest = ears.config.start_timeout
+    until = time.monotonic() + longest
     while True:
         running = topics.MOTION_RUNNING in ears.motion
         word, _, reason = (ears.motion[-1] if ears.motion else "").partition(": ")
@@ -55,7 +50,7 @@ async def followed(handle: Any, ears: Ears, turn: Turn, feedback: Callable[[str]
             return Outcome(False, f"cancelled; {stopped}", cancelled=True)
         if not running and time.monotonic() > until:
             await _halt(ears)
-            return Outcome(False, f"the motion did not start within {START_TIMEOUT:.0f} s")
+            return Outcome(False, f"the motion did not start within {longest:g} s")
         feedback(topics.MOTION_RUNNING if running else "requested")
         await ears.turn()
 
@@ -67,9 +62,10 @@ async def _halt(ears: Ears) -> str:
     reply = await ears.command(STOP)
     if not reply.accepted:
         return reply.reason
-    await ears.until(lambda: not ears.at_rest, 2.0 * PERIOD)  # what was said before takes its time
-    over = await ears.until(lambda: ears.at_rest or bool(ears.stopped), HALT_TIMEOUT)
-    return "it holds its posture" if over else f"the motion has not ended within {HALT_TIMEOUT:.0f} s"
+    config = ears.config
+    await ears.until(lambda: not ears.at_rest, 2.0 * config.period)  # what was said before takes its time
+    over = await ears.until(lambda: ears.at_rest or bool(ears.stopped), config.halt_timeout)
+    return "it holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
 
 
 class ExecuteMotion:

@@ -6,19 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from bridge.actions.ears import ANSWER_TIMEOUT, Ears
+from bridge.actions.ears import Ears
 from bridge.actions.goals import Outcome, Turn
 from models.nodes import topics
 from models.types import Mode
-
-WALK_TIMEOUT = 600.0
-"""Longest walk to one goal [s]."""
-
-STAND_TIMEOUT = 10.0
-"""Longest wait for a standstill after the last footstep [s]."""
-
-REPEAT = 1.0
-"""The goal is published again so often until somebody answers: the gait planner may not have begun its mode yet [s]."""
 
 
 class WalkTo:
@@ -44,7 +35,7 @@ class WalkTo:
         reply = await ears.set_mode(Mode.WALK)
         if not reply.accepted:
             return Outcome(False, reply.reason)
-        if not await ears.until(lambda: ears.mode == Mode.WALK.value, ANSWER_TIMEOUT):
+        if not await ears.until(lambda: ears.mode == Mode.WALK.value, ears.config.answer_timeout):
             return await self._stand(Outcome(False, f"mode '{ears.mode}' goes on"))
         return await self._stand(await self._walk(handle, turn))
 
@@ -55,7 +46,7 @@ class WalkTo:
     async def _walk(self, handle: Any, turn: Turn) -> Outcome:
         """Publish the goal until it is answered, and follow the route to its end."""
         ears, goal, begin = self._ears, handle.request.goal, time.monotonic()
-        next_time = begin
+        next_time, config = begin, ears.config
         while True:
             now = time.monotonic()
             word, _, reason = (ears.route[-1] if ears.route else "").partition(": ")
@@ -68,12 +59,12 @@ class WalkTo:
                 return Outcome(True, "there")
             if running and word in (topics.ROUTE_ENDED, topics.ROUTE_REFUSED):
                 return Outcome(False, reason)
-            if not running and now - begin > ANSWER_TIMEOUT:
-                return Outcome(False, reason or f"no answer on {topics.GAIT_ROUTE} within {ANSWER_TIMEOUT:.0f} s")
-            if now - begin > WALK_TIMEOUT:
-                return Outcome(False, f"not there within {WALK_TIMEOUT:.0f} s")
+            if not running and now - begin > config.answer_timeout:
+                return Outcome(False, reason or f"no answer on {topics.GAIT_ROUTE} within {config.answer_timeout:g} s")
+            if now - begin > config.walk_timeout:
+                return Outcome(False, f"not there within {config.walk_timeout:g} s")
             if not running and now >= next_time:
-                next_time = now + REPEAT
+                next_time = now + config.goal_period
                 self._publish(goal)
             left = ears.distance(goal.pose.position.x, goal.pose.position.y)
             handle.publish_feedback(self._kind.Feedback(distance=left, route=ears.route[-1] if ears.route else ""))
@@ -85,7 +76,7 @@ class WalkTo:
         if ears.mode != Mode.WALK.value:
             return outcome
         reply = await ears.set_mode(Mode.STAND)
-        stood = reply.accepted and await ears.until(lambda: ears.mode != Mode.WALK.value, STAND_TIMEOUT)
+        stood = reply.accepted and await ears.until(lambda: ears.mode != Mode.WALK.value, ears.config.stand_timeout)
         if stood:
             return Outcome(outcome.success, f"{outcome.message}; mode '{ears.mode}'", outcome.cancelled)
         return Outcome(False, f"{outcome.message}; no standstill: {reply.reason}", outcome.cancelled)

@@ -10,14 +10,17 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
+from bridge.actions.config import ActionsConfig
 from bridge.actions.ears import Ears
 from bridge.actions.goals import Action, Turns, goal
 from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory
 from bridge.actions.walk import WalkTo
+from models.config import default_config
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.interfaces import interface
+from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT
 from models.nodes.spin import run
 
@@ -36,11 +39,12 @@ class ActionServerNode(PoiseNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("action_server", **kwargs)
+        self._config = declare_config(self, default_config(ActionsConfig, "bridge", "actions"))
 
     def configure(self) -> None:
         """Build the actions; without their types this refuses, and says how they are built."""
         motion, walk = (interface("poise_interfaces", "action", name) for name in ("ExecuteMotion", "WalkTo"))
-        ears = Ears(self)
+        ears = Ears(self, self._config)
         self._turns = Turns(ears)
         goals = self.announce(PoseStamped, topics.GOAL_POSE, EVENT)
         self._offer(motion, "execute_motion", ExecuteMotion(ears, motion))

@@ -40,7 +40,7 @@ def _factories() -> list[Callable[[], Any]]:
 
     def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
         controllers[0].on_state(state, stamp)
-        gaits[0].tell(stamp)
+        gaits[0].tell(stamp, state)
         controllers[0].keep(state, estimators[0].sensors)
         return controllers[0].scheduled
 

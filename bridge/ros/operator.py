@@ -105,4 +105,5 @@ class Operator:
     def _answer(self, name: str, future: Any) -> None:
         error = future.exception()
         answer = None if error else future.result()
-        self._tell(f"{name}: {error}" if answer is None else f"{name}: {answer.message or answer.success}")
+        text = str(error if answer is None else answer.message or answer.success)
+        self._tell(text if text.startswith(f"{name}: ") else f"{name}: {text}")

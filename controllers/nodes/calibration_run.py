@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any
@@ -27,8 +28,13 @@ PERIOD = 0.02
 """Between two looks at the calibration that runs [s]."""
 
 
+def trigger_response(reply: CommandReply) -> Any:
+    """std_srvs/Trigger of a reply."""
+    return Trigger.Response(success=reply.accepted, message=reply_to_text(reply))
+
+
 class CalibrationRun:
-    """Services ``calibrate/{imu,joints,feet}`` (std_srvs/Trigger), one at a time.
+    """Services ``calibrate/{imu,joints,feet}`` (std_srvs/Trigger), one at a time, whoever else begins one.
 
     Motions are asked of the supervisor by text, and their end is learnt from the topics that everybody hears.
 
@@ -44,7 +50,8 @@ class CalibrationRun:
         self._node, self._file = node, file
         self._procedure, self._solver = CalibrationProcedure(node.model), CalibrationSolver(node.robot)
         self.what = ""
-        self._owed = Owed()
+        self._owed, self._save_it = Owed(), True
+        self._respond: Callable[[CommandReply], Any] = trigger_response
         self._mode = self._driver_state = ""
         self._commands = node.announce(String, topics.HUMANOID_COMMANDS, EVENT)
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
@@ -63,19 +70,31 @@ class CalibrationRun:
             self._procedure.add(raw)
 
     def _on_calibrate(self, what: str, request: Any, response: Any) -> Any:
+        return self.begin(what, trigger_response)
+
+    def begin(self, what: str, respond: Callable[[CommandReply], Any], *, save: bool = True) -> Any:
+        """Begin a calibration.
+
+        Args:
+            what: 'imu', 'joints' or 'feet'.
+            respond: Makes the response of a service of a reply.
+            save: Whether what is found is kept.
+
+        Returns:
+            The response of a refusal, or an ``Owed`` for the answer.
+        """
         if self.what:
             reply = CommandReply(False, f"calibration of '{what}' refused: '{self.what}' is being calibrated")
-        elif self._file.store is None:
+        elif save and self._file.store is None:
             reply = CommandReply(False, f"calibration of '{what}' refused: calibration_dir is 'none'")
         elif not self._node.active:
             reply = CommandReply(False, f"calibration of '{what}' refused: the node is not active")
         else:
             reply = self._procedure.begin(what, self._situation)
         if reply.accepted:
-            self.what, self._owed = what, Owed()
+            self.what, self._owed, self._save_it, self._respond = what, Owed(), save, respond
             return self._owed
-        response.success, response.message = False, reply_to_text(reply)
-        return response
+        return respond(reply)
 
     def _update(self) -> None:
         """Look at the calibration that runs: a motion to ask for, numbers to work out, an answer to give."""
@@ -102,6 +121,8 @@ class CalibrationRun:
     def _save(self, outcome: Outcome) -> CommandReply:
         """Write what was found."""
         reply, store = outcome.reply, self._file.store
+        if outcome.calibration is not None and not self._save_it:
+            return CommandReply(True, f"{reply.reason}; not kept, as asked", reply.details)
         if outcome.calibration is None or store is None:
             return reply
         try:
@@ -115,7 +136,7 @@ class CalibrationRun:
         self._procedure.end()
         self._solver.close()
         self.what = ""
-        self._owed.answer(Trigger.Response(success=reply.accepted, message=reply_to_text(reply)))
+        self._owed.answer(self._respond(reply))
 
     def _on_mode(self, message: String) -> None:
         self._mode = message.data

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from models.errors import MessageError
 from models.nodes.base import PoiseNode
-from models.nodes.interfaces import interface
+from models.nodes.own_types import offer_own
 from models.types import CommandReply
 
 SET_MODE, COMMAND = "set_mode", "command"
 """Names of the services."""
-
-PACKAGE = "poise_interfaces"
 
 
 def offer_own_types(
@@ -26,16 +23,11 @@ def offer_own_types(
         set_mode: Asks for a mode by its name.
         say: Answers a text command.
     """
-    try:
-        types = {name: interface(PACKAGE, "srv", kind) for name, kind in ((SET_MODE, "SetMode"), (COMMAND, "Command"))}
-    except MessageError as error:
-        node.values[PACKAGE] = str(error)
-        return
 
     def answer(response: Any, act: Callable[[], CommandReply]) -> Any:
         reply = act() if node.active else CommandReply(False, f"{node.get_name()} is not active")
         response.success, response.message = reply.accepted, reply.reason
         return response
 
-    node.serve(types[SET_MODE], SET_MODE, lambda request, response: answer(response, lambda: set_mode(request.mode)))
-    node.serve(types[COMMAND], COMMAND, lambda request, response: answer(response, lambda: say(request.text)))
+    offer_own(node, "SetMode", SET_MODE, lambda request, response: answer(response, lambda: set_mode(request.mode)))
+    offer_own(node, "Command", COMMAND, lambda request, response: answer(response, lambda: say(request.text)))

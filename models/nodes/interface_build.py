@@ -30,7 +30,7 @@ DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"
 """Folder with a folder for each package."""
 
 PACKAGES = {
-    "poise_interfaces": ("geometry_msgs",),
+    "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
 }
 """Packages to build, and those that their definitions refer to, besides ``ALWAYS``."""

@@ -44,7 +44,9 @@ GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
 GOAL_POSE, FOOTSTEPS_COMMAND = "goal_pose", "gait/footsteps_command"
 GAIT_ROUTE = "gait/route"
-PLAN_FOOTSTEPS = "plan_footsteps"
+PLAN_FOOTSTEPS, PLAN_TIMED_FOOTSTEPS = "plan_footsteps", "gait/plan_footsteps"
+PLAN_MOTION = "plan_motion"
+CALIBRATE = "calibrate"
 
 TF, TF_STATIC = "/tf", "/tf_static"
 

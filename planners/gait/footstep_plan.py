@@ -69,6 +69,15 @@ def plan_to_pose(
     return list(_steps(goal, soles, config, foot))
 
 
+def touchdown_times(count: int, config: GaitConfig) -> list[float]:
+    """When so many footsteps touch down if nothing disturbs them, from the moment a standing robot begins [s].
+
+    t_k = t_start + k t_single + (k - 1) t_double
+    """
+    timing = config.timing
+    return [timing.start + timing.single + k * config.period for k in range(count)]
+
+
 def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int) -> Iterator[Footstep]:
     ends = soles_at(goal, config.reach.width)
     feet = list(soles)

@@ -12,9 +12,11 @@ from nav_msgs.msg import Path
 from models.errors import MessageError
 from models.heading import heading
 from models.nodes import topics
-from models.nodes.messages import set_stamp
+from models.nodes.messages import set_stamp, to_ns
 from models.nodes.odometry import QUATERNION_TOLERANCE
+from models.nodes.own_types import own_message
 from models.robot_model import SOLE_FRAMES
+from models.types import FOOT_NAMES
 from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
 
@@ -100,6 +102,14 @@ def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int]
     for step, t in zip(steps, stamps or [stamp] * len(steps), strict=True):
         path.poses.append(pose_message(step.hold, SOLE_FRAMES[step.foot], t))
     return path
+
+
+def footstep_message(step: Footstep, time: float) -> Any:
+    """poise_interfaces/Footstep of a step that touches down at a time [s]."""
+    message = own_message("Footstep")(side=FOOT_NAMES[step.foot])
+    message.pose = pose_message(step.hold, topics.ODOM_FRAME)
+    set_stamp(message.time_from_start, to_ns(time))
+    return message
 
 
 def pose_message(hold: Foothold, frame_id: str, stamp: int = 0) -> Any:

@@ -8,7 +8,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from models.applied import Applied
 from models.config import default_config
-from models.errors import PoiseError
+from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config, describe
@@ -16,7 +16,9 @@ from models.nodes.tick_timer import TickTimer
 from models.types import Reference, RobotState
 from planners.gait.command import VelocityCommand
 from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
 from planners.gait.gait import GaitPlanner
+from planners.gait.measurement import GaitMeasurement
 from planners.gait.noted import NotedGait
 from planners.gait.scaling import load_gait_config
 from planners.nodes.gait_topics import GaitTopics, declare_rates
@@ -45,6 +47,7 @@ class GaitPlannerNode(PoiseNode):
         self._command = VelocityCommand(timeout)
         self._timer = TickTimer()
         self._stamp = 0
+        self._state: RobotState | None = None
         self._begun = False
 
     def _default(self) -> GaitConfig:
@@ -64,7 +67,7 @@ class GaitPlannerNode(PoiseNode):
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
         self._velocities = VelocityTopics(self, self._command, now, self._law.stop, self._leave)
-        self._routes = RouteTopics(self, self._law, self._command, self._not_walking, now)
+        self._routes = RouteTopics(self, self._law, self._command, self._not_walking, self._soles, now)
 
     def _leave(self) -> None:
         """Mode walk is over: where the soles are is not known until the next walk begins."""
@@ -77,6 +80,21 @@ class GaitPlannerNode(PoiseNode):
         if not self._velocities.walking:
             return f"no walking in mode '{self._velocities.mode}': request mode/walk first"
         return "" if self._begun else "mode 'walk' has just been entered: try again"
+
+    def _soles(self) -> list[Foothold]:
+        """Where the soles of a robot that does not walk are.
+
+        Raises:
+            CommandError: Nobody has told, or they do not stand.
+        """
+        state = self._state
+        if state is None:
+            raise CommandError("start: none given, and where the soles are is not known")
+        if not all(foot.active for foot in state.contacts):
+            raise CommandError("start: none given, and the robot does not stand on both soles")
+        measured = GaitMeasurement(self.model)
+        measured.update(state)
+        return measured.soles
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; from here on somebody can walk."""
@@ -113,9 +131,9 @@ class GaitPlannerNode(PoiseNode):
             self._law.set_velocity(*self._command.velocity)
             return self._law.step(state, dt)
 
-    def tell(self, stamp: int) -> None:
-        """After each tick of the process: the stamp of its state [ns]; in mode walk, publish what is due."""
-        self._stamp = stamp
+    def tell(self, stamp: int, state: RobotState | None = None) -> None:
+        """After each tick of the process: the stamp of its state [ns], and that; in mode walk, publish what is due."""
+        self._stamp, self._state = stamp, state
         if self.active and self._begun and self._velocities.walking:
             self._gait.tell(stamp)
             self._routes.tell()

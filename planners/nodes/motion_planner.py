@@ -1,4 +1,4 @@
-"""Node ``motion_planner``: names of motions in, joint trajectories out."""
+"""Node ``motion_planner``: names of motions, or poses, in; joint trajectories out."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from planners.calibration_motions import calibration_motions, variant
 from planners.library import motion_files
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
+from planners.nodes.motion_service import MotionService
 
 
 class MotionPlannerNode(PoiseNode):
@@ -52,6 +53,7 @@ class MotionPlannerNode(PoiseNode):
         self._plan_state = self.announce(String, topics.MOTION_PLAN_STATE, EVENT)
         self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
         self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
+        MotionService(self, self._law, self._start, self._trajectory.publish, self._points_max)
 
     def before_diagnostics(self) -> None:
         """Say what can be asked for."""
@@ -64,15 +66,19 @@ class MotionPlannerNode(PoiseNode):
         except PoiseError as error:
             self.refuse(topics.POSTURE, error)
 
+    def _start(self) -> Vector:
+        """Posture that plans start from (nj,) [rad]; raises ``MessageError`` before the first."""
+        if self._posture is None:
+            raise MessageError("no posture of the controller has arrived to start from")
+        return self._posture
+
     def _on_request(self, message: String) -> None:
         """Plan; answers carry the request, so that who asks can tell an overtaken one."""
         if not self.active or message.data == topics.STOP_MOTION:
             return
         try:
-            if self._posture is None:
-                raise MessageError("no posture of the controller has arrived to start from")
             motion = variant(message.data.partition(" ")[0], self.model.name, self._law.names)
-            trajectory = self._law.plan(motion, start_q=self._posture)
+            trajectory = self._law.plan(motion, start_q=self._start())
         except PoiseError as error:
             self.refuse(topics.MOTION_REQUEST, error)
             self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {message.data}: {error}"))

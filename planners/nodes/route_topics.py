@@ -1,4 +1,4 @@
-"""Walks with an end: ``goal_pose``, ``gait/footsteps_command``, ``plan_footsteps``; ``gait/route`` answers."""
+"""Walks with an end: ``goal_pose``, ``gait/footsteps_command``, and plans of them; ``gait/route`` answers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from std_msgs.msg import String
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
+from models.nodes.own_types import offer_own
 from models.nodes.qos import EVENT
 from planners.gait.command import VelocityCommand
-from planners.gait.footstep_plan import plan_to_pose, soles_at
+from planners.gait.footstep_plan import Footstep, plan_to_pose, soles_at, touchdown_times
 from planners.gait.footsteps import Foothold
 from planners.gait.gait import GaitPlanner
-from planners.nodes.footstep_messages import goal_from_message, path_from_steps, steps_from_path
+from planners.nodes.footstep_messages import footstep_message, goal_from_message, path_from_steps, steps_from_path
 
 
 class RouteTopics:
@@ -29,6 +30,7 @@ class RouteTopics:
         law: Takes the footsteps.
         command: The velocity, which a route puts an end to; another one that comes later ends the route.
         ready: Why the robot cannot take any now; empty when it can.
+        soles: Where the soles of a robot that stands are; raises ``CommandError`` when nobody knows.
         now: Stamp of the newest state [ns].
     """
 
@@ -38,9 +40,11 @@ class RouteTopics:
         law: GaitPlanner,
         command: VelocityCommand,
         ready: Callable[[], str],
+        soles: Callable[[], Sequence[Foothold]],
         now: Callable[[], int],
     ) -> None:
-        self._node, self._law, self._command, self._ready, self._now = node, law, command, ready, now
+        self._node, self._law, self._command, self._ready = node, law, command, ready
+        self._soles, self._now = soles, now
         self._running = False
         self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
         node.listen(
@@ -53,6 +57,7 @@ class RouteTopics:
             EVENT,
         )
         node.serve(GetPlan, topics.PLAN_FOOTSTEPS, self._on_plan)
+        offer_own(node, "PlanFootsteps", topics.PLAN_TIMED_FOOTSTEPS, self._on_timed_plan)
 
     def tell(self) -> None:
         """After a tick: publish that the route has ended."""
@@ -89,22 +94,35 @@ class RouteTopics:
     def _on_plan(self, request: Any, response: Any) -> Any:
         """A plan, or an empty path: GetPlan has no room for a reason, which diagnostics and log give."""
         try:
-            if not self._node.active:
-                raise CommandError("the gait planner is not active")
             if not request.tolerance >= 0.0:
                 raise MessageError(f"tolerance is {request.tolerance}")
-            goal = goal_from_message("goal", request.goal)
-            steps = plan_to_pose(goal, self._start(request.start), self._law.config)
-            response.plan = path_from_steps(self._now(), steps)
+            response.plan = path_from_steps(self._now(), self._plan(request))
         except PoiseError as error:
             self._node.refuse(topics.PLAN_FOOTSTEPS, error)
         return response
+
+    def _on_timed_plan(self, request: Any, response: Any) -> Any:
+        """The same with sides, times and reasons; see ``PlanFootsteps.srv``."""
+        try:
+            steps = self._plan(request)
+        except PoiseError as error:
+            self._node.refuse(topics.PLAN_TIMED_FOOTSTEPS, error)
+            response.success, response.message = False, str(error)
+            return response
+        times = touchdown_times(len(steps), self._law.config)
+        response.footsteps = [footstep_message(step, t) for step, t in zip(steps, times, strict=True)]
+        response.success, response.message = True, f"{len(steps)} footsteps"
+        return response
+
+    def _plan(self, request: Any) -> list[Footstep]:
+        if not self._node.active:
+            raise CommandError("the gait planner is not active")
+        goal = goal_from_message("goal", request.goal)
+        return plan_to_pose(goal, self._start(request.start), self._law.config)
 
     def _start(self, start: Any) -> Sequence[Foothold]:
         """Soles to plan from: those of a robot that stands at the given pose, or, without a frame, as they are now."""
         config = self._law.config
         if start.header.frame_id:
             return soles_at(goal_from_message("start", start), config.reach.width)
-        if reason := self._ready():
-            raise CommandError(f"start: none given, and where the soles are is known in mode walk only: {reason}")
-        return self._law.footholds
+        return self._soles() if self._ready() else self._law.footholds
