@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
-from bridge import log_cli, record_cli
-from bridge.command_line import need, need_ros, told
+from bridge import log_cli, reach_cli, record_cli
+from bridge.command_line import need, need_ros, print_reply, told
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
     from controllers.command_signature import Signer
-    from models.types import CommandReply
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
 use_one_thread()
@@ -32,6 +30,7 @@ app = typer.Typer(
 app.add_typer(log_cli.app, name="log")
 for _command in (record_cli.record, record_cli.replay, record_cli.plot):
     app.command()(_command)
+app.command(context_settings={"ignore_unknown_options": True})(reach_cli.reach)  # -0.3 is a place, not an option
 for _entry in entry_points(group="poise.commands"):
     app.add_typer(_entry.load(), name=_entry.name)
 
@@ -48,17 +47,6 @@ def _operator(key: Path | None) -> Signer | None:
     from controllers.command_signature import Signer
 
     return None if key is None else Signer(read_key(key), SOURCE)
-
-
-def _print_reply(reply: CommandReply) -> int:
-    """Print the answer of the robot; returns the exit status."""
-    Console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
-    if reply.details:
-        table = Table("quantity", "value")
-        for name, value in reply.details.items():
-            table.add_row(escape(name), f"{value:.6g}")
-        Console().print(table)
-    return 0 if reply.accepted else 1
 
 
 def _print_version(wanted: bool) -> None:
@@ -157,7 +145,7 @@ def send(
     from bridge.ros.client import Client
 
     with told(), Client(network=network, signer=signer) as client:
-        raise typer.Exit(_print_reply(client.command(text)))
+        raise typer.Exit(print_reply(client.command(text)))
 
 
 @app.command()
@@ -218,7 +206,7 @@ def mode(
     from bridge.ros.client import Client
 
     with told(), Client(network=network) as client:
-        raise typer.Exit(_print_reply(client.trigger(services[name])))
+        raise typer.Exit(print_reply(client.trigger(services[name])))
 
 
 @app.command(context_settings={"ignore_unknown_options": True})  # -0.3 is a velocity, not an option
@@ -243,8 +231,8 @@ def walk(
 
     with told(), Client(network=network) as client:
         if to is not None:
-            raise typer.Exit(_print_reply(walk_to(client, to)))
-        raise typer.Exit(_print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
+            raise typer.Exit(print_reply(walk_to(client, to)))
+        raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
 
 
 @app.command()
@@ -260,7 +248,7 @@ def calibrate(
     from bridge.ros.client import Client
 
     with told(), Client(network=network) as client:
-        raise typer.Exit(_print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
+        raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
 
 @app.command()
@@ -273,7 +261,7 @@ def hang(
     from bridge.ros.client import Client
 
     with told(), Client(network=network) as client:
-        raise typer.Exit(_print_reply(client.switch("hang", not down)))
+        raise typer.Exit(print_reply(client.switch("hang", not down)))
 
 
 @app.command("check-robot")

@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from models.types import CommandReply
 
 
 def need_ros() -> None:
@@ -31,6 +37,17 @@ def need(module: str, extra: str) -> None:
         advice = f"make {extra}, or pip install 'poise[{extra}]'"
         Console(stderr=True).print(f"'{module}' is not installed: {advice}", markup=False)
         raise typer.Exit(2)
+
+
+def print_reply(reply: CommandReply) -> int:
+    """Print the answer of the robot; returns the exit status."""
+    Console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
+    if reply.details:
+        table = Table("quantity", "value")
+        for name, value in reply.details.items():
+            table.add_row(escape(name), f"{value:.6g}")
+        Console().print(table)
+    return 0 if reply.accepted else 1
 
 
 @contextmanager

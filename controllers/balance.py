@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
 from controllers.qp.kernels_check import finite_state
+from controllers.stuck_joints import StuckJoints
 from controllers.tasks import Task
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
@@ -92,6 +94,7 @@ class BalanceController:
         self._still = np.zeros((2, 6))
         self._motion: TrajectorySampler | None = None
         self._motion_time = 0.0
+        self._stuck = StuckJoints(model, config.stuck)
         self._hold = model.posture("stand")
         self._fresh = True
         self.capture_margin = 0.0
@@ -106,6 +109,7 @@ class BalanceController:
         """Start over from a measured state, holding its joint positions as the posture."""
         self.whole_body.reset(state.q[7:])
         self._motion = None
+        self._stuck.reset()
         self._hold = np.clip(state.q[7:], self.model.q_lower, self.model.q_upper)
         # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
         self._anchor[:] = self._positions[:] = 0.0
@@ -115,6 +119,9 @@ class BalanceController:
     def follow(self, trajectory: JointTrajectory) -> None:
         """Start a motion from the present posture reference; a running one is replaced without a jump.
 
+        A lone point without velocities takes at least ``set_point_time_s``; so a stream of them is followed smoothly. A
+        motion that does not end at rest slows down after its end as a stopped one does.
+
         Raises:
             TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
             JointNameError: It names an unknown joint, or one twice.
@@ -122,6 +129,8 @@ class BalanceController:
         if self._fresh:
             raise TrajectoryError("the controller has not run yet: there is no posture to start from")
         start = self.reference.posture
+        if len(trajectory.times) == 1 and trajectory.velocities is None:  # a set-point, perhaps one of a stream
+            trajectory = replace(trajectory, times=np.maximum(trajectory.times, self.config.set_point_time_s))
         validate_trajectory(trajectory, self.model, start_q=start)
         self._motion = TrajectorySampler(trajectory, self.model, start, self.reference.posture_velocity)
         self._motion_time = 0.0
@@ -169,6 +178,9 @@ class BalanceController:
         if self._motion is None:
             return self._hold, self._zero, self._zero
         self._motion_time += dt
+        if self._motion_time >= self._motion.duration and self._motion.ends_moving:
+            self.stop_motion()
+            self._motion_time = dt
         sample = self._motion.sample(self._motion_time)
         if self._motion_time >= self._motion.duration:
             self._hold = sample[0].copy()
@@ -202,7 +214,7 @@ class BalanceController:
             torso_orientation=placed[5:],
             posture=posture,
             posture_velocity=velocity,
-            posture_acceleration=acceleration,
+            posture_acceleration=acceleration + self._stuck.step(posture, state.q[7:], state.v[6:], dt),
             sole_rotations=self._rotations,
             sole_positions=self._positions,
             sole_velocities=self._still,

@@ -42,6 +42,8 @@ class TrajectorySampler:
         times, q, v, tau = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
         self.duration = float(times[-1])
         """Time of the last point [s]."""
+        self.ends_moving = bool(v[-1].any())
+        """Whether a joint has a velocity at the last point."""
         self._times: list[float] = times.tolist()
         self._efforts = tau
         self._end = np.zeros((3, model.nj))

@@ -226,13 +226,27 @@ class Client:
         Raises:
             CommandError: The service is absent or does not answer.
         """
-        return self._call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout)
+        answer = self.call(Trigger, service, Trigger.Request(), timeout, answer_timeout or timeout)
+        return text_to_reply(bool(answer.success), str(answer.message))
 
     def switch(self, service: str, on: bool, timeout: float = 10.0) -> CommandReply:
         """Call a service of type std_srvs/SetBool; otherwise as ``trigger``."""
-        return self._call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
+        answer = self.call(SetBool, service, SetBool.Request(data=on), timeout, timeout)
+        return text_to_reply(bool(answer.success), str(answer.message))
 
-    def _call(self, kind: type, service: str, request: Any, timeout: float, answer_timeout: float) -> CommandReply:
+    def call(self, kind: type, service: str, request: Any, timeout: float = 5.0, answer_timeout: float = 5.0) -> Any:
+        """Call a service of any type; returns its response.
+
+        Args:
+            kind: Type of the service.
+            service: Its name.
+            request: What to ask.
+            timeout: Longest wait for the service [s].
+            answer_timeout: Longest wait for its answer [s].
+
+        Raises:
+            CommandError: The service is absent or does not answer.
+        """
         client = self._node.create_client(kind, service)
         try:
             if not self.wait(client.service_is_ready, timeout):
@@ -240,7 +254,6 @@ class Client:
             future: Any = client.call_async(request)
             if not self.wait(future.done, answer_timeout):
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")
-            answer = future.result()
-            return text_to_reply(bool(answer.success), str(answer.message))
+            return future.result()
         finally:
             self._node.destroy_client(client)

@@ -17,7 +17,9 @@ from controllers.nodes.calibration_solver import CalibrationSolver
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.calibration import Calibration
 from models.constants import GRAVITY
+from models.errors import PoiseError
 from models.nodes import topics
+from models.nodes.interfaces import interface
 from models.nodes.messages import JointStateCodec
 from models.nodes.qos import LATCHED
 from models.robot_model import RobotModel
@@ -213,3 +215,35 @@ def test_another_process_works_out_the_same_numbers(bench: Any, g1: RobotModel) 
     there.clear()
     bench.wait(solved, 60.0)
     assert not there[0].reply.accepted and "ended with code -9" in there[0].reply.reason
+
+
+def test_one_service_calibrates_by_name_and_keeps_what_it_is_told_to(bench: Any, g1: RobotModel, tmp_path: Any) -> None:
+    try:
+        kind = interface("poise_interfaces", "srv", "Calibrate")
+    except PoiseError as error:
+        pytest.skip(str(error))
+    services = Services(bench, g1, calibration_dir=tmp_path)
+    services.tell(np.zeros(g1.nj))
+    services.hang()
+    client = bench.world.create_client(kind, topics.CALIBRATE)
+    bench.wait(client.service_is_ready)
+    bench.spin(0.2)
+
+    def ask(what: str, *, save: bool = True) -> Any:
+        future = client.call_async(kind.Request(what=what, save=save))
+        services.answer(future)
+        return future.result()
+
+    answer = ask("imu", save=False)
+    values = {value.name: (value.value, value.unit) for value in answer.values}
+    assert answer.success and answer.message.endswith("not kept, as asked") and not list(tmp_path.iterdir())
+    assert values["gyro_bias_x"] == (pytest.approx(0.05), "rad/s") and values["samples_unusable"][1] == ""
+    answer = ask("imu")
+    assert answer.success and str(tmp_path / "g1.yaml") in answer.message
+    shown = {value.name: value for value in ask("show").values}
+    assert shown["gyro_bias_x"].value == pytest.approx(0.05) and shown["left_fz"].unit == "N"
+    assert "no previous calibration" in ask("rollback").message
+    answer = ask("soul")
+    assert not answer.success and "known are imu, joints, feet" in answer.message
+    accepted, reason = services.answer(services.ask("imu"))  # the older service tells as before
+    assert accepted and "gyro_bias_x = 0.05" in reason

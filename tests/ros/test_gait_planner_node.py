@@ -12,7 +12,9 @@ from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan
 from std_msgs.msg import Empty, String
 
+from models.errors import PoiseError
 from models.nodes import topics
+from models.nodes.interfaces import interface
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
@@ -256,7 +258,7 @@ def test_plan_footsteps_answers_with_alternating_soles_or_with_nothing(robot: Co
     assert names == (["l_sole", "r_sole"] * len(names))[: len(names)]
     ends = [(pose.pose.position.x, pose.pose.position.y) for pose in planned.poses[-2:]]
     assert np.mean(ends, axis=0) == pytest.approx((2.0, 2.0), abs=0.01)
-    assert not plan(PoseStamped(), goal(1.0, 0.0, 0.0)).poses and "mode walk only" in refusal()
+    assert not plan(PoseStamped(), goal(1.0, 0.0, 0.0)).poses and "where the soles are is not known" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(math.nan, 0.0, 0.0)).poses and "position.x is nan" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(30.0, 0.0, 0.0)).poses and "30.0 m away" in refusal()
     assert not plan(goal(0.0, 0.0, 0.0), goal(1.0, 0.0, 0.0), math.nan).poses and "tolerance is nan" in refusal()
@@ -265,3 +267,32 @@ def test_plan_footsteps_answers_with_alternating_soles_or_with_nothing(robot: Co
     robot.tick(1)
     planned = plan(PoseStamped(), goal(0.5, 0.0, 0.0))
     assert robot.ask(robot.footsteps, planned) == f"running: {len(planned.poses)} footsteps"  # it can be executed
+
+
+def test_timed_footsteps_start_where_the_soles_are_and_refusals_have_reasons(robot: Commanded) -> None:
+    try:
+        kind = interface("poise_interfaces", "srv", "PlanFootsteps")
+    except PoiseError as error:
+        pytest.skip(str(error))
+    client = robot.bench.world.create_client(kind, topics.PLAN_TIMED_FOOTSTEPS)
+    robot.bench.wait(client.service_is_ready)
+
+    def plan(end: PoseStamped) -> Any:
+        future = client.call_async(kind.Request(goal=end))
+        robot.bench.wait(future.done)
+        return future.result()
+
+    answer = plan(goal(1.0, 0.0, 0.0))
+    assert not answer.success and "where the soles are is not known" in answer.message
+    lifted = standing(robot.model, 1.0, shares=(1.0, 0.0))
+    robot.node.tell(robot.stamp, lifted)
+    assert "does not stand on both soles" in plan(goal(1.0, 0.0, 0.0)).message
+    robot.node.tell(robot.stamp, robot.state)
+    answer = plan(goal(0.0, 0.5, 0.0))
+    timing = robot.node._config.timing
+    times = [step.time_from_start.sec + 1e-9 * step.time_from_start.nanosec for step in answer.footsteps]
+    assert answer.success and times[0] == pytest.approx(timing.start + timing.single)
+    assert np.diff(times) == pytest.approx(timing.single + timing.double)
+    assert [step.side for step in answer.footsteps[:2]] == ["left", "right"]
+    assert {step.pose.header.frame_id for step in answer.footsteps} == {"odom"}
+    assert "30.0 m away" in plan(goal(30.0, 0.0, 0.0)).message

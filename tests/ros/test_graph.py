@@ -12,6 +12,7 @@ from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from models.nodes import topics
+from models.nodes.interfaces import missing_types
 from models.nodes.messages import (
     ImuCodec,
     JointCommandCodec,
@@ -43,6 +44,7 @@ SERVICES = (
     *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
     *("calibrate/imu", "calibrate/joints", "calibrate/feet", "calibrate/show", "calibrate/rollback", "hang"),
     "plan_footsteps",
+    *(() if missing_types() else ("plan_motion", "gait/plan_footsteps", "calibrate")),
 )
 
 

@@ -144,8 +144,10 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
     assert told == ["mode/stand: nobody offers it: is the robot up? (poise up)"]
 
     def refuse(request: Any, response: Any) -> Any:
-        response.success, response.message = False, "fallen: call reset_faults first"
+        response.success, response.message = False, said[0]
         return response
+
+    said = ["fallen: call reset_faults first"]
 
     bench.world.create_service(Trigger, "mode/stand", refuse)
 
@@ -155,6 +157,10 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
 
     until(client, bench, lambda: told[-1].startswith("stand: "), ask)
     assert told[-1] == "stand: fallen: call reset_faults first"
+    said[0] = "stand: standing"  # it names the mode itself: not twice
+    operator.call("stand")
+    until(client, bench, lambda: told[-1].endswith("standing"))
+    assert told[-1] == "stand: standing"
 
 
 def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Bench) -> None:

@@ -172,3 +172,20 @@ def test_a_calibration_prints_its_numbers(what: str, code: int, monkeypatch: pyt
     for options, on in (([], True), (["--down"], False)):
         assert RUNNER.invoke(app, ["hang", *options]).exit_code == 0
         assert _Robot.asked == [("hang", on)]
+
+
+def test_a_hand_reaches_for_a_place_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    client, robot = pytest.importorskip("bridge.ros.client"), pytest.importorskip("bridge.ros.reach")
+    asked: list[object] = []
+
+    def reach(client: object, frame: str, place: object, **options: object) -> CommandReply:
+        asked.append((frame, place, options))
+        return CommandReply(frame != "tail", "why")
+
+    monkeypatch.setattr(client, "Client", _Robot)
+    monkeypatch.setattr(robot, "reach", reach)
+    result = RUNNER.invoke(app, ["reach", "left_hand", "-0.1", "0.2", "0.3", "--in", "odom", "--plan-only"])
+    assert result.exit_code == 0 and "why" in result.output
+    assert asked == [("left_hand", (-0.1, 0.2, 0.3), {"frame_id": "odom", "duration": 0.0, "execute": False})]
+    assert RUNNER.invoke(app, ["reach", "tail", "0", "0", "0"]).exit_code == 1
+    assert RUNNER.invoke(app, ["reach", "left_hand", "0.1", "nowhere", "0"]).exit_code == 2

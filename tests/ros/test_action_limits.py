@@ -1,0 +1,38 @@
+"""Limits of the actions are parameters of their node."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rclpy.action.client import ActionClient
+
+from bridge.nodes.action_server import ActionServerNode
+from models.errors import PoiseError
+from models.nodes.interfaces import interface
+
+try:
+    ExecuteMotion = interface("poise_interfaces", "action", "ExecuteMotion")
+except PoiseError as _error:
+    pytest.skip(str(_error), allow_module_level=True)
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_goal_waits_for_its_answer_as_long_as_the_parameter_says(bench: Any) -> None:
+    bench.add(ActionServerNode, answer_timeout=0.2)
+    client = ActionClient(bench.world, ExecuteMotion, "execute_motion")
+    bench.wait(client.server_is_ready)
+    bench.spin(0.2)
+    sent = client.send_goal_async(ExecuteMotion.Goal(motion="wave"))
+    bench.wait(sent.done)
+    ended = sent.result().get_result_async()
+    bench.wait(ended.done, 4.0)  # less than the packaged answer_timeout
+    result = ended.result().result
+    assert not result.success and "service command is absent" in result.message
+    client.destroy()
+
+
+def test_a_limit_out_of_range_is_refused_by_name(bench: Any) -> None:
+    with pytest.raises(Exception, match="answer_timeout"):
+        bench.add(ActionServerNode, answer_timeout=-1.0)
