@@ -97,6 +97,18 @@ def target(place: Any, frame_id: str = "odom", frame: str = "left_hand", **more:
     return request
 
 
+def test_a_calibration_tells_its_numbers_with_units_and_keeps_nothing_unless_told(robot: Standing) -> None:
+    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="imu", save=False))
+    assert answer.success and answer.message.endswith("not kept, as asked"), answer.message
+    values = {value.name: (value.value, value.unit) for value in answer.values}
+    assert values["accel_norm"] == (pytest.approx(9.81, abs=0.3), "m/s^2")
+    assert abs(values["gyro_bias_x"][0]) < 0.05 and values["gyro_bias_x"][1] == "rad/s"
+    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="show"))
+    assert answer.success and "never calibrated" in answer.message
+    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="soul"))
+    assert not answer.success and "imu, joints, feet" in answer.message
+
+
 def test_the_plan_that_is_answered_brings_the_hand_there_when_it_is_published(robot: Standing) -> None:
     goal = robot.hand("l_wrist") + np.array([0.1, 0.05, 0.15])
     answer = robot.call(PlanMotion, "plan_motion", target(goal, duration=2.0))
@@ -149,25 +161,13 @@ def test_footsteps_are_planned_from_where_the_robot_stands(robot: Standing) -> N
     assert ends == pytest.approx([1.0, 1.0], abs=0.01)
 
 
-def test_a_calibration_tells_its_numbers_with_units_and_keeps_nothing_unless_told(robot: Standing) -> None:
-    robot.pass_time(2.0)  # at rest
-    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="imu", save=False))
-    assert answer.success and answer.message.endswith("not kept, as asked"), answer.message
-    values = {value.name: (value.value, value.unit) for value in answer.values}
-    assert values["accel_norm"] == (pytest.approx(9.81, abs=0.3), "m/s^2")
-    assert abs(values["gyro_bias_x"][0]) < 0.05 and values["gyro_bias_x"][1] == "rad/s"
-    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="show"))
-    assert answer.success and "never calibrated" in answer.message
-    answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="soul"))
-    assert not answer.success and "imu, joints, feet" in answer.message
-
-
 def test_a_plain_publisher_moves_an_arm(robot: Standing, root: Path, tmp_path: Path) -> None:
     code = re.findall(r"```python\n(.*?)```", (root / "docs/motions.md").read_text(), re.DOTALL)
     (tmp_path / "arm_sine.py").write_text(next(block for block in code if "arm_sine" in block))
     index = robot.model.joint_index(JOINT)
     robot.pass_time(1.0)
     robot.samples.clear()
+    robot.eyes.motion.clear()
     command = [sys.executable, str(tmp_path / "arm_sine.py"), "--ros-args", "-p", "use_sim_time:=true"]
     process = subprocess.Popen(command, env=dict(os.environ))
     try:
@@ -176,12 +176,12 @@ def test_a_plain_publisher_moves_an_arm(robot: Standing, root: Path, tmp_path: P
     finally:
         process.kill()
         process.wait()
+    assert robot.graph.mode == "stand"
     samples = np.array(robot.samples)  # (n, 3, nj): stamp, position, torque
-    assert np.ptp(samples[:, 1, index]) > 0.4 and np.abs(np.diff(samples[:, 1, index])).max() < 0.02
+    assert 0.4 < np.ptp(samples[:, 1, index]) < 0.7
     steps = np.abs(np.diff(samples[:, 2], axis=0))[np.diff(samples[:, 0, 0]) < 0.0015] / robot.model.tau_max
     assert len(steps) > 1000 and steps.max() < 0.10
     t, joint = samples[-3000:, 0, 0], samples[-3000:, 1, index]
     curve = np.stack([np.ones_like(t), np.cos(math.pi * t), np.sin(math.pi * t)], axis=1)
     rest = joint - curve @ np.linalg.lstsq(curve, joint, rcond=None)[0]
     assert np.degrees(np.abs(rest).max()) < 5.0  # a sine, whatever its phase
-    assert robot.graph.mode == "stand"
