@@ -6,10 +6,13 @@ from typing import Any
 
 import pytest
 from rclpy.action.client import ActionClient
+from std_msgs.msg import String
 
 from bridge.nodes.action_server import ActionServerNode
 from models.errors import PoiseError
+from models.nodes import topics
 from models.nodes.interfaces import interface
+from models.nodes.qos import LATCHED
 
 try:
     ExecuteMotion = interface("poise_interfaces", "action", "ExecuteMotion")
@@ -20,7 +23,9 @@ pytestmark = pytest.mark.ros
 
 
 def test_a_goal_waits_for_its_answer_as_long_as_the_parameter_says(bench: Any) -> None:
-    bench.add(ActionServerNode, answer_timeout=0.2)
+    node = bench.add(ActionServerNode, answer_timeout=0.2)
+    bench.world.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
+    bench.wait(lambda: node._turns.ears.mode == "stand")
     client = ActionClient(bench.world, ExecuteMotion, "execute_motion")
     bench.wait(client.server_is_ready)
     bench.spin(0.2)
