@@ -12,7 +12,6 @@ from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
 from controllers.posture_reference import PostureReference
 from controllers.qp.kernels_check import finite_state
-from controllers.stuck_joints import StuckJoints
 from controllers.tasks import Task
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
@@ -94,7 +93,6 @@ class BalanceController:
         self._still = np.zeros((2, 6))
         self._motion: TrajectorySampler | None = None
         self._motion_time = 0.0
-        self._stuck = StuckJoints(model, config.stuck)
         self._hold = model.posture("stand")
         self._fresh = True
         self.capture_margin = 0.0
@@ -109,7 +107,6 @@ class BalanceController:
         """Start over from a measured state, holding its joint positions as the posture."""
         self.whole_body.reset(state.q[7:])
         self._motion = None
-        self._stuck.reset()
         self._hold = np.clip(state.q[7:], self.model.q_lower, self.model.q_upper)
         # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
         self._anchor[:] = self._positions[:] = 0.0
@@ -214,7 +211,7 @@ class BalanceController:
             torso_orientation=placed[5:],
             posture=posture,
             posture_velocity=velocity,
-            posture_acceleration=acceleration + self._stuck.step(posture, state.q[7:], state.v[6:], dt),
+            posture_acceleration=acceleration,
             sole_rotations=self._rotations,
             sole_positions=self._positions,
             sole_velocities=self._still,

@@ -169,27 +169,6 @@ class DcmFeedback:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
-class StuckConfig:
-    """Integral of the posture error of arms and head that friction holds.
-
-    Attributes:
-        gain: Of the integral [1/s^3].
-        most: Largest acceleration of it [rad/s^2].
-        error_least: Error below which nothing accumulates [rad].
-        error_most: Error above which something else than friction is at work [rad].
-        speed: Speed above which a joint is not stuck [rad/s].
-        fade_s: Time constant with which a joint that moves forgets [s].
-    """
-
-    gain: NonNegative
-    most: Positive
-    error_least: NonNegative
-    error_most: Positive
-    speed: Positive
-    fade_s: Positive
-
-
-@dataclass(frozen=True, slots=True, config=STRICT)
 class BalanceConfig(DcmFeedback):
     """Standing balance.
 
@@ -198,11 +177,9 @@ class BalanceConfig(DcmFeedback):
         stop_time_s: Time in which a motion that is stopped comes to rest [s].
         set_point_time_s: Least time in which a lone point without velocities is reached [s].
         foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        stuck: Arms and head that friction holds.
     """
 
     anchor_time_s: Positive
     stop_time_s: Positive
     set_point_time_s: Positive
     foothold_load: Fraction
-    stuck: StuckConfig
