@@ -278,7 +278,7 @@ def up(
     begin = time.monotonic()
 
     def say(text: str) -> None:
-        console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False)
+        console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
 
     def on_signal(number: int, frame: Any) -> None:
         for other in (signal.SIGINT, signal.SIGTERM):

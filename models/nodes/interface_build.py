@@ -1,6 +1,6 @@
 """Builds the ROS interfaces in ``models/interfaces`` with the generators of the installed ROS 2 and a C++ compiler.
 
-    python -m models.nodes.interface_build
+    python -m models.nodes.interface_build [PREFIX]
 
 The wheels of ROS 2 carry generators, headers and libraries, but neither CMake's rules nor colcon. What these would do
 is done here: definitions to IDL, IDL to C and Python, C to libraries. A package that can be imported already, such as
@@ -32,6 +32,7 @@ DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"
 PACKAGES = {
     "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
+    "tf2_msgs": ("geometry_msgs",),
 }
 """Packages to build, and those that their definitions refer to, besides ``ALWAYS``."""
 
@@ -65,10 +66,11 @@ class InterfaceBuild:
     Args:
         package: Its name.
         into: Folder that is on Python's path.
+        share: Folder that ``ros2 interface`` looks in.
     """
 
-    def __init__(self, package: str, into: Path) -> None:
-        self._package, self._into = package, into
+    def __init__(self, package: str, into: Path, share: Path) -> None:
+        self._package, self._into, self._share = package, into, share
         self._source = DEFINITIONS / package
         self._files = sorted(path for path in self._source.rglob("*") if path.suffix in (".msg", ".srv", ".action"))
         self._depends = (*ALWAYS, *PACKAGES[package])
@@ -131,8 +133,9 @@ class InterfaceBuild:
         }
         for name in LIBRARIES:
             sources = _sources(work / ("c" if name == "rosidl_generator_c" else name))
+            kinds = dict.fromkeys(("rosidl_generator_c", name))  # sequences of messages of others: their init and fini
             own = [] if name == "rosidl_generator_c" else [f"{self._package}__rosidl_generator_c"]
-            links = [*own, *needs[name], *(f"{package}__{name}" for package in self._depends)]
+            links = [*own, *needs[name], *(f"{package}__{kind}" for package in self._depends for kind in kinds)]
             file = f"lib{self._package}__{name}.so"
             options = [f"-Wl,-soname,{file}", "-Wl,-z,defs", "-Wl,-rpath,$ORIGIN"]
             _compile([*common, "-o", str(folder / file), *sources, *(f"-l{link}" for link in links), *options])
@@ -146,13 +149,12 @@ class InterfaceBuild:
 
     def _tell_ament(self) -> None:
         """What ``ros2 interface`` looks for: the definitions, and their names in the index."""
-        share = Path(sys.prefix) / "share"
         names = [path.relative_to(self._source).as_posix() for path in self._files]
         for path, name in zip(self._files, names, strict=True):
-            there = share / self._package / name
+            there = self._share / self._package / name
             there.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, there)
-        index = share / "ament_index/resource_index"
+        index = self._share / "ament_index/resource_index"
         for kind, text in (("packages", ""), ("rosidl_interfaces", "\n".join(names))):
             (index / kind).mkdir(parents=True, exist_ok=True)
             (index / kind / self._package).write_text(text)
@@ -206,12 +208,13 @@ def require_tools() -> None:
         raise PoiseError(f"{', '.join(missing)} not found; {ADVICE}")
 
 
-def build_interfaces(into: Path, say: Callable[[str], object] = print) -> bool:
+def build_interfaces(into: Path, say: Callable[[str], object] = print, share: Path | None = None) -> bool:
     """Build each package that cannot be imported, or that was built here from other definitions.
 
     Args:
         into: Folder that is on Python's path.
         say: Takes a line about each package.
+        share: Folder that ``ros2 interface`` looks in; that of this environment when None.
 
     Returns:
         Whether all of them are there.
@@ -223,7 +226,7 @@ def build_interfaces(into: Path, say: Callable[[str], object] = print) -> bool:
             say(f"{package}: that of the installed ROS 2 is used")
             continue
         try:
-            build = InterfaceBuild(package, into)
+            build = InterfaceBuild(package, into, share or Path(sys.prefix) / "share")
             if not built.is_file() or built.read_text() != build.stamp:
                 build.run()
                 say(f"{package}: built")
@@ -250,8 +253,10 @@ def _compile(arguments: list[str]) -> None:
 
 
 def main() -> None:
-    """Build into this environment."""
-    build_interfaces(Path(sysconfig.get_paths()["purelib"]), lambda text: print(f"poise: {text}"))
+    """Build into this environment, or into a prefix such as that of a colcon workspace."""
+    prefix = sys.argv[1] if len(sys.argv) > 1 else sys.prefix
+    into = Path(sysconfig.get_path("purelib", vars={"base": prefix}))
+    build_interfaces(into, lambda text: print(f"poise: {text}"), Path(prefix) / "share")
 
 
 if __name__ == "__main__":

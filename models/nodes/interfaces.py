@@ -11,7 +11,7 @@ ADVICE = "build them with: python -m models.nodes.interface_build"
 
 
 def interface(package: str, kind: str, name: str) -> Any:
-    """A service or action type.
+    """A message, service or action type.
 
     Args:
         package: Such as ``poise_interfaces``.

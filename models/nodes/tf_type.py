@@ -1,10 +1,11 @@
-"""tf2_msgs/TFMessage: the installed message, or where there is none a type support made without a compiler.
+"""tf2_msgs/TFMessage: the installed or built message, or where there is none a type support made without a compiler.
 
 The wheels of ROS 2 carry the generators of messages but not ``tf2_msgs``, and what the generators write needs a
-compiler and Python's headers, which a fresh machine lacks. Publishing serialised bytes needs much less than a message
-class: the middleware asks a type support only for the name, the hash and the description of the type, and whether its
-size is bounded. All of that follows from ``geometry_msgs/TransformStamped``, whose type support is at hand: the C
-structures are filled here with ctypes, from the donor's own.
+compiler and Python's headers (``models/nodes/interface_build.py``), which a fresh machine may lack. Publishing
+serialised bytes needs much less than a message class: the middleware asks a type support only for the name, the hash
+and the description of the type, and whether its size is bounded. All of that follows from
+``geometry_msgs/TransformStamped``, whose type support is at hand: the C structures are filled here with ctypes, from
+the donor's own.
 
 Their layout is not taken on trust: before anything is built, the donor is read back through the same structures, and
 its names and its hash have to come out right. ``ros2 topic echo /tf`` and every tf listener see an ordinary TFMessage.
@@ -24,6 +25,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from models.errors import MessageError
 from models.nodes import type_support as c
+from models.nodes.interfaces import interface
 
 TYPE_NAME = "tf2_msgs/msg/TFMessage"
 
@@ -51,10 +53,9 @@ def tf_message_type() -> Any:
         MessageError: There is no ``tf2_msgs`` and none can be made for this ROS 2; says why.
     """
     try:
-        from tf2_msgs.msg import TFMessage
-    except ImportError:
+        return interface("tf2_msgs", "msg", "TFMessage")
+    except MessageError:
         return made_message_type()
-    return TFMessage
 
 
 @cache
