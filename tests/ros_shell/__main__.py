@@ -4,7 +4,8 @@
     python -m tests.ros_shell --prefix .venv   # what is installed there
 
 Every command line and what came back is printed. The ``ros2`` command carries them out where there is one on the path
-(or ``--ros2 PATH``), elsewhere ``ros2.py``. The exit status is 0 only when every step showed what it has to show.
+(or ``--ros2 PATH``), elsewhere ``ros2.py``. The robot waits for its controller, so that it stands on a busy machine,
+too; with ``--real-time`` it does not. The exit status is 0 only when every step showed what it has to show.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -87,19 +89,24 @@ def shell_environment(prefix: Path, folder: Path) -> dict[str, str]:
     return environment
 
 
-def session(shell: Shell) -> None:
-    """Do every step."""
+def session(shell: Shell, launch: str) -> None:
+    """Do every step.
+
+    Args:
+        shell: Where.
+        launch: Command that launches the robot.
+    """
     for step in BEFORE:
         shell.do(step)
-    robot = shell.start(LAUNCH)
+    robot = shell.start(launch)
     try:
         stands = shell.wait(robot, (STARTED,), START_TIME)
-        shell.say(LAUNCH, "ok" if stands else "FAILED: the robot does not stand", shell.output(robot))
+        shell.say(launch, "ok" if stands else "FAILED: the robot does not stand", shell.output(robot))
         for step in STEPS if stands else ():
             shell.do(step)
     finally:
         code = shell.end(robot)
-        shell.say(f"{LAUNCH} (Ctrl-C)", "ok" if code == 0 else f"FAILED: exit status {code}")
+        shell.say(f"{launch}  # Ctrl-C", "ok" if code == 0 else f"FAILED: exit status {code}")
 
 
 def main() -> int:
@@ -107,7 +114,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.ros_shell", description=str(__doc__).splitlines()[0])
     parser.add_argument("--prefix", type=Path, help="where poise is installed; an environment made for it otherwise")
     parser.add_argument("--ros2", default=shutil.which("ros2"), help="the ros2 command; that on the path otherwise")
+    parser.add_argument("--real-time", action="store_true", help="the robot does not wait for its controller")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(f"ended by signal {number}"))  # and the robot with it
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="poise_shell_") as name:
         folder = Path(name)
@@ -116,7 +125,7 @@ def main() -> int:
         ours = [str(prefix / "bin/python"), str(HERE / "ros2.py")]
         shell = Shell([given.ros2] if given.ros2 else ours, environment, folder)
         try:
-            session(shell)
+            session(shell, LAUNCH if given.real_time else f"{LAUNCH} lockstep:=true")
         finally:
             if given.ros2:  # the daemon that its first command has started
                 subprocess.run([given.ros2, "daemon", "stop"], env=environment, cwd=folder, check=False)

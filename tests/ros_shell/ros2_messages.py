@@ -46,4 +46,5 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, bytes):
         return value.hex()
-    return [_plain(each) for each in list(value)[:ITEMS_MAX]]
+    items = value.tolist() if hasattr(value, "tolist") else list(value)  # array.array and NumPy's, too
+    return [_plain(each) for each in items[:ITEMS_MAX]]

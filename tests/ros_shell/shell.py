@@ -17,8 +17,8 @@ from tests.ros_shell.steps import Step
 STEP_TIME, END_TIME = 40.0, 20.0
 """Longest time of a step, and of its end after Ctrl-C [s]."""
 
-TOLD = 6
-"""Lines of each output that are printed [-]."""
+TOLD, LINE = 6, 160
+"""Lines of an output that are printed, and characters of each [-]."""
 
 
 class Shell:
@@ -96,13 +96,13 @@ class Shell:
         return self._outputs[process.pid].read_text(encoding="utf-8", errors="replace")
 
     def say(self, command: str, verdict: str, output: str = "") -> None:
-        """Print a command, the first lines of its output, and what is to be thought of it."""
+        """Print a command, what to think of it, and the beginning of its output, or all of it where it failed."""
+        told = [f"    {line[:LINE]}" for line in output.strip().splitlines()]
         if verdict != "ok":
             self.failed.append(command)
-        told = output.strip().splitlines()
-        more = [f"... {len(told) - TOLD} more lines"] if len(told) > TOLD else []
-        text = [f"    {line[:160]}" for line in (*told[:TOLD], *more)]
-        print(f"$ ros2 {command}", *text, f"  {verdict}", sep="\n", flush=True)
+        elif len(told) > TOLD:
+            told[TOLD:] = [f"    ... {len(told) - TOLD} more lines"]
+        print(f"$ ros2 {command}", *told, f"  {verdict}", sep="\n", flush=True)
 
     def _watch(self, process: subprocess.Popen[bytes], step: Step, timeout: float) -> str:
         """First thing that a step did not show; empty when it showed all of them."""

@@ -53,9 +53,9 @@ ACTIONS = (
 
 AHEAD = "{goal: {header: {frame_id: odom}, pose: {position: {x: 3.0}, orientation: {w: 1.0}}}}"
 
-ELBOW = (
-    "{trajectory: {joint_names: [left_elbow_joint], points: [{positions: [0.9], velocities: [0.0],"
-    " time_from_start: {sec: 2}}]}}"
+WAIST = (
+    "{trajectory: {joint_names: [waist_yaw_joint], points: [{positions: [0.0], velocities: [0.0]},"
+    " {positions: [0.2], velocities: [0.0], time_from_start: {sec: 2}}]}}"
 )
 
 LAUNCH = "launch bridge humanoid.launch.py robot:=g1"
@@ -81,7 +81,7 @@ STEPS = (
     Step("topic info -v /odom", ("Node name: state_estimator", "BEST_EFFORT"), again=True),
     Step("topic info -v /robot_description", ("Reliability: RELIABLE", "Durability: TRANSIENT_LOCAL"), again=True),
     Step("topic echo --once /joint_states", ("left_knee_joint", "position:")),
-    Step("topic echo --once /robot_description", ("<robot name",)),
+    Step("topic echo --once /robot_description", ("data: .*<",)),
     Step("topic echo --once /diagnostics", ("name: ", "level: ")),
     Step("topic echo --once /tf", ("frame_id: odom", "child_frame_id: base_link")),
     Step("topic hz /odom", (r"average rate: \d+",), stop=True),
@@ -114,7 +114,7 @@ STEPS = (
     ),
     Step(
         "action send_goal --feedback /joint_trajectory_controller/follow_joint_trajectory"
-        f" control_msgs/action/FollowJointTrajectory '{ELBOW}'",
+        f" control_msgs/action/FollowJointTrajectory '{WAIST}'",
         ("Goal accepted", "Feedback:", "error_code: 0", "status: SUCCEEDED"),
     ),
     Step(
