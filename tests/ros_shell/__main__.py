@@ -119,7 +119,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(f"ended by signal {number}"))  # and the robot with it
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="poise_shell_") as name:
-        folder = Path(name)
+        folder = Path(name).resolve()
         prefix = given.prefix.resolve() if given.prefix else install(folder)
         environment = shell_environment(prefix, folder)
         ours = [str(prefix / "bin/python"), str(HERE / "ros2.py")]
