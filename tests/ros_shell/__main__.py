@@ -50,7 +50,9 @@ def install(folder: Path) -> Path:
     venv.create(prefix, with_pip=False)
     python = prefix / "bin/python"
     site = Path(sysconfig.get_path("purelib", vars={"base": str(prefix)}))
-    (site / "libraries.pth").write_text(f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n")
+    loaded, modules = os.environ.get("LD_LIBRARY_PATH", ""), sysconfig.get_path("purelib")
+    line = f"import os, site; os.environ.setdefault('LD_LIBRARY_PATH', {loaded!r}); site.addsitedir({modules!r})"
+    (site / "libraries.pth").write_text(line + "\n")  # the wheels of ROS 2 look for their libraries in sys.prefix only
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--disable-pip-version-check"]
     pip += ["--no-deps", "--ignore-installed", "--no-build-isolation", str(HERE.parents[1])]
     for command in (pip, [str(python), "-m", "models.nodes.interface_build"]):

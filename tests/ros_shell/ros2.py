@@ -153,7 +153,7 @@ class Shell:
         print(f"{state.label} [{state.id}]")
 
     def action(self, verb: str, *words: str) -> None:
-        """``action list -t``, ``action send_goal --feedback NAME TYPE YAML``; Ctrl-C cancels."""
+        """``action list -t``, ``action send_goal --feedback NAME TYPE YAML``."""
         if verb == "list":
             from rclpy.action import get_action_names_and_types
 
@@ -176,13 +176,7 @@ class Shell:
             return
         print("Goal accepted", flush=True)
         future = handle.get_result_async()
-        try:
-            self._rclpy.spin_until_future_complete(self._node, future)
-        except KeyboardInterrupt:
-            print("Canceling goal...", flush=True)
-            if self._answer(handle.cancel_goal_async()).goals_canceling:
-                print("Goal canceled.")
-            return
+        self._rclpy.spin_until_future_complete(self._node, future)
         names = {getattr(GoalStatus, each): each[7:] for each in dir(GoalStatus) if each.startswith("STATUS_")}
         print(f"Result:\n{text_of(future.result().result)}")
         print(f"Goal finished with status: {names[future.result().status]}")
