@@ -36,7 +36,7 @@ def test_a_step_that_does_not_end_fails(python: Shell) -> None:
 
 
 def test_ctrl_c_ends_a_step_that_only_listens(python: Shell) -> None:
-    assert python.do(Step(LISTENER, ("1",), stop=True, ends=("KeyboardInterrupt",)))
+    assert python.do(Step(LISTENER, ("1",), stop=True))
 
 
 def test_a_step_in_between_counts(python: Shell) -> None:

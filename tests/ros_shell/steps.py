@@ -15,7 +15,6 @@ class Step:
         meanwhile: Step done while this one runs, once it has shown that.
         then: Patterns found in its output after that.
         stop: Whether Ctrl-C ends it.
-        ends: Patterns found in its output once it has ended.
         again: Whether it only looks, and looks again until it shows that: what is new takes time to be discovered.
     """
 
@@ -24,7 +23,6 @@ class Step:
     meanwhile: Step | None = None
     then: tuple[str, ...] = ()
     stop: bool = False
-    ends: tuple[str, ...] = ()
     again: bool = False
 
 
@@ -59,7 +57,7 @@ WAIST = (
 )
 
 CANCEL = "/walk_to/_action/cancel_goal action_msgs/srv/CancelGoal"
-"""The service behind every action: Ctrl-C at ``ros2 action send_goal`` cancels in newer releases of it only."""
+"""The service behind every action: Ctrl-C at the ``send_goal`` of ros2cli 0.32.2 does not cancel."""
 
 LAUNCH = "launch bridge humanoid.launch.py robot:=g1"
 
