@@ -28,7 +28,7 @@ app = typer.Typer(
     help="Whole-body control for humanoid robots over ROS 2.",
 )
 app.add_typer(log_cli.app, name="log")
-for _command in (record_cli.record, record_cli.replay, record_cli.plot):
+for _command in (record_cli.record, record_cli.replay, record_cli.plot, record_cli.export):
     app.command()(_command)
 app.command(context_settings={"ignore_unknown_options": True})(reach_cli.reach)  # -0.3 is a place, not an option
 for _entry in entry_points(group="poise.commands"):

@@ -31,10 +31,10 @@ def need(module: str, extra: str) -> None:
 
     Args:
         module: Name that is imported.
-        extra: Of ``poise`` that brings it, and the target of the Makefile that installs that.
+        extra: Of ``poise`` that brings it.
     """
     if find_spec(module) is None:
-        advice = f"make {extra}, or pip install 'poise[{extra}]'"
+        advice = f"pip install 'poise[{extra}]'"
         Console(stderr=True).print(f"'{module}' is not installed: {advice}", markup=False)
         raise typer.Exit(2)
 

@@ -1,4 +1,4 @@
-"""``poise record``, ``replay`` and ``plot``: a run in a file, run again, and drawn."""
+"""``poise record``, ``replay``, ``plot`` and ``export``: a run in a file, run again, drawn, and as a data set."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from bridge.command_line import need_ros, told
+from bridge.command_line import need, need_ros, told
 
 if TYPE_CHECKING:
     from bridge.replay import ReplayReport
@@ -104,3 +104,24 @@ def plot(
     with told():
         files = plot_record(read_run(file, robot), out)
     Console(soft_wrap=True).print(", ".join(str(each) for each in files), markup=False, highlight=False)
+
+
+def export(
+    files: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
+    out: Annotated[Path, typer.Option(help="Folder of the data set; a new or an empty one.")],
+    fps: Annotated[int, typer.Option(min=1, max=1000, help="Frames in a second.")] = 50,
+    task: Annotated[str, typer.Option(help="Task of everything; otherwise an episode for each command.")] = "",
+    robot: Robot = "",
+) -> None:
+    """Write recordings as a LeRobot data set (v3.0): what the robot sensed, what it was told, the task in words."""
+    need_ros()
+    need("pyarrow", "dataset")
+    from bridge.lerobot import export as write
+
+    with told():
+        lengths = write(files, out, fps, task, robot)
+    table = Table("task", "episodes", "frames")
+    for each in dict.fromkeys(name for name, _ in lengths):
+        frames = [n for name, n in lengths if name == each]
+        table.add_row(each, str(len(frames)), str(sum(frames)))
+    Console().print(table)
