@@ -103,7 +103,7 @@ class Calibrator:
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
         motion = variant(motion, self._robot.name, self._planner.names)
         try:
-            trajectory = self._planner.plan(motion, start_q=self._lockstep.controller.reference.posture)
+            trajectory = self._planner.plan(motion, start_q=self._lockstep.laws.posture[0])
             self._lockstep.follow(trajectory)
         except PoiseError as error:
             return f"calibration refused: {error}"

@@ -19,7 +19,9 @@ from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
 from controllers.balance import BalanceController
 from controllers.estimation.estimator import StateEstimator
+from controllers.head import Head
 from controllers.joint_servo import JointServo
+from controllers.supervisor import ACTIVE_MODES
 from controllers.walker import Walker
 from models.calibration import Calibration
 from models.config import default_config
@@ -142,7 +144,7 @@ class ClosedLoop:
             raise ConfigError(f"control_period_s: {control_period_s} s is not a multiple of the timestep {timestep} s")
         period = self.config.record_period if record_period_s is None else record_period_s
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
-        balance = BalanceController(self.robot) if controller is None else controller
+        balance = BalanceController(self.robot, head=Head.of(self.robot)) if controller is None else controller
         self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, balance, estimate)
         self._lockstep = Lockstep(
             self.plant,
@@ -329,6 +331,16 @@ class ClosedLoop:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
         (self._guard or self.gait).set_velocity(forward, left, turn)
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
+
+    def look(self, pan: float, tilt: float) -> None:
+        """Turn the head to joint angles [rad], brought within their limits; smoothly, and while it walks, too.
+
+        Raises:
+            CommandError: The robot has no head, or moves nothing in this mode, or a value is not finite.
+        """
+        if self.mode not in ACTIVE_MODES:
+            raise CommandError(f"head refused in mode '{self.mode.value}'")
+        self._lockstep.laws.look(pan, tilt)
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass with a force in the world (3,) [N] for a time [s], from the next tick on.

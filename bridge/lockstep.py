@@ -10,6 +10,7 @@ from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
 from bridge.mujoco_plant import MujocoPlant
 from bridge.start_up import ReleaseGate, hanging_command
+from controllers.balance import BalanceController
 from controllers.estimation.estimator import StateEstimator
 from controllers.health import Health, tilt
 from controllers.joint_monitor import JointMonitor
@@ -134,7 +135,8 @@ class Lockstep:
         self._walker: Walker[GaitPlanner] | None = None
         monitor = JointMonitor(plant.robot, control_ticks * plant.period)
         applied = None if recorder is None else recorder.applied
-        self.laws = LawSwitch(controller, lambda: self.walker, monitor, applied)
+        self._head = controller.head if isinstance(controller, BalanceController) else None
+        self.laws = LawSwitch(controller, lambda: self.walker, monitor, applied, self._head)
         self.estimator = StateEstimator(plant.robot)
         self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
         self._control_dt = control_ticks * plant.period
@@ -213,7 +215,7 @@ class Lockstep:
             gait = (
                 GaitPlanner(robot, self._gait) if recorder is None else NotedGait(robot, self._gait, recorder.applied)
             )
-            self._walker = Walker(gait, WalkingController(robot))
+            self._walker = Walker(gait, WalkingController(robot), head=self._head)
         return self._walker
 
     def follow(self, trajectory: JointTrajectory) -> None:

@@ -64,6 +64,8 @@ class LoopRecorder:
         self.applied.describe("estimator", estimator.given)
         self.applied.describe("balance", balance.config)
         self.applied.describe("whole_body", balance.whole_body.config)
+        if balance.head is not None:
+            self.applied.describe("head", balance.head.config)
         self.applied.describe("walking", tracker.config)
         self.applied.describe("whole_body_walking", tracker.whole_body.config)
         self.applied.describe("gait", walker.planner.config)

@@ -11,6 +11,7 @@ import numpy as np
 from controllers.balance import BalanceController
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
+from controllers.head import Head, HeadConfig
 from controllers.law_switch import LawSwitch
 from controllers.tuning import Tuning
 from controllers.walker import Walker
@@ -82,13 +83,17 @@ class ReplayedLaws:
 
         self._motions = motions
         self._estimator = StateEstimator(model, given(EstimatorConfig, "estimator"))
-        balance = BalanceController(model, given(BalanceConfig, "balance"), given(WholeBodyConfig, "whole_body"))
+        # Recordings of before there were heads are without its settings; nobody turned one.
+        head = Head.of(model, given(HeadConfig, "head") if "head" in settings else None)
+        balance = BalanceController(
+            model, given(BalanceConfig, "balance"), given(WholeBodyConfig, "whole_body"), head=head
+        )
         tracker = WalkingController(
             model, given(WalkingConfig, "walking"), given(WholeBodyConfig, "whole_body_walking")
         )
         self._gait = _HeldGait(GaitPlanner(model, given(GaitConfig, "gait")))
-        walker = Walker(self._gait, tracker)
-        self._laws = LawSwitch(balance, lambda: walker)
+        walker = Walker(self._gait, tracker, head=head)
+        self._laws = LawSwitch(balance, lambda: walker, head=head)
         self._tuning = Tuning(balance)
         self._state: RobotState | None = None
         self._scheduled: tuple[bool, bool] | None = None
@@ -188,6 +193,9 @@ class ReplayedLaws:
     def _on_stop_motion(self) -> None:
         if self.begun:
             self._laws.stop_motion()
+
+    def _on_head(self, pan: float, tilt: float) -> None:
+        self._laws.look(pan, tilt)
 
     def _on_gain(self, name: str, value: float) -> None:
         self._tuning.set(name, value)

@@ -60,7 +60,7 @@ class TextCommands:
         self._planner = self._planner or MotionPlanner(self._robot)
         laws = self._lockstep.laws
         try:
-            self._lockstep.follow(self._planner.plan(motion, start_q=laws.reference.posture))
+            self._lockstep.follow(self._planner.plan(motion, start_q=laws.posture[0]))
         except PoiseError as error:
             return self._lockstep.supervisor.motion_refused(str(error))
         return reply

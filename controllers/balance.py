@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from controllers.head import Head
 from controllers.kernels_balance import feedback_gains
 from controllers.kernels_tick import BALANCE, balance_tick
 from controllers.memory import Block
@@ -41,6 +42,7 @@ class BalanceController:
         config: Gains; the packaged default when None.
         whole_body: Gains of the QP; the packaged default when None.
         extra_tasks: Further tasks for the stack of the QP.
+        head: Turns the head while it stands; None for nobody. ``reset`` leaves it alone, as both laws share it.
 
     Attributes:
         reference: What the last tick tracked.
@@ -61,8 +63,9 @@ class BalanceController:
         config: BalanceConfig | None = None,
         whole_body: WholeBodyConfig | None = None,
         extra_tasks: Sequence[Task] = (),
+        head: Head | None = None,
     ) -> None:
-        self.model = model
+        self.model, self.head = model, head
         self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
         self.whole_body = WholeBodyController(model, whole_body, extra_tasks)
         posture = PostureReference(model)
@@ -125,18 +128,19 @@ class BalanceController:
         """
         if self._fresh:
             raise TrajectoryError("the controller has not run yet: there is no posture to start from")
-        start = self.reference.posture
         if len(trajectory.times) == 1 and trajectory.velocities is None:  # a set-point, perhaps one of a stream
             trajectory = replace(trajectory, times=np.maximum(trajectory.times, self.config.set_point_time_s))
+        start, speed = self._start(trajectory)
         validate_trajectory(trajectory, self.model, start_q=start)
-        self._motion = TrajectorySampler(trajectory, self.model, start, self.reference.posture_velocity)
+        self._motion = TrajectorySampler(trajectory, self.model, start, speed)
         self._motion_time = 0.0
 
     def stop_motion(self) -> None:
         """Slow down from where the motion is, within ``stop_time_s``, and hold the posture reached."""
         if self._motion is None:
             return
-        start, speed, time = self.reference.posture, self.reference.posture_velocity, self.config.stop_time_s
+        start, speed = self._start(None)
+        time = self.config.stop_time_s
         end = np.clip(start + 0.5 * time * speed, self.model.q_lower, self.model.q_upper)
         stop = JointTrajectory(self.model.joint_names, np.array([time]), end[None], np.zeros((1, self.model.nj)))
         self._motion = TrajectorySampler(stop, self.model, start, speed)
@@ -171,6 +175,12 @@ class BalanceController:
             solve_time=self.whole_body.solution.time,
         )
 
+    def _start(self, motion: JointTrajectory | None) -> tuple[Vector, Vector]:
+        """Posture and its rate from which a motion, or the end of one, goes on."""
+        if self.head is None:
+            return self.reference.posture, self.reference.posture_velocity
+        return self.head.without(self.reference, motion)
+
     def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
         if self._motion is None:
             return self._hold, self._zero, self._zero
@@ -187,6 +197,8 @@ class BalanceController:
     def _refer(self, state: RobotState, dt: float) -> Reference:
         """What to track on this tick; the DCM feedback goes to the CoM task."""
         posture, velocity, acceleration = self._sample(dt)
+        if self.head is not None:
+            posture, velocity, acceleration = self.head.step(posture, velocity, acceleration, dt)
         fresh, (left, right) = self._fresh, state.contacts
         placed = np.empty((8, 3))
         self.capture_margin = balance_tick(

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from controllers.head import Head
 from controllers.joint_monitor import JointMonitor
 from controllers.walker import Walker
 from models.applied import Applied
-from models.types import ControlResult, JointTrajectory, Mode, Reference, RobotState
+from models.errors import CommandError
+from models.types import ControlResult, JointTrajectory, Mode, Reference, RobotState, Vector
 
 
 class Law(Protocol):
@@ -52,6 +54,7 @@ class LawSwitch:
         walker: Gives the walker, called each time it is needed; None where there is no gait planner.
         monitor: Looks whether the joints do as they are told; None for nobody.
         applied: Notes what the laws are told, for a replay; None for nobody.
+        head: The head that both laws turn; None for a robot whose head is fixed.
 
     Attributes:
         walking: Whether the walker runs.
@@ -63,9 +66,10 @@ class LawSwitch:
         walker: Callable[[], Walker[Any]] | None,
         monitor: JointMonitor | None = None,
         applied: Applied | None = None,
+        head: Head | None = None,
     ) -> None:
         self._standing, self._walker, self._monitor = standing, walker, monitor
-        self._applied = applied
+        self._applied, self._head = applied, head
         self.walking = False
 
     @property
@@ -89,6 +93,14 @@ class LawSwitch:
         return self.active.reference
 
     @property
+    def posture(self) -> tuple[Vector, Vector]:
+        """Where motions are planned from: posture (nj,) [rad] and its rate [rad/s], without what the head adds."""
+        reference = self.reference
+        if self._head is None:
+            return reference.posture, reference.posture_velocity
+        return self._head.without(reference)
+
+    @property
     def gait_active(self) -> bool:
         """Whether the robot walks, or has not yet come to a standstill."""
         return self.walking and self._walker is not None and not self._walker().standing
@@ -101,6 +113,20 @@ class LawSwitch:
     def follow(self, trajectory: JointTrajectory) -> None:
         """Have the law that runs follow a motion; the walker does so with arms and head only."""
         self.active.follow(trajectory)
+        if self._head is not None:
+            self._head.release(trajectory)
+
+    def look(self, pan: float, tilt: float) -> None:
+        """Send the head to joint angles [rad]; a later motion that moves the head takes it over.
+
+        Raises:
+            CommandError: The robot has none, or a value is not finite.
+        """
+        if self._head is None:
+            raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
+        self._head.command(pan, tilt)
+        if self._applied is not None:
+            self._applied.note("head", pan, tilt)
 
     def stop_motion(self) -> None:
         """Have the law that runs end its motion."""
@@ -112,6 +138,8 @@ class LawSwitch:
         """Start over from a state, standing."""
         self.walking = False
         self._standing.reset(state)
+        if self._head is not None:
+            self._head.drop()
         if self._monitor is not None:
             self._monitor.reset()
         if self._applied is not None:
@@ -136,6 +164,8 @@ class LawSwitch:
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick of the law that runs."""
         result = self.active.step(state, dt)
+        if self._head is not None:
+            result = self._head.drive(result, self.reference)
         if self._monitor is not None:
             self._monitor.step(state, result.command)
         return result

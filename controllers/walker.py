@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Generic, Protocol, TypeVar
 
+from controllers.head import Head
 from controllers.upper_body import UpperBodyMotion
 from controllers.walking import WalkingController
 from models.types import ControlResult, JointTrajectory, Reference, RobotState
@@ -36,14 +37,21 @@ class Walker(Generic[G]):
         planner: When which foot lifts and lands.
         controller: Tracks what the planner wants.
         upper: Motions of arms and head meanwhile; a new one when None.
+        head: Turns the head on top of them; None for nobody.
 
     Attributes:
         planner: When which foot lifts and lands.
         controller: Tracks what the planner wants.
     """
 
-    def __init__(self, planner: G, controller: WalkingController, upper: UpperBodyMotion | None = None) -> None:
-        self.planner, self.controller = planner, controller
+    def __init__(
+        self,
+        planner: G,
+        controller: WalkingController,
+        upper: UpperBodyMotion | None = None,
+        head: Head | None = None,
+    ) -> None:
+        self.planner, self.controller, self._head = planner, controller, head
         self._upper = upper or UpperBodyMotion(controller.model, controller.config.motion_fade)
 
     @property
@@ -64,7 +72,10 @@ class Walker(Generic[G]):
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick."""
-        return self.controller.step(state, self._upper.step(self.planner.step(state, dt), dt), dt)
+        reference = self._upper.step(self.planner.step(state, dt), dt)
+        if self._head is not None:
+            reference = self._head.into(reference, dt)
+        return self.controller.step(state, reference, dt)
 
     @property
     def motion_active(self) -> bool:
@@ -73,7 +84,10 @@ class Walker(Generic[G]):
 
     def follow(self, trajectory: JointTrajectory) -> None:
         """Have arms and head follow a motion while the legs go on; see ``UpperBodyMotion.follow`` for refusals."""
-        self._upper.follow(trajectory, self.reference.posture)
+        posture = self.reference.posture
+        if self._head is not None:
+            posture, _ = self._head.without(self.reference, trajectory)
+        self._upper.follow(trajectory, posture)
 
     def stop_motion(self) -> None:
         """Arms and head return to the posture of the walk."""

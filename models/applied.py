@@ -22,6 +22,7 @@ its word first:
 ``follow`` crc, times                    a motion: CRC-32 of its message; its times [s] where the message's
                                          nanoseconds do not hold them
 ``stop_motion``                          the motion ends
+``head`` pan, tilt                       angles that the head's joints are sent to [rad, rad]
 ``gain`` name, value                     a gain of the standing law goes over to a value
 ``velocity`` forward, left, turn         of a walk, once [m/s, m/s, rad/s]
 ``hold_velocity`` forward, left, turn    the same, told again at every tick of the walker

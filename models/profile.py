@@ -22,6 +22,9 @@ Vector3 = tuple[float, float, float]
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
 """Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own."""
 
+CAMERA_FRAME = "camera_optical_frame"
+"""Frame in which the camera sees: x right, y down, z ahead (REP-103)."""
+
 RESERVED_FRAMES = ("base_link", "l_sole", "r_sole", "base_footprint", "odom")
 """Frame names with a meaning of their own, which ``frames`` may not redefine."""
 
@@ -167,6 +170,28 @@ class ScanSensor:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class CameraSensor:
+    """A colour camera without distortion at frame `camera_optical_frame`: x right, y down, z ahead (REP-103)."""
+
+    width: Annotated[int, Field(ge=16, le=4096, description="of a picture [pixel]")]
+    height: Annotated[int, Field(ge=16, le=4096, description="of a picture [pixel]")]
+    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8, description="angle from the left to the right edge [rad]")]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0, description="pictures a second [Hz]")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class Head:
+    """The joints that turn the head, and with it the camera."""
+
+    pan: Annotated[str, Field(description="joint that turns it to the side")]
+    tilt: Annotated[str, Field(description="joint that nods it")]
+
+    def __post_init__(self) -> None:
+        if self.pan == self.tilt:
+            raise ValueError(f"pan and tilt are the same joint '{self.pan}'")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class Latency:
     """Transport delays of the robot's own electronics."""
 
@@ -186,6 +211,7 @@ class Sensors:
     feet: FootSensor
     latency: Latency
     scan: ScanSensor | None = None
+    camera: CameraSensor | None = None
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -203,6 +229,7 @@ class Profile:
         dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
     ]
     sensors: Sensors
+    head: Annotated[Head | None, Field(description="joints of pan and tilt; none for a head that is fixed")] = None
     jig_postures: Annotated[
         tuple[str, ...], Field(description="named postures in which a jig or marks hold the robot for calibration")
     ] = ("zero", "stand")
@@ -223,6 +250,11 @@ class Profile:
                 raise ValueError(f"frames: '{frame}' is defined by the loader; remove it here")
         if self.sensors.scan is not None and "scan" not in self.frames:
             raise ValueError("frames: 'scan' is missing, where sensors.scan is mounted")
+        if self.sensors.camera is not None and CAMERA_FRAME not in self.frames:
+            raise ValueError(f"frames: '{CAMERA_FRAME}' is missing, where sensors.camera is mounted")
+        for name in () if self.head is None else (self.head.pan, self.head.tilt):
+            if name not in self.joints:
+                raise ValueError(f"head: unknown joint '{name}'")
         if "stand" not in self.postures:
             raise ValueError("postures: 'stand' is missing")
         if "zero" in self.postures:

@@ -12,10 +12,12 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance import BalanceController
+from controllers.head import Head, HeadConfig
 from controllers.joint_monitor import JointMonitor
 from controllers.law_switch import LawSwitch
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
 from controllers.nodes.gain_parameters import GainParameters
+from controllers.nodes.head_topics import HeadTopics
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.state_topics import StateTopics
 from controllers.supervisor import ACTIVE_MODES
@@ -71,6 +73,7 @@ class BalanceControllerNode(PoiseNode):
         self._walking = declare_config(self, walking, "walking.")
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")
         self._whole_body_walking = declare_config(self, whole_body, "whole_body_walking.")
+        self._head_config = declare_config(self, default_config(HeadConfig, "controllers", "head"), "head.")
         self._lockstep = topics.declare_lockstep(self)
         text = describe("Offered deadline of the joint command [s]", low=0.002, high=1.0)
         self._deadline = float(self.declare_parameter("command_deadline", 0.02, text).value)
@@ -91,18 +94,21 @@ class BalanceControllerNode(PoiseNode):
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
-        self._law = BalanceController(self.model, self._balance, self._whole_body)
+        head = Head.of(self.model, self._head_config)
+        self._law = BalanceController(self.model, self._balance, self._whole_body, head=head)
         self._gains.start(self._law)
         self._tracker: WalkingController | None = None
-        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model), self._applied)
+        self._laws = LawSwitch(self._law, self._make_walker(), JointMonitor(self.model), self._applied, head)
         if self._applied is not None:
             for name in ("balance", "whole_body", "walking", "whole_body_walking"):
                 self._applied.describe(name, getattr(self, f"_{name}"))
+            self._applied.describe("head", self._head_config)
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
         self._motions = MotionTopics(self, self._laws, lambda: self._mode, self._applied)
+        self._head = HeadTopics(self, self._laws, lambda: self._mode)
         self._black_box.configure()
         if not self._local:
             self._topics = StateTopics(self, self._on_topics, reliable=self._lockstep)
@@ -111,7 +117,7 @@ class BalanceControllerNode(PoiseNode):
         if self._gait is None:
             return None
         self._tracker = WalkingController(self.model, self._walking, self._whole_body_walking)
-        walker = Walker(self._gait, self._tracker)
+        walker = Walker(self._gait, self._tracker, head=self._law.head)
         return lambda: walker
 
     def activate(self) -> None:
@@ -170,7 +176,7 @@ class BalanceControllerNode(PoiseNode):
         self.scheduled = self._laws.reference.contacts
         self._last_command = self._codec.encode(stamp, result.command)
         self._command.publish(self._last_command)
-        self._after(result, stamp)
+        self._after(state, result, stamp)
         if not self._lockstep:
             self._judge_time()
 
@@ -179,7 +185,7 @@ class BalanceControllerNode(PoiseNode):
         if self._applied is not None:
             self._applied.note_change(word, value)
 
-    def _after(self, result: ControlResult, stamp: int) -> None:
+    def _after(self, state: RobotState, result: ControlResult, stamp: int) -> None:
         """What need not precede the command: posture, motion state, alarms."""
         worse = self._result is not None and result.status is not self._result.status
         if self._laws.joint_fault != self._joint_fault:
@@ -188,10 +194,8 @@ class BalanceControllerNode(PoiseNode):
         self._result = result
         if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
             self._last_posture = stamp
-            reference = self._laws.reference
-            self._posture.publish(
-                self._posture_codec.encode(stamp, reference.posture, reference.posture_velocity, result.command.tau)
-            )
+            self._posture.publish(self._posture_codec.encode(stamp, *self._laws.posture, result.command.tau))
+            self._head.tell(state, stamp)
         self._motions.tell_end()
         if worse and result.status in (SolveStatus.HELD, SolveStatus.DAMPED):
             self.counters[result.status.value] += 1
