@@ -96,6 +96,7 @@ def up(
         Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
     ] = None,
     actions: Annotated[bool, typer.Option(help="Offer actions, in a process of their own.")] = True,
+    camera: Annotated[bool, typer.Option(help="Draw the robot's camera, in a process of its own.")] = False,
     motions: Annotated[Path | None, typer.Option(help="Folder of motion files of your own.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
 ) -> None:
@@ -120,9 +121,10 @@ def up(
         network=network,
         merged=merged,
         lockstep=lockstep,
-        parameters={"mujoco_bridge": plant, **own},
+        parameters={"mujoco_bridge": plant, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
         calibration=calibration,
         actions=actions,
+        camera=camera,
         namespace=namespace,
     )
     raise typer.Exit(code)

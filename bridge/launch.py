@@ -249,6 +249,7 @@ def up(
     network: bool = False,
     merged: bool = True,
     actions: bool = False,
+    camera: bool = False,
     parameters: Parameters | None = None,
     calibration: Path | None = None,
     log: Path | None = None,
@@ -265,6 +266,7 @@ def up(
         network: Whether other machines may join; the graph is reachable on loopback only otherwise.
         merged: Whether estimator and controller share a process.
         actions: Whether to offer actions, in a process of their own; without their types that is said and left.
+        camera: Whether to draw the robot's camera, in a process of its own.
         parameters: Further parameters by node.
         calibration: Folder of the calibration files; one that is gone afterwards when None.
         log: File for the processes' output; the terminal when None.
@@ -293,7 +295,7 @@ def up(
             say(f"no actions: {missing}")
         graph = Graph(
             robot,
-            specs=process_specs(merged=merged, actions=actions and not missing),
+            specs=process_specs(merged=merged, actions=actions and not missing, camera=camera),
             lockstep=lockstep,
             domain_id=domain_id,
             network=network,

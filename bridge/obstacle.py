@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 import mujoco
+import numpy as np
 
 from models.errors import CommandError
 from models.mujoco_spec import OBSTACLE, parked
 from models.terrain import Ground, Terrain
+from models.types import Vector
 
 
 class Obstacle:
@@ -37,6 +39,11 @@ class Obstacle:
             raise CommandError(f"obstacle: ({x}, {y}) m is no place")
         height = self._ground.height(x, y) + 0.5 * self._terrain.obstacle.size[2]
         self._data.mocap_pos[self._mocap] = x, y, height
+
+    @property
+    def centre(self) -> Vector | None:
+        """Middle of the box in W (3,) [m]; None for a terrain without."""
+        return None if self._mocap < 0 else np.array(self._data.mocap_pos[self._mocap])
 
     def remove(self) -> None:
         """Take the box out of the way; a terrain without is left as it is."""

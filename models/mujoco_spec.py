@@ -35,6 +35,7 @@ WORLD_GROUP = 0
 _COLLISION_GROUP = 3
 _CONDIM = 4  # normal, two tangential and drilling friction
 _FLOOR = "floor"
+_OBSTACLE_COLOUR = (0.9, 0.45, 0.05, 1.0)  # orange, which no floor and no robot here is [-]
 _BELOW = 1.0  # how far under the lowest block the plane lies [m]
 
 
@@ -224,7 +225,9 @@ def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config
     if box.place is not None:
         body.pos = [*box.place, Ground(terrain).height(*box.place) + 0.5 * box.size[2]]
     geom = body.add_geom(name=OBSTACLE, type=mujoco.mjtGeom.mjGEOM_BOX, size=0.5 * np.array(box.size))
-    _set_surface(geom, terrain, friction, config, visuals)
+    _set_surface(geom, terrain, friction, config, visuals=False)
+    if visuals:
+        geom.rgba = _OBSTACLE_COLOUR
 
 
 def parked(box: Box) -> tuple[float, float, float]:

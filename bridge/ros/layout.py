@@ -16,6 +16,7 @@ PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
 SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 
 ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional=True)
+CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
 
 REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
@@ -27,16 +28,17 @@ CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
 LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
 
 
-def process_specs(*, merged: bool, actions: bool = False) -> list[ProcessSpec]:
+def process_specs(*, merged: bool, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
     """Processes of the graph, the plant's first.
 
     Args:
         merged: Whether estimator, gait planner and controller share a process; apart, there is no gait planner, because
             its reference would have to travel at 1 kHz.
         actions: Whether to offer actions, in a process of their own.
+        camera: Whether to draw the robot's camera, in a process of its own.
     """
     control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
-    return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else [])]
+    return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *([CAMERA] if camera else [])]
 
 
 def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:

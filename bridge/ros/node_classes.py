@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bridge.nodes.action_server import ActionServerNode
+from bridge.nodes.camera_node import CameraNode
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.foot_sensor_node import FootSensorNode
@@ -13,6 +14,7 @@ from controllers.nodes.imu_node import ImuNode
 from controllers.nodes.motor_controller import MotorControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
+from controllers.nodes.vision_node import VisionNode
 from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
@@ -28,6 +30,8 @@ NODES: Mapping[str, type[Any]] = {
     "imu_node": ImuNode,
     "foot_sensor_node": FootSensorNode,
     "motor_controller": MotorControllerNode,
+    "camera_node": CameraNode,
+    "vision_node": VisionNode,
 }
 """Class of each node by its default name."""
 

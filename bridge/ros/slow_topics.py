@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from bridge.ros.driven_robot import DrivenRobot
+from bridge.ros.truth_topics import TruthTopics
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import JointStateCodec, set_stamp
@@ -30,6 +31,7 @@ class SlowTopics:
         self._zero = np.zeros(node.model.nj)
         self._time = node.announce(Clock, topics.CLOCK, SENSOR)
         self._truth = node.announce(Odometry, topics.GROUND_TRUTH, SENSOR)
+        self._more_truth = TruthTopics(node, driven.plant, self._joint_codec)
         self._state = node.announce(String, topics.DRIVER_STATE, LATCHED)
         self._offsets = node.announce(JointState, topics.ENCODER_OFFSETS, LATCHED)
         self._description = node.announce(String, topics.ROBOT_DESCRIPTION, LATCHED)
@@ -57,8 +59,10 @@ class SlowTopics:
         self._time.publish(message)
 
     def publish_truth(self, stamp: int) -> None:
-        """Publish the exact base pose and twist; for scoring and display only."""
-        self._truth.publish(self._codec.encode(stamp, self._driven.plant.truth))
+        """Publish the exact base pose and twist, and what is listened to of the rest; for scoring and display only."""
+        truth = self._driven.plant.truth
+        self._truth.publish(self._codec.encode(stamp, truth))
+        self._more_truth.publish(stamp, truth)
 
     def publish_state(self) -> None:
         """Publish the state of the drivers, if it has changed."""

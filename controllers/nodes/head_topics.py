@@ -44,7 +44,7 @@ class HeadTopics:
         mode = self._mode()
         try:
             pan, tilt = head_from_message(message)
-            if not self._node.active or mode not in ACTIVE_MODES:
+            if self._joints is not None and not (self._node.active and mode in ACTIVE_MODES):
                 raise PoiseError(f"the head is not moved in mode '{mode.value}'")
             self._laws.look(pan, tilt)
         except PoiseError as error:

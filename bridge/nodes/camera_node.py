@@ -1,0 +1,161 @@
+"""Node ``camera_node``: draws what the simulated robot's camera sees, beside the plant and never in its way."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo, Image, JointState
+
+from bridge.camera_config import CameraConfig
+from bridge.render import GL_ADVICE
+from controllers.nodes.due import Due
+from models.camera import Pinhole
+from models.config import default_config
+from models.errors import ConfigError, MessageError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.camera import image_message, info_message
+from models.nodes.cdr import NANOSECONDS, stamp_of
+from models.nodes.messages import JointStateCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.parameters import declare_config, describe
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.spin import run
+from models.terrain import FLAT, terrain_named
+from models.types import Vector
+
+if TYPE_CHECKING:
+    from bridge.camera import SimulatedCamera
+
+NICENESS = 10
+"""Of this process: the robot's processes go first."""
+
+
+class CameraNode(PoiseNode):
+    """Publishes ``camera/image_raw`` and ``camera/camera_info`` while somebody listens to the pictures.
+
+    It draws the newest true state that the bridge publishes, in its own time: where drawing takes long, pictures are
+    left out. Without a GL it says what brings one, and publishes nothing.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("camera_node", **kwargs)
+        self._config = declare_config(self, default_config(CameraConfig, "bridge", "camera"))
+        text = describe("Ground of the simulated world, as the bridge has it: flat, tiles, box, ...")
+        self._terrain = str(self.declare_parameter("terrain", FLAT, text).value)
+        self._camera: SimulatedCamera | None = None
+        self._odometry = b""
+        self._took = 0.0
+
+    def configure(self) -> None:
+        """Build the codecs and the topics."""
+        sensor = self.model.profile.sensors.camera
+        if sensor is None:
+            raise ConfigError(f"{self.robot}: sensors.camera: the profile has no camera")
+        sensor = self._config.sensor(sensor)
+        terrain_named(self._terrain)
+        self._period = round(NANOSECONDS / sensor.rate)
+        self._pinhole = Pinhole.of(sensor)
+        self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
+        self._images = self.announce(Image, topics.CAMERA_IMAGE, SENSOR)
+        self._infos = self.announce(CameraInfo, topics.CAMERA_INFO, SENSOR)
+        self.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
+        self.listen(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, self._on_obstacle, SENSOR)
+        self.listen(PointStamped, topics.CAMERA_TARGET, self._on_target, EVENT)
+        self.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True)
+
+    def activate(self) -> None:
+        """Get hold of a GL, if there is one."""
+        self._due = Due(self._period)
+        self._missing = self._open()
+        if self._missing:
+            self.get_logger().warning(self._missing)
+
+    def deactivate(self) -> None:
+        """Let go of it."""
+        camera, self._camera = self._camera, None
+        if camera is not None:
+            camera.close()
+
+    def _open(self) -> str:
+        """Build the camera; returns why there is none, empty when there is."""
+        if ctypes.util.find_library("EGL") is None:
+            return GL_ADVICE
+        try:
+            from bridge.camera import SimulatedCamera  # loads MuJoCo with its GL
+
+            self._camera = SimulatedCamera(self.model, self._config, self._terrain)
+        except PoiseError:
+            raise
+        except Exception as error:  # whatever the GL of this machine comes up with
+            return f"{GL_ADVICE} (starting it failed: {type(error).__name__}: {error})"
+        return ""
+
+    def _on_odometry(self, data: bytes) -> None:
+        self._odometry = data
+
+    def _on_obstacle(self, message: Any) -> None:
+        if self._camera is not None:
+            place = message.pose.position
+            self._camera.obstacle = np.array([place.x, place.y, place.z])
+
+    def _on_target(self, message: Any) -> None:
+        point = np.array([message.point.x, message.point.y, message.point.z])
+        if not np.isfinite(point).all():
+            self.refuse(topics.CAMERA_TARGET, f"point: {point.tolist()} m is no place")
+        elif message.header.frame_id not in ("", topics.ODOM_FRAME):
+            self.refuse(topics.CAMERA_TARGET, f"header.frame_id: '{message.header.frame_id[:32]}' instead of 'odom'")
+        elif self._camera is not None:
+            self._camera.target = point
+
+    def _on_joints(self, data: bytes) -> None:
+        """A true state is complete, if base and joints are of the same tick."""
+        camera = self._camera
+        if camera is None or not self.active or not self._images.get_subscription_count():
+            return
+        try:
+            stamp = stamp_of(data)
+            if not self._odometry or stamp_of(self._odometry) != stamp or not self._due(stamp):
+                return
+            joints = self._joints_codec.decode(data)[1]
+            pose: Vector = self._odometry_codec.decode(self._odometry)[1]
+        except MessageError as error:
+            self.refuse(topics.GROUND_TRUTH_JOINTS, error)
+            return
+        begin = time.monotonic()
+        picture = camera.render(np.concatenate([pose, joints]))
+        self._infos.publish(info_message(stamp, self._pinhole))
+        self._images.publish(image_message(stamp, picture))
+        self._took = time.monotonic() - begin
+
+    def before_diagnostics(self) -> None:
+        """Report how long pictures take."""
+        if not self.active:
+            return
+        self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
+        listened = self._images.get_subscription_count() > 0
+        self.message = self._missing or ("drawing" if listened else "nobody listens to the pictures")
+        self.values["newest picture took [ms]"] = f"{1e3 * self._took:.1f}"
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # drawing in software takes one core at most
+    os.nice(NICENESS)
+    sys.exit(run([CameraNode], args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Where to turn the head so that the camera looks at what it sees to the side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from models.errors import ConfigError
+from models.profile import CAMERA_FRAME
+from models.robot_model import RobotModel
+from models.types import Vector
+
+STEPS = 8
+"""Most steps of the solution [1]; two to four are enough within half a turn of the head."""
+
+STEP_MAX = 0.6
+"""Largest step of a joint [rad]: farther, the linearisation says nothing."""
+
+DONE = 1e-6
+"""A smaller step ends the search [rad]."""
+
+
+class Gaze:
+    r"""Pan and tilt that bring a bearing onto the optical axis.
+
+    .. math::
+        \min_q \| e_3 \times R(q)^T R(q_0)\, b \|, \quad q = (\mathrm{pan}, \mathrm{tilt})
+
+    by Gauss-Newton steps on the robot's own kinematics, whatever the order and the mounting of the joints. Only
+    directions are turned: the camera sits beside the axes of the head, so a near target is not quite met, and is with
+    the next picture.
+
+    Args:
+        model: The robot.
+
+    Raises:
+        ConfigError: It has no head, or no camera on it.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        head = model.profile.head
+        if head is None:
+            raise ConfigError(f"{model.name}: head: the profile names no joints of pan and tilt")
+        self._model, self._data = model.pin, model.data()
+        self._frame = model.frame_id(CAMERA_FRAME)
+        joints = [model.joint_index(name) for name in (head.pan, head.tilt)]
+        self._q: Vector = pin.neutral(model.pin)
+        self._places = [7 + joint for joint in joints]
+        self._columns = [6 + joint for joint in joints]
+        carriers = set(model.pin.supports[model.pin.frames[self._frame].parentJoint])
+        for name, joint in zip((head.pan, head.tilt), joints, strict=True):
+            if joint + 2 not in carriers:
+                raise ConfigError(f"{model.name}: frame '{CAMERA_FRAME}' is not moved by joint '{name}' of the head")
+        self._low, self._high = model.q_lower[joints], model.q_upper[joints]
+
+    def aim(self, pan: float, tilt: float, bearing: Vector) -> tuple[float, float]:
+        """Angles within the joints' limits that point the camera at a target, or as near to it as they allow.
+
+        Args:
+            pan: Where the head was when the picture was taken [rad].
+            tilt: Likewise [rad].
+            bearing: Direction of the target in the optical frame (3,).
+        """
+        angles = np.array([pan, tilt])
+        target = self._axes(angles) @ bearing
+        for _ in range(STEPS):
+            rotation = self._axes(angles)
+            pin.computeJointJacobians(self._model, self._data, self._q)
+            jacobian = pin.getFrameJacobian(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+            axis = rotation[:, 2]
+            turns = np.cross(jacobian[3:, self._columns].T, axis).T  # (3, 2): how the axis moves with each joint
+            step, *_ = np.linalg.lstsq(turns, target - axis * (axis @ target), rcond=None)
+            before = angles
+            angles = np.clip(angles + np.clip(step, -STEP_MAX, STEP_MAX), self._low, self._high)
+            if np.abs(angles - before).max() < DONE:
+                break
+        return float(angles[0]), float(angles[1])
+
+    def _axes(self, angles: Vector) -> Vector:
+        """Axes of the camera for a head at these angles (3, 3)."""
+        self._q[self._places] = angles
+        pin.framesForwardKinematics(self._model, self._data, self._q)
+        rotation: Vector = self._data.oMf[self._frame].rotation.copy()
+        return rotation

@@ -1,0 +1,128 @@
+"""Node ``vision_node``: pictures in, bearing of a target out; and the head after it, if wanted."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from geometry_msgs.msg import Vector3Stamped
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Bool
+
+from controllers.angle_history import AngleHistory
+from controllers.gaze import Gaze
+from controllers.target_config import TargetConfig
+from models.camera import Pinhole, azimuth_elevation
+from models.config import default_config
+from models.errors import ConfigError, MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.camera import picture_of, pinhole_of
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.head import head_from_message, head_message
+from models.nodes.messages import stamp_ns
+from models.nodes.parameters import declare_config, describe
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.spin import run
+from models.types import Vector
+
+if TYPE_CHECKING:
+    from controllers.target_finder import TargetFinder
+
+
+class VisionNode(PoiseNode):
+    """Runs ``TargetFinder`` on each picture; with ``follow`` it turns the head by ``Gaze``.
+
+    Args:
+        kwargs: Passed to rclpy.
+    """
+
+    AUTOSTART = True
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("vision_node", **kwargs)
+        config = default_config(TargetConfig, "controllers", "vision")
+        self._config = declare_config(self, config, "target.")
+        text = describe("Turn the head after the target, by head/pan_tilt; the robot must have a head")
+        self._follow = bool(self.declare_parameter("follow", False, text).value)
+        text = describe("Largest time between a picture and an angle of the head that goes with it [s]", low=0.0)
+        self._tolerance = round(NANOSECONDS * float(self.declare_parameter("head_tolerance", 0.1, text).value))
+        self._finder: TargetFinder | None = None
+
+    def configure(self) -> None:
+        """Build the laws and the topics."""
+        if find_spec("cv2") is None:
+            raise ConfigError("OpenCV is not installed: pip install 'poise[vision]'")
+        from controllers.target_finder import TargetFinder
+
+        self._finder = TargetFinder(self._config)
+        self._gaze = Gaze(self.model) if self._follow else None
+        self._angles = AngleHistory()
+        self._camera: Pinhole | None = None
+        self._bearings = self.announce(Vector3Stamped, topics.VISION_BEARING, SENSOR)
+        self._detected = self.announce(Bool, topics.VISION_DETECTED, SENSOR)
+        self.listen(CameraInfo, topics.CAMERA_INFO, self._on_info, SENSOR)
+        self.listen(Image, topics.CAMERA_IMAGE, self._on_image, SENSOR)
+        if self._gaze is not None:
+            self._head = self.announce(JointState, topics.HEAD_COMMAND, EVENT)
+            self.listen(JointState, topics.HEAD_STATE, self._on_head, SENSOR)
+
+    def _on_info(self, message: Any) -> None:
+        try:
+            self._camera = pinhole_of(message)
+        except MessageError as error:
+            self.refuse(topics.CAMERA_INFO, error)
+
+    def _on_head(self, message: Any) -> None:
+        try:
+            self._angles.add(stamp_ns(message.header.stamp), *head_from_message(message))
+        except MessageError as error:
+            self.refuse(topics.HEAD_STATE, error)
+
+    def _on_image(self, message: Any) -> None:
+        if not self.active or self._finder is None:
+            return
+        try:
+            picture, camera = picture_of(message), self._camera
+            if camera is None:
+                raise MessageError(f"nothing was heard on {topics.CAMERA_INFO} before")
+            if picture.shape[:2] != (camera.height, camera.width):
+                raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
+        except MessageError as error:
+            self.refuse(topics.CAMERA_IMAGE, error)
+            return
+        seen = self._finder.find(picture)
+        self._detected.publish(Bool(data=seen is not None))
+        self._tell(message, None if seen is None else camera.bearing(seen.pixel))
+
+    def _tell(self, image: Any, bearing: Vector | None) -> None:
+        """Publish a bearing (3,), and look there."""
+        if bearing is None:
+            self.message = "no target in the picture"
+            return
+        azimuth, elevation = np.degrees(azimuth_elevation(bearing))
+        self.message = "target in the picture"
+        self.values["azimuth [deg]"], self.values["elevation [deg]"] = f"{azimuth:.2f}", f"{elevation:.2f}"
+        message = Vector3Stamped(header=image.header)
+        message.vector.x, message.vector.y, message.vector.z = bearing.tolist()
+        self._bearings.publish(message)
+        if self._gaze is None:
+            return
+        stamp = stamp_ns(image.header.stamp)
+        angles = self._angles.at(stamp, self._tolerance)
+        if angles is None:
+            when = stamp / NANOSECONDS
+            self.refuse(topics.HEAD_STATE, f"no angle of the head at {when:.3f} s, when a picture was taken")
+            return
+        self._head.publish(head_message(stamp, *self._gaze.aim(float(angles[0]), float(angles[1]), bearing)))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node in a process of its own."""
+    sys.exit(run([VisionNode], args))
+
+
+if __name__ == "__main__":
+    main()

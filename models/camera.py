@@ -1,0 +1,64 @@
+"""A pinhole camera: which direction a pixel looks, and which pixel sees a point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.profile import CameraSensor
+from models.types import Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Pinhole:
+    r"""Intrinsics of a camera whose picture is rectified, in its optical frame: x right, y down, z ahead (REP-103).
+
+    .. math::
+        u = f x / z + c_x, \quad v = f y / z + c_y
+
+    Attributes:
+        width: Of a picture [pixel].
+        height: Of a picture [pixel].
+        focal: Focal lengths f along u and v [pixel].
+        centre: Where the optical axis meets the picture; the middle of the first pixel is (0, 0) [pixel].
+    """
+
+    width: int
+    height: int
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+
+    @classmethod
+    def of(cls, camera: CameraSensor) -> Pinhole:
+        """The ideal camera of a profile: square pixels, the axis through the middle of the picture."""
+        focal = 0.5 * camera.width / math.tan(0.5 * camera.horizontal_fov)
+        middle = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
+        return cls(camera.width, camera.height, (focal, focal), middle)
+
+    @property
+    def vertical_fov(self) -> float:
+        """Angle from the upper to the lower edge of a picture whose axis is in its middle [rad]."""
+        return 2.0 * math.atan(0.5 * self.height / self.focal[1])
+
+    @property
+    def matrix(self) -> Matrix:
+        """Camera matrix K (3, 3)."""
+        (fx, fy), (cx, cy) = self.focal, self.centre
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def project(self, point: Vector) -> Vector:
+        """Pixel (2,) that sees a point in front of the camera (3,) [m]."""
+        return np.array(self.focal) * point[:2] / point[2] + np.array(self.centre)
+
+    def bearing(self, pixel: Vector) -> Vector:
+        """Direction in which a pixel (2,) looks: unit vector in the optical frame (3,)."""
+        ray = np.append((pixel - np.array(self.centre)) / np.array(self.focal), 1.0)
+        return ray / np.linalg.norm(ray)
+
+
+def azimuth_elevation(bearing: Vector) -> tuple[float, float]:
+    """How far to the left and how far up of the optical axis a direction (3,) of the optical frame lies [rad]."""
+    x, y, z = (float(value) for value in bearing)
+    return math.atan2(-x, z), math.atan2(-y, math.hypot(x, z))
