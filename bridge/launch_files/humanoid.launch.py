@@ -19,10 +19,11 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "terrain": ("flat", "Ground: a name of models/config/terrain.yaml"),
     "lockstep": ("false", "Whether the plant waits for the command of every tick"),
     "network": ("false", "Whether other machines may join; loopback only otherwise"),
+    "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
 }
 """Default and description of each launch argument."""
 
-FLAGS = ("lockstep", "network")
+FLAGS = ("lockstep", "network", "camera")
 
 END_TIME = "15.0"
 """``poise up`` gives its processes 9 s to end [s]."""

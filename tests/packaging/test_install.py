@@ -68,7 +68,7 @@ def test_every_node_is_an_executable_of_its_package() -> None:
     nodes = {name: value for name, value in _entries("console_scripts").items() if ".nodes." in value}
     assert set(nodes) >= {
         "mujoco_bridge", "state_estimator", "balance_controller", "motion_planner", "supervisor",
-        "imu_node", "foot_sensor_node", "motor_controller",
+        "imu_node", "foot_sensor_node", "motor_controller", "camera_node", "vision_node",
     }  # fmt: skip
     for name, value in nodes.items():
         wrapper = PREFIX / "lib" / value.split(".")[0] / name

@@ -91,7 +91,7 @@ def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> Non
 
         graph.wait_for(discovered, 60.0, "discovery of the subscriptions")
         assert readers == set()
-        assert f"/{topics.GROUND_TRUTH}" not in asked
+        assert not [topic for topic in asked if "truth" in topic]
         for module, pid in graph.pids.items():
             linked = "libmujoco" in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
             assert linked == (module == "bridge.nodes.mujoco_bridge")
