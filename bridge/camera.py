@@ -105,7 +105,8 @@ class SimulatedCamera:
         halves = 0.5 * pinhole.width, 0.5 * pinhole.height
         for across, half, focal in zip((x, y), halves, pinhole.focal, strict=True):
             seen &= (focal * np.abs(across) - half * z) <= reach * np.hypot(focal, half)
-        return seen | (reach == 0.0)  # a plane has no bounding sphere
+        seen |= reach == 0.0  # a plane has no bounding sphere
+        return seen
 
     def _add_target(self) -> None:
         scene, target = self._renderer.scene, self._config.target

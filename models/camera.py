@@ -38,11 +38,6 @@ class Pinhole:
         return cls(camera.width, camera.height, (focal, focal), middle)
 
     @property
-    def vertical_fov(self) -> float:
-        """Angle from the upper to the lower edge of a picture whose axis is in its middle [rad]."""
-        return 2.0 * math.atan(0.5 * self.height / self.focal[1])
-
-    @property
     def matrix(self) -> Matrix:
         """Camera matrix K (3, 3)."""
         (fx, fy), (cx, cy) = self.focal, self.centre
@@ -50,12 +45,14 @@ class Pinhole:
 
     def project(self, point: Vector) -> Vector:
         """Pixel (2,) that sees a point in front of the camera (3,) [m]."""
-        return np.array(self.focal) * point[:2] / point[2] + np.array(self.centre)
+        pixel: Vector = np.array(self.focal) * point[:2] / point[2] + np.array(self.centre)
+        return pixel
 
     def bearing(self, pixel: Vector) -> Vector:
         """Direction in which a pixel (2,) looks: unit vector in the optical frame (3,)."""
         ray = np.append((pixel - np.array(self.centre)) / np.array(self.focal), 1.0)
-        return ray / np.linalg.norm(ray)
+        bearing: Vector = ray / np.linalg.norm(ray)
+        return bearing
 
 
 def azimuth_elevation(bearing: Vector) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from controllers.target_finder import TargetFinder
 from models.robot_model import RobotModel
 from models.types import Mode
 
-PERIOD, DELAY = 0.1, 0.1
+PERIOD = 0.1
 """Between two pictures, and from one to its effect [s]."""
 
 
@@ -40,9 +40,8 @@ def test_the_head_follows_a_ball_that_moves_sideways(talos: RobotModel) -> None:
             bearing = camera.intrinsics.bearing(seen.pixel)
             errors.append(math.acos(min(float(bearing[2]), 1.0)))
             pan, tilt = loop.state.q[joints]
-            loop.run(DELAY)
+            loop.run(PERIOD)
             loop.look(*gaze.aim(float(pan), float(tilt), bearing))
-            loop.run(PERIOD - DELAY)
         assert max(errors[:3]) > math.radians(4.0)  # it began elsewhere
         assert max(errors[15:]) < math.radians(8.0)  # and follows, late by the delay and the rounding of its turns
         for _ in range(12):  # the ball rests

@@ -220,8 +220,8 @@ def test_the_head_of_a_standing_talos_follows_a_ball_over_the_graph(tmp_path: Pa
             message.header.frame_id = topics.ODOM_FRAME
             message.point.x, message.point.y, message.point.z = place
             ball.publish(message)
-            graph.wait_for(lambda: len(bearings) > 1, 20.0, "seeing the ball")
-            graph.wait_for(lambda: math.acos(min(bearings[-1][2], 1.0)) < math.radians(2.0), 30.0, "looking at it")
+            graph.wait_for(lambda: len(bearings) > 1, 60.0, "seeing the ball")
+            graph.wait_for(lambda: math.acos(min(bearings[-1][2], 1.0)) < math.radians(2.0), 60.0, "looking at it")
             assert heads[-1][0] == pytest.approx(math.atan2(place[1], place[0] - 0.07), abs=0.06)
         assert (graph.mode, graph.driver_state) == ("stand", topics.ACTIVE) and set(modes) <= {"off", "damp", "stand"}
     assert set(graph.exit_codes.values()) == {0}
