@@ -33,7 +33,7 @@ def test_the_head_follows_a_ball_that_moves_sideways(talos: RobotModel) -> None:
     try:
         for tick in range(80):
             t = PERIOD * tick
-            side = 0.9 * math.sin(0.5 * t)  # up to 0.45 m/s at 2 m: 13 deg/s
+            side = 0.9 * math.sin(0.5 * t + 0.6)  # from 15 deg to the side, at up to 0.45 m/s: 13 deg/s
             camera.target = np.array([2.0, side, 1.5 + 0.2 * math.cos(0.5 * t)])
             seen = finder.find(camera.render(loop.truth.q))
             assert seen is not None, f"out of sight at {t:.1f} s"
@@ -42,7 +42,7 @@ def test_the_head_follows_a_ball_that_moves_sideways(talos: RobotModel) -> None:
             pan, tilt = loop.state.q[joints]
             loop.run(PERIOD)
             loop.look(*gaze.aim(float(pan), float(tilt), bearing))
-        assert max(errors[:3]) > math.radians(4.0)  # it began elsewhere
+        assert errors[0] > math.radians(10.0)  # it began elsewhere
         assert max(errors[15:]) < math.radians(8.0)  # and follows, late by the delay and the rounding of its turns
         for _ in range(12):  # the ball rests
             seen = finder.find(camera.render(loop.truth.q))
