@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from importlib.metadata import entry_points, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from bridge import log_cli, reach_cli, record_cli
-from bridge.command_line import need, need_ros, print_reply, told
+from bridge.command_line import Namespace, Network, need, need_ros, print_reply, told
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
@@ -99,11 +99,20 @@ def up(
     camera: Annotated[bool, typer.Option(help="Draw the robot's camera, in a process of its own.")] = False,
     motions: Annotated[Path | None, typer.Option(help="Folder of motion files of your own.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
+    robots: Annotated[
+        str, typer.Option(help="Several in one world, each in its namespace: robot_1=g1,robot_2=talos.", metavar="LIST")
+    ] = "",
+    place: Annotated[
+        list[str] | None, typer.Option(help=r"Where one of several begins \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Simulated over real time.")] = 1.0,
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
     from bridge.fault_plan import fault_plan
+    from bridge.inhabitants import inhabitants
     from bridge.launch import up as launch
+    from bridge.launch_world import up_world
     from bridge.own_motions import own_motions
     from bridge.sensor_errors import read_sensor_errors
     from models.terrain import terrain_named
@@ -112,22 +121,26 @@ def up(
         read_sensor_errors(sensor_errors)
         fault_plan(faults)
         terrain_named(terrain)
-        own = {} if motions is None else own_motions(robot, motions)
+        several = inhabitants(robots, place or (), motions)
+        own = {} if motions is None or several else own_motions(robot, motions)
+    if several and namespace:
+        raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
+    if several and camera:
+        raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
     given = {"sensor_errors": sensor_errors, "faults.plan": faults}
-    plant = {"terrain": terrain, **{name: text for name, text in given.items() if text}}
-    code = launch(
-        robot,
-        duration=duration,
-        network=network,
-        merged=merged,
-        lockstep=lockstep,
-        parameters={"mujoco_bridge": plant, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
-        calibration=calibration,
-        actions=actions,
-        camera=camera,
-        namespace=namespace,
+    plant = {"terrain": terrain, "speed": speed, **{name: text for name, text in given.items() if text}}
+    options: dict[str, Any] = {
+        "duration": duration,
+        "network": network,
+        "merged": merged,
+        "lockstep": lockstep,
+        "parameters": {"mujoco_bridge": plant, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
+        "calibration": calibration,
+        "actions": actions,
+    }
+    raise typer.Exit(
+        up_world(several, **options) if several else launch(robot, namespace=namespace, camera=camera, **options)
     )
-    raise typer.Exit(code)
 
 
 @app.command()
@@ -135,7 +148,8 @@ def send(
     text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
     key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
     source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Send a text command to the running robot and say what became of it."""
     from controllers.command_key import read_key
@@ -146,7 +160,7 @@ def send(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network, signer=signer) as client:
+    with told(), Client(network=network, namespace=namespace, signer=signer) as client:
         raise typer.Exit(print_reply(client.command(text)))
 
 
@@ -156,7 +170,8 @@ def view(
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all of this machine.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port to listen on.")] = 8080,
     key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Show the running robot in a browser, with buttons, sticks, plots and gains; Ctrl-C ends the page."""
     need_ros()
@@ -166,7 +181,7 @@ def view(
     if key is not None and host not in ("127.0.0.1", "localhost"):
         raise typer.BadParameter("a page that others reach would sign for everybody: --key goes with 127.0.0.1 only")
     with told():
-        serve(robot=robot, host=host, port=port, network=network, signer=_operator(key))
+        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=_operator(key))
 
 
 @app.command()
@@ -174,14 +189,15 @@ def teleop(
     robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
     gamepad: Annotated[Path | None, typer.Option(help="Device, such as /dev/input/js0; keys by default.")] = None,
     key: Annotated[Path | None, typer.Option(help="Sign words with the key in this file.")] = None,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Steer the running robot by keys of the terminal or a gamepad, on /commands/teleop."""
     need_ros()
     from bridge.teleop.run import teleop as steer
 
     with told():
-        steer(robot, gamepad=gamepad, network=network, signer=_operator(key))
+        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=_operator(key))
 
 
 @app.command()
@@ -197,7 +213,8 @@ def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing fi
 @app.command()
 def mode(
     name: Annotated[str, typer.Argument(help="off, damp, stand or walk; also estop and reset_faults.")],
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Request a mode of the running robot."""
     services = {word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")}
@@ -207,7 +224,7 @@ def mode(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.trigger(services[name])))
 
 
@@ -221,7 +238,8 @@ def walk(
         tuple[float, float, float] | None,
         typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),
     ] = None,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
     if to is None and forward is None:
@@ -231,7 +249,7 @@ def walk(
     from bridge.ros.walk import walk as drive
     from bridge.ros.walk import walk_to
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, namespace=namespace) as client:
         if to is not None:
             raise typer.Exit(print_reply(walk_to(client, to)))
         raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
@@ -240,7 +258,8 @@ def walk(
 @app.command()
 def calibrate(
     what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Have the running robot calibrate its sensors, show what is kept, or return to the file before it."""
     known = ("imu", "joints", "feet", "show", "rollback")
@@ -249,20 +268,21 @@ def calibrate(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
 
 @app.command()
 def hang(
     down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Have a crane lift the simulated robot, held or off, so that its feet are in the air."""
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.switch("hang", not down)))
 
 

@@ -14,6 +14,7 @@ from bridge.loop_black_box import LoopBlackBox
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
 from bridge.mujoco_plant import MujocoPlant
+from bridge.mujoco_world import ALONE, MujocoWorld
 from bridge.obstacle_guard import ObstacleGuard
 from bridge.sensor_errors import SensorErrors
 from bridge.text_commands import TextCommands
@@ -77,6 +78,8 @@ class ClosedLoop:
         black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
         mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; None for none. It begins
             anew with ``reset``. Needs the messages of ROS 2.
+        world: The world to live in with other robots, see ``bridge/shared_world.py``; one of its own when None.
+        name: Of the robot in that world.
 
     Attributes:
         robot: The robot.
@@ -117,6 +120,8 @@ class ClosedLoop:
         start: Literal["stand", "hang"] = "stand",
         black_box: Path | None = None,
         mcap: Path | None = None,
+        world: MujocoWorld | None = None,
+        name: str = ALONE,
     ) -> None:
         if start not in ("stand", "hang"):
             raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
@@ -135,7 +140,10 @@ class ClosedLoop:
             visuals=visuals,
             sensor_errors=sensor_errors,
             faults=faults,
+            world=world,
+            name=name,
         )
+        timestep = self.plant.period
         self.plant.faults.note = self._note
         latency = self.robot.profile.sensors.latency
         delay_ticks = self._ticks("delay_s", latency.sensors + latency.commands if delay_s is None else delay_s)
@@ -376,7 +384,17 @@ class ClosedLoop:
 
     def step(self) -> None:
         """Run one tick."""
-        self._lockstep.step()
+        self.before_physics()
+        self.plant.step()
+        self.after_physics()
+
+    def before_physics(self) -> None:
+        """First part of a tick: laws and drivers. For ``SharedWorld``, which moves the world of several robots."""
+        self._lockstep.before_physics()
+
+    def after_physics(self) -> None:
+        """Last part of a tick, once the world has moved."""
+        self._lockstep.after_physics()
         if self._guard is not None:
             self._guard.step()
 

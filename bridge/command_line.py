@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -14,6 +14,9 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from models.types import CommandReply
+
+Network = Annotated[bool, typer.Option(help="The robot may run on another machine.")]
+Namespace = Annotated[str, typer.Option(help="Namespace of the robot, such as robot_1.")]
 
 
 def need_ros() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.mujoco_plant import MujocoPlant
 from models.errors import ConfigError
-from models.mujoco_spec import WORLD_GROUP
+from models.mujoco_spec import ROBOT_GROUP, WORLD_GROUP
 from models.scan import SCAN_FRAME, Scan
 
 
@@ -17,9 +17,9 @@ class LaserScanner:
     """Casts the rays of ``sensors.scan`` of the profile in the plane of frame ``scan``, which leans as the robot does.
 
     All rays of a scan are taken at one instant: a real scanner takes a turn for them, in which a walking robot moves by
-    some centimetres. What is seen is ground and obstacles. The robot itself lets the rays pass, as behind a driver's
-    self-filter. Nothing is computed before ``scan`` is called, and the noise has a generator of its own, so the plant
-    does the same with a scanner and without.
+    some centimetres. What is seen is ground, obstacles and other robots. The robot itself lets the rays pass, as behind
+    a driver's self-filter. Nothing is computed before ``scan`` is called, and the noise has a generator of its own, so
+    the plant does the same with a scanner and without.
 
     Args:
         plant: The simulated robot.
@@ -38,7 +38,10 @@ class LaserScanner:
         if config is None:
             raise ConfigError(f"{plant.robot.name}: sensors.scan: the profile has no scanner")
         self.config, self._plant = config, plant
-        self._site = int(plant.model.site(SCAN_FRAME).id)
+        model, mj = plant.model, plant.mujoco
+        self._site = int(model.site(mj.prefix + SCAN_FRAME).id)
+        strangers = (model.geom_group == ROBOT_GROUP) & (model.body_rootid[model.geom_bodyid] != mj.base_body)
+        self._strangers = np.flatnonzero(strangers)
         angles = np.linspace(config.angle_min, config.angle_max, config.rays)
         self._rays = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(config.rays)])  # (n, 3) in the frame
         self._groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
@@ -60,10 +63,11 @@ class LaserScanner:
         Args:
             t: Stamp that the scan gets [s].
         """
-        config, data = self.config, self._plant.data
+        config, model, data = self.config, self._plant.model, self._plant.data
         rays = self._rays @ data.site_xmat[self._site].reshape(3, 3).T
+        model.geom_group[self._strangers] = WORLD_GROUP  # rays choose by group, and the robot's own must not be seen
         mujoco.mj_multiRay(
-            self._plant.model,
+            model,
             data,
             data.site_xpos[self._site],
             rays.ravel(),
@@ -76,6 +80,7 @@ class LaserScanner:
             config.rays,
             config.range_max,
         )
+        model.geom_group[self._strangers] = ROBOT_GROUP
         ranges = self._distances + self._noise * self._rng.standard_normal(config.rays)
         ranges[ranges < config.range_min] = -math.inf
         ranges[(self._geoms < 0) | (ranges > config.range_max)] = math.inf

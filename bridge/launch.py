@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import signal
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
-from rich.console import Console
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge.graph_run import run_until_signal, wait_for
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.layout import activation_order, node_parameters, process_specs
+from bridge.ros.layout import BRIDGE, activation_order, node_parameters, process_specs
 from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
-from bridge.ros.processes import CLEAN_EXITS, GraphProcess, Parameters, ProcessSpec, absolute_namespace, stop_all
+from bridge.ros.processes import GraphProcess, Parameters, ProcessSpec, absolute_namespace, stop_all
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import missing_types
@@ -56,6 +56,7 @@ class Graph:
         log: File for the processes' output; this process's output when None.
         namespace: Of every node, topic and service; empty for none.
         say: Takes one line about each event.
+        plant: Process of ``mujoco_bridge``, where others share it and ``specs`` has none; it is watched, not run.
 
     Attributes:
         node: rclpy node of this process, for further topics and services.
@@ -79,7 +80,10 @@ class Graph:
         log: Path | None = None,
         namespace: str = "",
         say: Callable[[str], object] = print,
+        plant: GraphProcess | None = None,
     ) -> None:
+        self._plant = plant
+        self._context = None if plant is None else Context()  # of several graphs in one process each has its own
         self._namespace = absolute_namespace(namespace)
         self._folder = tempfile.TemporaryDirectory(prefix="poise_")
         if calibration is None:
@@ -96,10 +100,21 @@ class Graph:
         self._output: IO[bytes] | None = None
 
     def __enter__(self) -> Graph:
+        self.open()
+        try:
+            self.configure()
+            self.activate()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def open(self) -> None:
+        """Join the graph and start the processes; ``configure``, ``activate`` and ``close`` are to follow."""
         join_graph(domain_id=self._domain_id, network=self._network)
-        rclpy.init(args=log_arguments(), signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("poise", namespace=self._namespace)
-        self._executor = make_executor()
+        rclpy.init(args=log_arguments(), context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("poise", namespace=self._namespace, context=self._context)
+        self._executor = make_executor(self._context)
         self._executor.add_node(self.node)
         self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
         self.node.create_subscription(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
@@ -110,7 +125,6 @@ class Graph:
         except BaseException:
             self.close()
             raise
-        return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
@@ -122,7 +136,7 @@ class Graph:
             self._output.close()
         self._executor.remove_node(self.node)
         self.node.destroy_node()
-        try_shutdown()
+        try_shutdown(context=self._context)
         self._folder.cleanup()
 
     @property
@@ -148,17 +162,16 @@ class Graph:
         Raises:
             PoiseError: It does not hold in time; ``what`` names it.
         """
-        end = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > end:
-                raise PoiseError(
-                    f"not {what} within {timeout:.0f} s: mode '{self.mode}', drivers '{self.driver_state}'"
-                )
-            self.spin(0.02)
+        wait_for(self.spin, condition, timeout, what, lambda: f"mode '{self.mode}', drivers '{self.driver_state}'")
 
     def wait_standing(self, timeout: float = 60.0) -> None:
         """Wait until the robot stands on its own feet."""
-        self.wait_for(lambda: self.mode == "stand" and self.driver_state == topics.ACTIVE, timeout, "standing")
+        self.wait_for(lambda: self.standing, timeout, "standing")
+
+    @property
+    def standing(self) -> bool:
+        """Whether the robot stands on its own feet."""
+        return self.mode == "stand" and self.driver_state == topics.ACTIVE
 
     def send(self, text: str) -> None:
         """Publish a text command on ``/humanoid_commands``."""
@@ -192,11 +205,25 @@ class Graph:
         ]
         for process in self._processes:
             process.start()
-        names = self._activation
-        self._change(names, CONFIGURE)
-        for name in names:
+
+    def configure(self) -> None:
+        """Configure all nodes at once.
+
+        Raises:
+            PoiseError: One refuses or does not answer; it is named.
+        """
+        self._change(self._activation, CONFIGURE)
+
+    def activate(self) -> None:
+        """Activate the nodes in order; errors as ``configure``."""
+        for name in self._activation:
             self._change([name], ACTIVATE)
-        self._say(f"active: {', '.join(names)}")
+        self._say(f"active: {', '.join(self._activation)}")
+
+    def bring_up_plant(self) -> None:
+        """Configure and activate the node of the shared plant, whose process has been started again."""
+        for transition in (CONFIGURE, ACTIVATE):
+            self._change(BRIDGE.nodes, transition)
 
     def _restart(self, process: GraphProcess) -> None:
         """Start a crashed process again and bring its nodes up; the others go on."""
@@ -214,7 +241,8 @@ class Graph:
         self._say(f"{', '.join(process.spec.nodes)} active again")
 
     def _change(self, names: Sequence[str], transition: int) -> None:
-        concerned = [process for process in self._processes if set(process.spec.nodes) & set(names)]
+        processes = [*self._processes, *([] if self._plant is None else [self._plant])]
+        concerned = [process for process in processes if set(process.spec.nodes) & set(names)]
 
         def spin() -> None:
             self._tick()
@@ -234,10 +262,6 @@ class Graph:
     def _on_driver_state(self, message: String) -> None:
         self.driver_state = message.data
         self._say(f"drivers {self.driver_state}")
-
-
-class _Interrupted(Exception):
-    """SIGINT or SIGTERM arrived."""
 
 
 def up(
@@ -276,26 +300,11 @@ def up(
     Returns:
         Exit code: 0 after a signal or the end of ``duration``, 1 when the graph cannot be kept up.
     """
-    console = Console(stderr=True, quiet=quiet)
-    begin = time.monotonic()
 
-    def say(text: str) -> None:
-        console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
-
-    def on_signal(number: int, frame: Any) -> None:
-        for other in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(other, signal.SIG_IGN)  # once is enough: the end must not be interrupted
-        raise _Interrupted
-
-    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
-    exit_codes: Mapping[str, int | None] = {}
-    code, missing = 0, ""
-    try:
-        if actions and (missing := missing_types()):
-            say(f"no actions: {missing}")
-        graph = Graph(
+    def make(say: Callable[[str], object]) -> Graph:
+        return Graph(
             robot,
-            specs=process_specs(merged=merged, actions=actions and not missing, camera=camera),
+            specs=process_specs(merged=merged, actions=actions_possible(actions, say), camera=camera),
             lockstep=lockstep,
             domain_id=domain_id,
             network=network,
@@ -305,20 +314,13 @@ def up(
             namespace=namespace,
             say=say,
         )
-        exit_codes = graph.exit_codes
-        with graph:
-            say(f"{robot} is up; Ctrl-C ends it")
-            while duration is None or time.monotonic() - begin < duration:
-                graph.spin(0.2)
-    except _Interrupted:
-        say("ending")
-    except PoiseError as error:
-        console.print(f"[red]{error}[/red]", highlight=False)
-        code = 1
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-    bad = {module: exit_code for module, exit_code in exit_codes.items() if exit_code not in CLEAN_EXITS}
-    for module, exit_code in bad.items():
-        say(f"{module} ended with code {exit_code}")
-    return 1 if bad else code
+
+    return run_until_signal(make, robot, duration=duration, quiet=quiet)
+
+
+def actions_possible(wanted: bool, say: Callable[[str], object]) -> bool:
+    """Whether actions can be offered; where they are wanted and their types are missing, that is said."""
+    if wanted and (missing := missing_types()):
+        say(f"no actions: {missing}")
+        return False
+    return wanted

@@ -238,17 +238,23 @@ class Lockstep:
                 samples.append(sensors)
             self.servo.command(self._hang, sensors.t)
             self._drive(sensors)
+            self.plant.step()
         return mean_sample(samples)
 
     def step(self) -> None:
         """Run one tick."""
+        self.before_physics()
+        self.plant.step()
+        self.after_physics()
+
+    def before_physics(self) -> None:
+        """First part of a tick: everything up to the torques."""
         self.sensors = sensors = self._sense()
         if self.listener is not None:
             self.listener(self.plant.read())
         if self.hanging:
             self.servo.command(self._hang, sensors.t)
             self._drive(sensors)
-            self.tick += 1
             return
         if self.tick % self._control_ticks == 0:
             self._unheard += 1
@@ -261,8 +267,12 @@ class Lockstep:
         while self._queue and self._queue[0][0] <= self.tick:
             self.servo.command(self._queue.popleft()[1], sensors.t)
         self._drive(sensors)
+
+    def after_physics(self) -> None:
+        """Last part of a tick, once the world has moved."""
         self.tick += 1
-        self._after_tick()
+        if not self.hanging:
+            self._after_tick()
 
     def _control(self, sensors: SensorData, dt: float) -> None:
         """Estimator and controller, a time [s] after the last sample; the command enters the delay line."""
@@ -309,6 +319,5 @@ class Lockstep:
             self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
 
     def _drive(self, sensors: SensorData) -> None:
-        """Drivers and physics."""
+        """Drivers."""
         self.plant.write(self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period))
-        self.plant.step()

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from bridge.command_line import need_ros, told
+from bridge.command_line import Namespace, Network, need_ros, told
 
 app = typer.Typer(no_args_is_help=True, help="Write logs of the running robot, and draw those of its black box.")
 
@@ -18,7 +18,8 @@ def imu(
     csv: Annotated[Path | None, typer.Option("--csv", help="Write a table here.")] = None,
     mcap: Annotated[Path | None, typer.Option("--mcap", help="Write the messages here.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Log orientation, rate and specific force of the inertial unit from /imu/data; Ctrl-C completes the files."""
     if csv is None and mcap is None:
@@ -45,7 +46,7 @@ def imu(
                 logs.append(McapImuLog(mcap, f"/{topics.IMU_DATA}"))
             if csv is not None:
                 logs.append(CsvImuLog(csv))
-            listener.listen(seconds, stop, network=network)
+            listener.listen(seconds, stop, network=network, namespace=namespace)
         finally:
             for log in logs:
                 if listener.count:

@@ -37,7 +37,8 @@ class PlantMonitor:
         model, mj = plant.model, plant.mujoco
         self._sites = np.array(mj.sole_sites)
         soles = model.site_bodyid[self._sites]
-        self._is_sole = np.isin(model.geom_bodyid, soles)  # (ngeom,)
+        own = model.body_rootid[model.geom_bodyid] == mj.base_body  # (ngeom,)
+        self._is_limb = own & ~np.isin(model.geom_bodyid, soles)
         self._is_floor = model.geom_bodyid == 0
         self._radius = np.array([np.linalg.norm(foot.corners, axis=1).max() for foot in plant.robot.feet])
         self._load = config.slip_load * GRAVITY * plant.robot.mass
@@ -68,7 +69,7 @@ class PlantMonitor:
         if not upright >= math.cos(self._config.fall_tilt):
             return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
         pairs = data.contact.geom  # (ncon, 2)
-        strange = self._is_floor[pairs].any(axis=1) & ~self._is_sole[pairs].any(axis=1)
+        strange = self._is_floor[pairs].any(axis=1) & self._is_limb[pairs].any(axis=1)
         if strange.any():
             pair = pairs[int(np.flatnonzero(strange)[0])]
             body = self._plant.model.geom_bodyid[pair[0] if self._is_floor[pair[1]] else pair[1]]
@@ -76,7 +77,7 @@ class PlantMonitor:
         return ""
 
     def _height_over_ground(self) -> float:
-        x, y, z = (float(value) for value in self._plant.data.qpos[:3])
+        x, y, z = (float(value) for value in self._plant.data.qpos[self._plant.mujoco.qpos][:3])
         return z - self._plant.ground.height(x, y)
 
     def _measure_slip(self) -> None:

@@ -7,26 +7,29 @@ import numpy as np
 
 from bridge.fault_plan import Faults
 from bridge.fault_proxy import FaultProxy
-from bridge.obstacle import Obstacle
+from bridge.mujoco_world import ALONE, MujocoWorld
 from bridge.plant import Plant
 from bridge.sensor_errors import SensorErrors
 from bridge.sensors import SensorNoise
-from models.errors import CommandError
-from models.mujoco_model import MujocoModel, build_mujoco, mujoco_to_pin, pin_to_mujoco
+from models.errors import CommandError, ConfigError
+from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel
 from models.scan import Scan
-from models.terrain import FLAT, Ground, Terrain, terrain_named
+from models.terrain import FLAT, Terrain
 from models.types import ContactState, Matrix, RobotState, SensorData, Vector
 
 
 class MujocoPlant(Plant):
-    """Robot, floor, sensors and disturbances in MuJoCo, in ticks of one physics step.
+    """Robot, sensors and disturbances in a world of MuJoCo, in ticks of one physics step.
 
     A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those of the tick's instant;
     accelerometer, wrenches and torques are those that acted during the step before it.
 
     ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld, until
     ``hold(False)``.
+
+    In a world of several robots each has a plant. ``step`` advances this robot alone; ``MujocoWorld.step`` those that
+    it is given, together.
 
     Args:
         model: Robot.
@@ -40,19 +43,25 @@ class MujocoPlant(Plant):
         visuals: Load meshes for pictures; no effect on the dynamics.
         sensor_errors: Errors of the sensors on top of those that profile and seed give.
         faults: Faults of sensors and motors from the start or the release on.
+        world: The world to live in, which has a robot of this name already; friction, payload_kg, terrain, timestep and
+            visuals are the world's then. One of its own when None.
+        name: Of the robot in that world.
 
     Attributes:
+        world: The world.
         model: The compiled MuJoCo model.
         data: Its state. For scoring and pictures only: no law may see it.
         robot: The robot.
         ground: Height of the ground; for scoring only.
-        obstacle: The box of a terrain that has one, to be put into the way; ``reset`` puts it back.
+        obstacle: The box of a terrain that has one, to be put into the way; ``reset`` puts it back, in a world that the
+            robot has for itself.
         noise: What the sensors get wrong; for scoring only.
         mujoco: Indices of the robot in model and data.
+        name: Of the robot in the world.
         faults: Injects faults into sensors and motors.
 
     Raises:
-        ConfigError: An argument is out of range.
+        ConfigError: An argument is out of range, or the world has no robot of this name, or another one.
         RobotModelError: MuJoCo refuses the URDF.
     """
 
@@ -69,19 +78,22 @@ class MujocoPlant(Plant):
         visuals: bool = False,
         sensor_errors: SensorErrors | None = None,
         faults: Faults | None = None,
+        world: MujocoWorld | None = None,
+        name: str = ALONE,
     ) -> None:
         self.robot = model
-        terrain = terrain_named(terrain)
-        self.ground = Ground(terrain)
-        self.mujoco: MujocoModel = build_mujoco(
-            model, timestep=timestep, visuals=visuals, friction=friction, payload_kg=payload_kg, terrain=terrain
+        self.world = world or MujocoWorld.alone(
+            model, friction=friction, payload_kg=payload_kg, terrain=terrain, timestep=timestep, visuals=visuals
         )
-        self.model = self.mujoco.model
-        self.data = mujoco.MjData(self.model)
-        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
-        self._period = float(self.model.opt.timestep)
-        self.noise = SensorNoise(model, period=timestep, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
-        self.faults = FaultProxy(model, period=timestep, seed=seed, plan=faults)
+        there, self.mujoco = self.world.robot(name)
+        if there is not model:
+            raise ConfigError(f"world: '{name}' is another {there.name} than the {model.name} given")
+        self.name = name
+        self.model, self.data = self.world.model, self.world.data
+        self.ground, self.obstacle = self.world.ground, self.world.obstacle
+        self._period = self.world.period
+        self.noise = SensorNoise(model, period=self._period, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
+        self.faults = FaultProxy(model, period=self._period, seed=seed, plan=faults)
         self._index_channels()
         self._read: SensorData | None = None
         self._values: Vector | None = None  # channels of the newest sample
@@ -96,7 +108,8 @@ class MujocoPlant(Plant):
         mj, data = self.mujoco, self.data
         feet = [mj.sole_force[0], mj.sole_torque[0], mj.sole_force[1], mj.sole_torque[1]]
         self._sensor_index = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
-        self._qpos, self._qvel = data.qpos, data.qvel
+        self._joint_qpos, self._joint_qvel = mj.joint_qpos - mj.qpos.start, mj.joint_qvel - mj.qvel.start
+        self._qpos, self._qvel = data.qpos[mj.qpos], data.qvel[mj.qvel]  # the robot's own
         self._sensordata, self._force, self._ctrl = data.sensordata, data.actuator_force, data.ctrl
 
     @property
@@ -116,10 +129,7 @@ class MujocoPlant(Plant):
 
     def reset(self, seed: int | None = None) -> None:
         """Standing posture, soles on the floor, base held, no torque, sensor noise from its start or of a new seed."""
-        q = self.robot.standing_configuration()
-        mujoco.mj_resetData(self.model, self.data)
-        self._qpos[:], self._qvel[:] = pin_to_mujoco(self.robot, self.mujoco, q, np.zeros(self.robot.nv))
-        self.mujoco.hold(self.data, q[:3], q[3:7])
+        self.world.put_back(self.name)
         self._held = True
         self._fixed = None
         self._pushes.clear()
@@ -127,7 +137,6 @@ class MujocoPlant(Plant):
         self.noise.reset(seed)
         self.faults.reset(seed)
         self._read = self._values = None
-        mujoco.mj_forward(self.model, self.data)
 
     def hold(self, on: bool) -> None:
         """Hold the base where it is, or let go of it."""
@@ -142,7 +151,7 @@ class MujocoPlant(Plant):
     def hoist(self, height: float) -> None:
         """Lift the held robot by a height [m], as a crane does before anything moves."""
         self._qpos[2] += height
-        self.data.mocap_pos[0, 2] += height
+        self.data.mocap_pos[self.mujoco.hold_mocap, 2] += height
         self._read = None
         mujoco.mj_forward(self.model, self.data)
 
@@ -150,7 +159,7 @@ class MujocoPlant(Plant):
         """Clamp every joint at a true position (nj,) [rad] in a rigid jig that also holds the base; None opens it."""
         self._fixed = None
         if joints is not None:
-            self._qpos[self.mujoco.joint_qpos] = joints
+            self._qpos[self._joint_qpos] = joints
             self._fixed = self._qpos.copy()
             self._qvel[:] = 0.0
             mujoco.mj_forward(self.model, self.data)
@@ -162,8 +171,8 @@ class MujocoPlant(Plant):
             nj, mj = self.robot.nj, self.mujoco
             values = np.empty(self.noise.size)
             # mode="clip" takes without a buffer; the indices are in range
-            self._qpos.take(mj.joint_qpos, out=values[:nj], mode="clip")
-            self._qvel.take(mj.joint_qvel, out=values[nj : 2 * nj], mode="clip")
+            self._qpos.take(self._joint_qpos, out=values[:nj], mode="clip")
+            self._qvel.take(self._joint_qvel, out=values[nj : 2 * nj], mode="clip")
             self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
@@ -188,24 +197,31 @@ class MujocoPlant(Plant):
         self._ctrl[self.mujoco.actuator] = tau
 
     def step(self) -> None:
-        """Advance the world by one physics step."""
+        """Advance this robot by one physics step; others in its world stand still meanwhile."""
+        self.world.step((self,))
+
+    def before_step(self) -> None:
+        """For the world: what precedes the physics of a step."""
         if self._read is None:
             self.read()  # the sensors remember the last tick, whoever looks at them
         if self._pushes:
             self._push()
-        # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
-        mujoco.mj_step2(self.model, self.data)
+
+    def clamp_again(self) -> None:
+        """For the world: within a step, put the joints back where a jig holds them."""
         if self._fixed is not None:
             self._qpos[:] = self._fixed
             self._qvel[:] = 0.0
-        mujoco.mj_step1(self.model, self.data)
+
+    def after_step(self) -> None:
+        """For the world: a step is done."""
         self._tick += 1
         self.noise.advance()
         self._read = None
 
     def close(self) -> None:
         """Take the torque away."""
-        self._ctrl[:] = 0.0
+        self._ctrl[self.mujoco.actuator] = 0.0
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass from the next step on; pushes that overlap add up.
@@ -230,7 +246,7 @@ class MujocoPlant(Plant):
 
     def _push(self) -> None:
         """Put the pushes of this step into effect and drop those that are over."""
-        self.data.xfrc_applied[:] = 0.0
+        self.data.xfrc_applied[self.mujoco.own_bodies] = 0.0
         self._pushes = [push for push in self._pushes if push[0] > self._tick]
         for _, body, force in self._pushes:
             self.data.xfrc_applied[body, :3] += force

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bridge.command_line import need_ros, print_reply, told
+from bridge.command_line import Namespace, Network, need_ros, print_reply, told
 
 
 def reach(
@@ -19,13 +19,14 @@ def reach(
     ] = "base_link",
     duration: Annotated[float, typer.Option(min=0.0, help=r"Time to get there; 0: as short as can be \[s].")] = 0.0,
     plan_only: Annotated[bool, typer.Option("--plan-only", help="Say whether and how fast; nothing moves.")] = False,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Have the standing robot bring a hand, its head or its pelvis to a place, or say why it cannot."""
     need_ros()
     from bridge.ros.client import Client
     from bridge.ros.reach import reach as go
 
-    with told(), Client(network=network) as client:
+    with told(), Client(network=network, namespace=namespace) as client:
         reply = go(client, frame, (x, y, z), frame_id=of, duration=duration, execute=not plan_only)
     raise typer.Exit(print_reply(reply))

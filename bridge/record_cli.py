@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from bridge.command_line import need, need_ros, told
+from bridge.command_line import Namespace, Network, need, need_ros, told
 
 if TYPE_CHECKING:
     from bridge.replay import ReplayReport
@@ -22,7 +22,8 @@ Robot = Annotated[str, typer.Option(help="Robot profile, by name or path; the on
 def record(
     out: Annotated[Path | None, typer.Option(help="MCAP file; out/recording-TIME.mcap otherwise.")] = None,
     seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
-    network: Annotated[bool, typer.Option(help="The robot may run on another machine.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
 ) -> None:
     """Record the topics of the running robot. Begin before `poise up`, so that `poise replay` can reproduce them."""
     need_ros()
@@ -37,7 +38,9 @@ def record(
         log = McapLog(path)
         recorder = GraphRecorder(log)
         try:
-            recorder.record(seconds, stop, network=network, say=lambda text: say(text, markup=False))
+            recorder.record(
+                seconds, stop, network=network, namespace=namespace, say=lambda text: say(text, markup=False)
+            )
         finally:
             if recorder.heard:
                 log.close()

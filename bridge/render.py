@@ -1,15 +1,17 @@
-"""Film strip of a recorded run, drawn by MuJoCo without a display.
+"""Film strip of a recorded run, or of runs of several robots in one world, drawn by MuJoCo without a display.
 
-Run as ``python -m bridge.render RECORDING PICTURE [PROFILE]`` in a process of its own: OpenGL libraries that are broken
-end the process that loads them.
+Run as ``python -m bridge.render [--profile PROFILE] RECORDING... PICTURE`` in a process of its own: OpenGL libraries
+that are broken end the process that loads them.
 """
 
 from __future__ import annotations
 
+import argparse
 import ctypes.util
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +48,7 @@ def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, ti
     """
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
-    command = [sys.executable, "-m", "bridge.render", str(recording_file), str(picture), robot]
+    command = [sys.executable, "-m", "bridge.render", "--profile", robot, str(recording_file), str(picture)]
     try:
         result = subprocess.run(
             command,
@@ -105,37 +107,44 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
     return result
 
 
-def draw(recording: Recording, picture: Path, robot: str = "") -> None:
+def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> None:
     """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
 
     Args:
-        recording: The run.
-        picture: PNG file to write.
-        robot: Profile, by name or path; the one that the recording names when empty.
+        recordings: The run of each robot, with the same stamps; the first one's events are told.
+        picture: File to write, PNG or JPEG by its name.
+        profile: Of every robot, by name or path; those that the recordings name when empty.
     """
     import mujoco
     from PIL import Image, ImageDraw, ImageFont
 
-    from models.mujoco_model import build_mujoco, pin_to_mujoco
+    from models.mujoco_model import build_mujoco, build_mujoco_world, pin_to_mujoco
     from models.robot_model import RobotModel
 
-    model = RobotModel.load(robot or recording.robot)
-    mj = build_mujoco(model, visuals=True)
-    data = mujoco.MjData(mj.model)
+    robots = {str(number): RobotModel.load(profile or each.robot) for number, each in enumerate(recordings)}
+    alone = len(robots) == 1
+    world = {"0": build_mujoco(robots["0"], visuals=True)} if alone else build_mujoco_world(robots, visuals=True)
+    model, recording = world["0"].model, recordings[0]
+    data = mujoco.MjData(model)
     width, height = FRAME_SIZE
-    mj.model.vis.global_.offwidth, mj.model.vis.global_.offheight = width, height
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
-    tall = float(recording.q[0, 2]) / 0.55  # the pelvis is a little above half the height of a human body
-    camera.distance, camera.azimuth, camera.elevation = 1.45 * tall, 150.0, -12.0
-    mj.model.vis.map.shadowclip, mj.model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
+    tall = max(float(each.q[0, 2]) for each in recordings) / 0.55  # the pelvis is a little above half a body's height
+    places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
+    spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
+    camera.distance, camera.azimuth, camera.elevation = 1.45 * (tall + spread), 150.0, -12.0
+    model.vis.map.shadowclip, model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
     font = ImageFont.load_default(size=18)
     strip = Image.new("RGB", (width * FRAMES // ROWS, height * ROWS))
-    with mujoco.Renderer(mj.model, height, width) as renderer:
+    with mujoco.Renderer(model, height, width) as renderer:
         for number, time in enumerate(frame_times(recording)):
             index = min(int(np.searchsorted(recording.t, time)), len(recording.t) - 1)
-            data.qpos[:], data.qvel[:] = pin_to_mujoco(model, mj, recording.q[index], recording.v[index])
-            mujoco.mj_forward(mj.model, data)
-            camera.lookat[:] = recording.q[index, 0], recording.q[index, 1], 0.5 * tall
+            for name, each in zip(world, recordings, strict=True):
+                mj = world[name]
+                state = pin_to_mujoco(robots[name], mj, each.q[index], each.v[index])
+                data.qpos[mj.qpos], data.qvel[mj.qvel] = state
+            mujoco.mj_forward(model, data)
+            camera.lookat[:] = *places[:, index].mean(axis=0), 0.5 * tall
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
@@ -148,10 +157,15 @@ def draw(recording: Recording, picture: Path, robot: str = "") -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Draw ``arguments[1]`` from the recording ``arguments[0]``, with the profile ``arguments[2]`` where given."""
+    """Draw the last of the arguments from the recordings before it."""
+    parser = argparse.ArgumentParser(prog="python -m bridge.render")
+    parser.add_argument("--profile", default="")
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("picture", type=Path)
+    given = parser.parse_args(arguments)
     try:
-        draw(Recording.load(Path(arguments[0])), Path(arguments[1]), *arguments[2:3])
-    except (PoiseError, IndexError) as error:
+        draw([Recording.load(file) for file in given.recordings], given.picture, given.profile)
+    except PoiseError as error:
         print(error, file=sys.stderr)
         return NOT_OURS
     return 0

@@ -5,11 +5,13 @@ of a free joint as linear in the world, angular in the body; Pinocchio writes xy
 
     qpos = [p_WB, wxyz, q]      qvel = [R_WB v_lin, v_ang, v]      M_pin = S^T M_mujoco S,   S = diag(R_WB, I, I)
 
-with joints matched by name through the index arrays of ``MujocoModel``.
+with joints matched by name through the index arrays of ``MujocoModel``. In a world of several robots each has a part of
+MuJoCo's arrays.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -19,11 +21,14 @@ from numpy.typing import NDArray
 
 from models.config import default_config
 from models.errors import ConfigError, RobotModelError
-from models.mujoco_spec import HOLD, build_spec
+from models.mujoco_spec import HOLD, ROOT_JOINT, build_spec, build_world_spec, prefix
 from models.plant_config import PlantConfig
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
+
+ROBOTS_MAX = 30
+"""Robots in one world: MuJoCo's 32 bits of contact types, less the ground's and the sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,9 @@ class MujocoModel:
 
     Attributes:
         model: The compiled model.
+        prefix: What the names of this robot begin with there; empty in a world of its own.
+        qpos: Which part of qpos is the robot's.
+        qvel: Which part of qvel is.
         joint_qpos: Index into qpos of each joint, in the order of ``RobotModel.joint_names`` (nj,).
         joint_qvel: Index into qvel of each joint (nj,).
         actuator: Index into ctrl of each joint's torque motor (nj,); ctrl is in N.m and clamped to the torque limit.
@@ -43,11 +51,17 @@ class MujocoModel:
         sole_force: Where it holds the force that each foot puts on its sole, in the sole frame: minus the ground
             reaction [N]; read it through ``foot_wrenches``.
         sole_torque: The same for the torque at the sole origin [N.m].
-        hold_equality: Weld between the base and mocap body 0; ``data.eq_active`` switches it, off by default.
+        hold_equality: Weld between the base and the mocap body ``hold_mocap``; ``data.eq_active`` switches it, off by
+            default.
+        hold_mocap: Index of that body among the mocap bodies.
         bodies: Body index by REP-120 frame name and by link name.
+        own_bodies: All bodies of the robot, in a row from its base on.
     """
 
     model: mujoco.MjModel
+    prefix: str
+    qpos: slice
+    qvel: slice
     joint_qpos: NDArray[np.int64]
     joint_qvel: NDArray[np.int64]
     actuator: NDArray[np.int64]
@@ -59,7 +73,9 @@ class MujocoModel:
     sole_force: tuple[slice, slice]
     sole_torque: tuple[slice, slice]
     hold_equality: int
+    hold_mocap: int
     bodies: dict[str, int]
+    own_bodies: slice
 
     def foot_wrenches(self, data: mujoco.MjData) -> Matrix:
         """Ground reaction on each foot, in its sole frame at the sole origin; +z carries weight (2, 6) [N, N.m]."""
@@ -71,8 +87,8 @@ class MujocoModel:
 
     def hold(self, data: mujoco.MjData, position: Vector, quaternion: Vector) -> None:
         """Hold the base at a pose of the world: position (3,) [m], quaternion xyzw (4,)."""
-        data.mocap_pos[0] = position
-        data.mocap_quat[0] = np.roll(quaternion, 1)
+        data.mocap_pos[self.hold_mocap] = position
+        data.mocap_quat[self.hold_mocap] = np.roll(quaternion, 1)
         data.eq_active[self.hold_equality] = 1
 
     def release(self, data: mujoco.MjData) -> None:
@@ -108,12 +124,7 @@ def build_mujoco(
         ConfigError: An argument is out of range, or the terrain is unknown.
         RobotModelError: MuJoCo refuses the URDF; the file and MuJoCo's reason are named.
     """
-    if not timestep > 0.0:
-        raise ConfigError(f"timestep: {timestep} s is not positive")
-    if friction is not None and not friction > 0.0:
-        raise ConfigError(f"friction: {friction} is not positive")
-    if not payload_kg >= 0.0:
-        raise ConfigError(f"payload_kg: {payload_kg} kg is negative")
+    _check(timestep, friction, payload_kg)
     ground = terrain_named(terrain)
     try:
         spec = build_spec(
@@ -130,27 +141,85 @@ def build_mujoco(
         raise RobotModelError(f"{model.urdf}: MuJoCo refuses it: {error}") from error
 
 
+def build_mujoco_world(
+    robots: Mapping[str, RobotModel],
+    *,
+    timestep: float = 0.001,
+    visuals: bool = False,
+    friction: float | None = None,
+    payload_kg: Mapping[str, float] | None = None,
+    terrain: str | Terrain = FLAT,
+    config: PlantConfig | None = None,
+) -> dict[str, MujocoModel]:
+    """Build several robots on one floor; they touch each other with soles and hulls.
+
+    Args:
+        robots: The robots by name.
+        timestep: Physics step [s].
+        visuals: As in ``build_mujoco``.
+        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
+        payload_kg: Mass that only the plant knows of, by the robot's name [kg].
+        terrain: The ground, or its name.
+        config: Solver and contact settings; the packaged ones when None.
+
+    Returns:
+        The indices of each robot in one compiled model. All are at the origin of W: they are to be put apart.
+
+    Raises:
+        ConfigError: An argument is out of range, the terrain is unknown, or there is no robot or too many.
+        RobotModelError: MuJoCo refuses a robot.
+    """
+    payloads = payload_kg or {}
+    for payload in (0.0, *payloads.values()):
+        _check(timestep, friction, payload)
+    if not 0 < len(robots) <= ROBOTS_MAX:
+        raise ConfigError(f"robots: {len(robots)}; from 1 to {ROBOTS_MAX} are possible")
+    try:
+        compiled = build_world_spec(
+            robots,
+            timestep=timestep,
+            visuals=visuals,
+            friction=friction or min(model.profile.feet.friction for model in robots.values()),
+            payload_kg=payloads,
+            terrain=terrain_named(terrain),
+            config=config or default_config(PlantConfig, "models", "mujoco"),
+        ).compile()
+        return {name: _index(compiled, model, prefix(name)) for name, model in robots.items()}
+    except ValueError as error:
+        raise RobotModelError(f"world of {', '.join(robots)}: MuJoCo refuses it: {error}") from error
+
+
+def _check(timestep: float, friction: float | None, payload_kg: float) -> None:
+    """Raise ``ConfigError`` where an argument is out of range."""
+    if not timestep > 0.0:
+        raise ConfigError(f"timestep: {timestep} s is not positive")
+    if friction is not None and not friction > 0.0:
+        raise ConfigError(f"friction: {friction} is not positive")
+    if not payload_kg >= 0.0:
+        raise ConfigError(f"payload_kg: {payload_kg} kg is negative")
+
+
 def pin_to_mujoco(model: RobotModel, mj: MujocoModel, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-    """Convert a configuration (nq,) and velocity (nv,) of Pinocchio into new (qpos, qvel) of MuJoCo."""
+    """Convert a configuration (nq,) and velocity (nv,) of Pinocchio into new (qpos, qvel), the robot's part of each."""
     qpos, qvel = np.empty(model.nq), np.empty(model.nv)
     qpos[:3] = q[:3]
     qpos[3], qpos[4:7] = q[6], q[3:6]
-    qpos[mj.joint_qpos] = q[7:]
+    qpos[mj.joint_qpos - mj.qpos.start] = q[7:]
     qvel[:3] = _rotation(q[3:7]) @ v[:3]
     qvel[3:6] = v[3:6]
-    qvel[mj.joint_qvel] = v[6:]
+    qvel[mj.joint_qvel - mj.qvel.start] = v[6:]
     return qpos, qvel
 
 
 def mujoco_to_pin(model: RobotModel, mj: MujocoModel, qpos: Vector, qvel: Vector) -> tuple[Vector, Vector]:
-    """Convert (qpos, qvel) of MuJoCo into a new configuration (nq,) and velocity (nv,) of Pinocchio."""
+    """Convert the robot's part of (qpos, qvel) into a new configuration (nq,) and velocity (nv,) of Pinocchio."""
     q, v = np.empty(model.nq), np.empty(model.nv)
     q[:3] = qpos[:3]
     q[3:6], q[6] = qpos[4:7], qpos[3]
-    q[7:] = qpos[mj.joint_qpos]
+    q[7:] = qpos[mj.joint_qpos - mj.qpos.start]
     v[:3] = _rotation(q[3:7]).T @ qvel[:3]
     v[3:6] = qvel[3:6]
-    v[6:] = qvel[mj.joint_qvel]
+    v[6:] = qvel[mj.joint_qvel - mj.qvel.start]
     return q, v
 
 
@@ -158,27 +227,36 @@ def _rotation(xyzw: Vector) -> Matrix:
     return np.asarray(pin.Quaternion(xyzw[3], xyzw[0], xyzw[1], xyzw[2]).toRotationMatrix())
 
 
-def _index(compiled: mujoco.MjModel, model: RobotModel) -> MujocoModel:
+def _index(compiled: mujoco.MjModel, model: RobotModel, prefix: str = "") -> MujocoModel:
     def sensor(name: str) -> slice:
-        start = int(compiled.sensor(name).adr[0])
-        return slice(start, start + int(compiled.sensor(name).dim[0]))
+        start = int(compiled.sensor(prefix + name).adr[0])
+        return slice(start, start + int(compiled.sensor(prefix + name).dim[0]))
 
-    bodies = {compiled.body(i).name: i for i in range(compiled.nbody)}
+    names = {i: compiled.body(i).name for i in range(compiled.nbody)}
+    bodies = {name.removeprefix(prefix): i for i, name in names.items() if name.startswith(prefix)}
     for name in model.frame_names:
-        bodies.setdefault(name, int(compiled.site(name).bodyid[0]))
-    sites = [int(compiled.site(name).id) for name in ("l_sole", "r_sole")]
+        bodies.setdefault(name, int(compiled.site(prefix + name).bodyid[0]))
+    sites = [int(compiled.site(prefix + name).id) for name in ("l_sole", "r_sole")]
+    base = int(compiled.body(prefix + model.profile.base_link).id)
+    root, joints = compiled.joint(f"{prefix}{ROOT_JOINT}"), [compiled.joint(prefix + n) for n in model.joint_names]
+    qpos, qvel = int(root.qposadr[0]), int(root.dofadr[0])
     return MujocoModel(
         model=compiled,
-        joint_qpos=np.array([int(compiled.joint(name).qposadr[0]) for name in model.joint_names]),
-        joint_qvel=np.array([int(compiled.joint(name).dofadr[0]) for name in model.joint_names]),
-        actuator=np.array([int(compiled.actuator(name).id) for name in model.joint_names]),
-        base_body=int(compiled.body(model.profile.base_link).id),
+        prefix=prefix,
+        qpos=slice(qpos, qpos + model.nq),
+        qvel=slice(qvel, qvel + model.nv),
+        joint_qpos=np.array([int(joint.qposadr[0]) for joint in joints]),
+        joint_qvel=np.array([int(joint.dofadr[0]) for joint in joints]),
+        actuator=np.array([int(compiled.actuator(prefix + name).id) for name in model.joint_names]),
+        base_body=base,
         sole_sites=(sites[0], sites[1]),
-        imu_site=int(compiled.site("imu").id),
+        imu_site=int(compiled.site(f"{prefix}imu").id),
         gyro=sensor("gyro"),
         accel=sensor("accel"),
         sole_force=(sensor("l_sole_force"), sensor("r_sole_force")),
         sole_torque=(sensor("l_sole_torque"), sensor("r_sole_torque")),
-        hold_equality=int(compiled.equality(HOLD).id),
+        hold_equality=int(compiled.equality(prefix + HOLD).id),
+        hold_mocap=int(compiled.body(prefix + HOLD).mocapid[0]),
         bodies=bodies,
+        own_bodies=slice(base, base + int(np.count_nonzero(compiled.body_rootid == base))),
     )

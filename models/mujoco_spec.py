@@ -7,6 +7,7 @@ camera, light and sky.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -23,6 +24,9 @@ from models.urdf import for_mujoco
 HOLD = "hold"
 """Name of the weld and of the mocap body that carry the robot until it is released."""
 
+ROOT_JOINT = "root_joint"
+"""Name of the free joint of the base."""
+
 CAMERA = "track"
 """Name of the camera that follows the robot (only with visuals)."""
 
@@ -32,7 +36,9 @@ OBSTACLE = "obstacle"
 WORLD_GROUP = 0
 """Group of the geoms of ground and obstacle; those of the robot are in others."""
 
-_COLLISION_GROUP = 3
+ROBOT_GROUP = 3
+"""Group of the geoms with which a robot touches: soles, hulls, and in company what lies between the hulls."""
+
 _CONDIM = 4  # normal, two tangential and drilling friction
 _FLOOR = "floor"
 _OBSTACLE_COLOUR = (0.9, 0.45, 0.05, 1.0)  # orange, which no floor and no robot here is [-]
@@ -66,21 +72,123 @@ def build_spec(
     Raises:
         ValueError: MuJoCo refuses the URDF.
     """
-    spec = mujoco.MjSpec.from_string(ET.tostring(for_mujoco(model.urdf, visuals=visuals), encoding="unicode"))
+    spec = _read(model, visuals)
     _set_options(spec, timestep, config)
     _add_ground(spec, terrain, friction, config, visuals)
+    _add_robot(spec, model, payload_kg, terrain, config)
+    if terrain.obstacle is not None:
+        _add_obstacle(spec, terrain, terrain.obstacle, friction, config, visuals)
+    if visuals:
+        _add_camera(spec, model, config)
+        _add_light(spec, model, config)
+        _add_sky(spec, config)
+    return spec
+
+
+def build_world_spec(
+    robots: Mapping[str, RobotModel],
+    *,
+    timestep: float,
+    visuals: bool,
+    friction: float,
+    payload_kg: Mapping[str, float],
+    terrain: Terrain,
+    config: PlantConfig,
+) -> mujoco.MjSpec:
+    """Write down several robots on one floor; every name of a robot's begins with the robot's own and a slash.
+
+    They touch and see each other by soles, hulls and what lies between the hulls.
+
+    Args:
+        robots: The robots by name.
+        timestep: As for ``build_spec``, and so those below.
+        visuals: The same.
+        friction: The same.
+        payload_kg: Further mass by the robot's name; nothing for those left out [kg].
+        terrain: As for ``build_spec``.
+        config: The same.
+
+    Returns:
+        The specification.
+
+    Raises:
+        ValueError: MuJoCo refuses a URDF.
+    """
+    world = mujoco.MjSpec()
+    _set_options(world, timestep, config)
+    _add_ground(world, terrain, friction, config, visuals)
+    for number, (name, model) in enumerate(robots.items()):
+        spec = _read(model, visuals)
+        _set_options(spec, timestep, config)  # attached with other options it would be refused
+        _add_robot(spec, model, payload_kg.get(name, 0.0), terrain, config)
+        _fill_gaps(spec, model)
+        _let_touch(spec, number)
+        if visuals:
+            _add_camera(spec, model, config)
+            if number == 0:
+                _add_light(spec, model, config)
+        world.attach(spec, prefix=prefix(name), frame=world.worldbody.add_frame())
+    if terrain.obstacle is not None:
+        _add_obstacle(world, terrain, terrain.obstacle, friction, config, visuals)
+    if visuals:
+        _add_sky(world, config)
+    return world
+
+
+def prefix(name: str) -> str:
+    """What the names of a robot begin with in a world of several."""
+    return f"{name}/"
+
+
+def _read(model: RobotModel, visuals: bool) -> Any:
+    return mujoco.MjSpec.from_string(ET.tostring(for_mujoco(model.urdf, visuals=visuals), encoding="unicode"))
+
+
+def _add_robot(spec: Any, model: RobotModel, payload_kg: float, terrain: Terrain, config: PlantConfig) -> None:
+    """All of the robot but its URDF and what pictures need."""
     _add_base(spec, model, config)
     _set_joints(spec, model, config)
     _add_frames(spec, model)
     _add_soles(spec, model, config, uneven=terrain.kind != FLAT)
     _add_hulls(spec, model)
-    if terrain.obstacle is not None:
-        _add_obstacle(spec, terrain, terrain.obstacle, friction, config, visuals)
     if payload_kg > 0.0:
         _add_payload(spec, model, payload_kg, config)
-    if visuals:
-        _add_scene(spec, model, config)
-    return spec
+
+
+def _fill_gaps(spec: Any, model: RobotModel) -> None:
+    """Capsules from each hull to the one before it, so that neither an arm nor a ray of another robot slips through.
+
+    The one before is on the same link or, for the first of a link, the nearest of the next link above that has hulls.
+    Capsules hang at the link, as the two hulls lie in the standing posture; the thinner one gives the radius.
+    """
+    data, done = model.data(), dict[str, list[tuple[Vector, float]]]()
+    pin.framesForwardKinematics(model.pin, data, model.standing_configuration())
+    for name, hull in model.profile.hulls.items():
+        placement = data.oMf[model.pin.getFrameId(hull.link, pin.FrameType.BODY)]
+        middle = placement.act(0.5 * (np.array(hull.start) + np.array(hull.end)))
+        above, before = spec.body(hull.link), done.setdefault(hull.link, [])
+        found = before[-1:]
+        while not found and above.name != spec.worldbody.name:
+            above = above.parent
+            found = done.get(above.name, [])
+        before.append((middle, hull.radius))
+        if found:
+            other, radius = min(found, key=lambda each: float(np.linalg.norm(each[0] - middle)))
+            ends = [*placement.actInv(middle), *placement.actInv(other)]
+            geom = spec.body(hull.link).add_geom(name=f"gap_{name}", type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends)
+            geom.size[0], geom.group, geom.mass = min(radius, hull.radius), ROBOT_GROUP, 0.0
+            geom.contype = geom.conaffinity = 0
+
+
+def _let_touch(spec: Any, number: int) -> None:
+    """Have a robot meet the others, and still not itself.
+
+    Two geoms meet where the type of one is in the affinity of the other. Bit 0 is the ground's; robot k has the type
+    of bit k + 1 and affinity to all robots before it, and to the ground where it has had that.
+    """
+    for geom in spec.geoms:
+        if geom.group == ROBOT_GROUP:
+            geom.contype, geom.conaffinity = 2 << number, ((2 << number) - 2) | geom.conaffinity
 
 
 def _wxyz(rotation: Matrix) -> Vector:
@@ -142,7 +250,7 @@ def _add_material(spec: Any, config: PlantConfig) -> None:
 
 def _add_base(spec: Any, model: RobotModel, config: PlantConfig) -> None:
     base = spec.body(model.profile.base_link)
-    base.add_freejoint(name="root_joint")
+    base.add_freejoint(name=ROOT_JOINT)
     spec.worldbody.add_body(name=HOLD, mocap=True)
     weld = spec.add_equality(name=HOLD, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
     weld.name1, weld.name2, weld.active = base.name, HOLD, False
@@ -192,7 +300,7 @@ def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: boo
         for i, corner in enumerate(points):
             ball = sole.add_geom(name=f"{name}_{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0.0, 0.0])
             ball.pos = corner + np.array([0.0, 0.0, radius])
-            ball.contype, ball.conaffinity, ball.group, ball.mass = 0, 1, _COLLISION_GROUP, 0.0
+            ball.contype, ball.conaffinity, ball.group, ball.mass = 0, 1, ROBOT_GROUP, 0.0
         for sensor, kind in (("force", mujoco.mjtSensor.mjSENS_FORCE), ("torque", mujoco.mjtSensor.mjSENS_TORQUE)):
             spec.add_sensor(name=f"{name}_{sensor}", type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
 
@@ -215,7 +323,7 @@ def _add_hulls(spec: Any, model: RobotModel) -> None:
         else:
             geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*hull.start, *hull.end]
         geom.size[0] = hull.radius
-        geom.contype, geom.conaffinity, geom.group, geom.mass = 0, 1, _COLLISION_GROUP, 0.0
+        geom.contype, geom.conaffinity, geom.group, geom.mass = 0, 1, ROBOT_GROUP, 0.0
 
 
 def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config: PlantConfig, visuals: bool) -> None:
@@ -244,7 +352,7 @@ def _add_payload(spec: Any, model: RobotModel, mass: float, config: PlantConfig)
     ball.inertia = [0.4 * mass * config.payload_radius**2] * 3  # solid ball
 
 
-def _add_scene(spec: Any, model: RobotModel, config: PlantConfig) -> None:
+def _add_camera(spec: Any, model: RobotModel, config: PlantConfig) -> None:
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # a mesh without volume is welcome in a picture
     scene = config.scene
@@ -255,9 +363,17 @@ def _add_scene(spec: Any, model: RobotModel, config: PlantConfig) -> None:
     right /= np.linalg.norm(right)
     camera = spec.body(model.profile.base_link).add_camera(name=CAMERA, mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
     camera.pos, camera.quat = offset, _wxyz(np.column_stack([right, np.cross(back, right), back]))
+
+
+def _add_light(spec: Any, model: RobotModel, config: PlantConfig) -> None:
+    scene = config.scene
     light = spec.body(model.profile.base_link).add_light(mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK)
     light.pos, light.dir = [0.0, 0.0, scene.light_height], [0.2, 0.3, -1.0]
     light.type, light.castshadow = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, True
+
+
+def _add_sky(spec: Any, config: PlantConfig) -> None:
+    scene = config.scene
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080
     spec.visual.map.shadowclip = scene.shadow_range
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.4] * 3, [0.4] * 3

@@ -16,6 +16,8 @@ POISE = Path(__file__).resolve().parents[3] / "lib" / "bridge" / "poise"
 ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "robot": ("g1", "Robot profile, by name or path"),
     "namespace": ("", "Namespace of every node, topic and service; empty for none"),
+    "robots": ("", "Several in one world, each in its namespace, such as robot_1=g1,robot_2=talos; empty for one"),
+    "speed": ("1.0", "Simulated over real time"),
     "terrain": ("flat", "Ground: a name of models/config/terrain.yaml"),
     "lockstep": ("false", "Whether the plant waits for the command of every tick"),
     "network": ("false", "Whether other machines may join; loopback only otherwise"),

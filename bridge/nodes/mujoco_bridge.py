@@ -9,7 +9,9 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from bridge.mujoco_plant import MujocoPlant
-from bridge.ros.bridge_parameters import declare
+from bridge.mujoco_world import ALONE, Place
+from bridge.ros.bridge_parameters import BridgeParameters, declare
+from bridge.ros.bridged_world import BridgedWorld, robot_name
 from bridge.ros.command_input import CommandInput
 from bridge.ros.driven_robot import DrivenRobot
 from bridge.ros.latency_probe import LatencyProbe
@@ -20,6 +22,7 @@ from bridge.ros.scan_publisher import ScanPublisher
 from bridge.ros.sensor_publisher import SensorPublisher
 from bridge.ros.slow_topics import SlowTopics
 from bridge.sensor_errors import read_sensor_errors
+from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.calibration_file import NO_FILE, CalibrationFile
@@ -32,20 +35,32 @@ class MujocoBridge(PoiseNode):
     """Publishes the sensors of every tick, applies the newest command, and steps the physics; ``run_plant`` paces it.
 
     Args:
+        world: Of several robots, each with a bridge; one of its own when None.
         kwargs: Passed to rclpy.
+
+    Attributes:
+        paused: Whether simulated time stands still.
+        slow_ticks: Ticks between two messages of ``clock`` and ``ground_truth/odom``.
     """
 
-    def __init__(self, **kwargs: Any) -> None:
+    callbacks_min = 1
+
+    def __init__(self, world: BridgedWorld | None = None, **kwargs: Any) -> None:
         super().__init__("mujoco_bridge", **kwargs)
         self._given = declare(self)
         self.lockstep = self._given.lockstep
         self.tick = 1
-        self._paused = False
+        self.paused = False
+        self._world = world
+        if world is not None:
+            world.bridges.append(self)
         self._first: SensorData | None = None
 
     def configure(self) -> None:
         """Build the plant and the topics."""
         given = self._given
+        if self._world is None and given.place != Place():
+            raise ConfigError("place: a robot that has the world for itself begins at its origin")
         plant = MujocoPlant(
             self.model,
             seed=given.seed,
@@ -54,11 +69,13 @@ class MujocoBridge(PoiseNode):
             terrain=given.terrain,
             sensor_errors=read_sensor_errors(given.sensor_errors),
             faults=given.faults,
+            world=None if self._world is None else self._world.world,
+            name=ALONE if self._world is None else robot_name(self),
         )
         self._driven = DrivenRobot(plant, given.config)
-        self.period = plant.period
+        self.period = plant.period / given.speed
         self._period_ns = round(plant.period * NANOSECONDS)
-        self._slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
+        self.slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if given.latency_file else None
         self._sensors = SensorPublisher(self, plant, reliable=self.lockstep)
         noise = float(given.sensor_noise)
@@ -69,6 +86,16 @@ class MujocoBridge(PoiseNode):
         self._calibration = CalibrationFile(self, NO_FILE)
         PlantServices(self, self._driven, self.restart, self._pause)
         ObstacleService(self, plant)
+
+    @property
+    def given(self) -> BridgeParameters:
+        """What was asked for."""
+        return self._given
+
+    @property
+    def driven(self) -> DrivenRobot:
+        """The robot with its drivers; there is none before the node is configured."""
+        return self._driven
 
     def activate(self) -> None:
         """Hold the robot at its start and let it settle."""
@@ -103,7 +130,7 @@ class MujocoBridge(PoiseNode):
     @property
     def running(self) -> bool:
         """Whether simulated time passes."""
-        return self.active and not self._paused
+        return self.active and not self.paused
 
     @property
     def answered(self) -> bool:
@@ -116,7 +143,7 @@ class MujocoBridge(PoiseNode):
         return self._driven.state != topics.HELD and not self._driven.awaits_command
 
     def _pause(self, paused: bool) -> None:
-        self._paused = paused
+        self.paused = paused
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began so late after its deadline [s]."""
@@ -125,13 +152,19 @@ class MujocoBridge(PoiseNode):
             self._probe.publish(self.tick, late, self._driven.state == topics.ACTIVE)
         self._sensors.publish(self.stamp, self._driven.read() if self._first is None else self._first)
         self._scan.publish(self.tick, self.stamp)
-        if self.tick % self._slow_ticks == 0:
+        if self.tick % self.slow_ticks == 0:
             self.idle()
             self._slow.publish_truth(self.stamp)
 
     def step(self) -> None:
         """Advance by one tick."""
-        self._driven.step()
+        self._driven.before_physics()
+        self._driven.plant.step()
+        self.after_physics()
+
+    def after_physics(self) -> None:
+        """Last part of a tick, once the world has moved."""
+        self._driven.after_physics()
         self._first = None
         self.tick += 1
         self._slow.publish_state()
@@ -151,7 +184,7 @@ class MujocoBridge(PoiseNode):
     def before_diagnostics(self) -> None:
         """Report what the drivers do."""
         if self.active:
-            self.message = "paused" if self._paused else self._driven.state
+            self.message = "paused" if self.paused else self._driven.state
             servo = self._driven.servo
             self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
             self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"

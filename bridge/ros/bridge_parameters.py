@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bridge.loop_config import LoopConfig
+from bridge.mujoco_world import Place
 from models.config import default_config
+from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
@@ -30,6 +33,8 @@ class BridgeParameters:
         slow_rate: Rate of ``/clock`` and ``/ground_truth/odom`` [Hz].
         max_age: Age of the sensors a command answers above which it is refused [ns].
         latency_file: Where the latencies go; empty for nowhere.
+        speed: Simulated over real time, where nobody waits for anybody.
+        place: Where the robot begins, in a world of several.
     """
 
     config: LoopConfig
@@ -43,6 +48,8 @@ class BridgeParameters:
     slow_rate: float
     max_age: int
     latency_file: str
+    speed: float
+    place: Place
 
 
 def declare(node: PoiseNode) -> BridgeParameters:
@@ -52,6 +59,7 @@ def declare(node: PoiseNode) -> BridgeParameters:
         return node.declare_parameter(name, default, describe(text, **bounds)).value
 
     config = default_config(LoopConfig, "bridge", "closed_loop")
+    place = "Where the robot begins in a world of several: x [m], y [m], heading [rad]"
     age = "Age of the sensors a command answers above which it is refused [s]"
     return BridgeParameters(
         config=config,
@@ -65,4 +73,12 @@ def declare(node: PoiseNode) -> BridgeParameters:
         slow_rate=float(get("slow_rate", 100.0, "Rate of /clock and /ground_truth/odom [Hz]", low=1.0, high=1000.0)),
         max_age=round(NANOSECONDS * float(get("max_command_age", config.max_command_age, age, low=0.001, high=1.0))),
         latency_file=str(get("latency_file", "", "Where to write the latencies; empty for none")),
+        speed=float(get("speed", 1.0, "Simulated over real time, without lockstep", low=0.01, high=1.0)),
+        place=Place(*_three(get("place", [0.0, 0.0, 0.0], place))),
     )
+
+
+def _three(place: Sequence[float]) -> Sequence[float]:
+    if len(place) != 3:
+        raise ConfigError(f"place: {len(place)} numbers instead of x, y and heading")
+    return place

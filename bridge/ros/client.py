@@ -20,6 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import join_graph
+from bridge.ros.processes import absolute_namespace, in_namespace
 from controllers.command_signature import Signer
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
@@ -57,15 +58,21 @@ class Client:
     Args:
         network: Whether the robot may run on another machine; loopback only otherwise.
         signer: Signs every text command; None sends them as they are.
+        namespace: Of the robot; empty for none.
+
+    Raises:
+        PoiseError: The namespace is no valid name.
 
     Attributes:
+        namespace: Of the robot, with its leading slash; empty for none.
         mode: Newest word on ``mode``; empty before the first.
         motion_states: Every word on ``motion/state`` and every refusal on ``motion/plan_state``, in order.
         driver_state: Newest word on ``driver_state``; empty before the first.
         context: The ROS context.
     """
 
-    def __init__(self, *, network: bool = False, signer: Signer | None = None) -> None:
+    def __init__(self, *, network: bool = False, signer: Signer | None = None, namespace: str = "") -> None:
+        self.namespace = absolute_namespace(namespace)
         self._network, self._signer = network, signer
         self.mode = ""
         self.driver_state = ""
@@ -80,7 +87,7 @@ class Client:
         rclpy.init(
             args=[*sys.argv, *log_arguments()], context=self.context, signal_handler_options=SignalHandlerOptions.NO
         )
-        self._node = Node("poise_client", context=self.context)
+        self._node = Node("poise_client", context=self.context, **in_namespace(self.namespace))
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self._node)
         self._text = self._node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
@@ -121,6 +128,10 @@ class Client:
                 values = {item.key: item.value for item in status.values}
                 self._refusals = int(values.get(f"refused {topics.HUMANOID_COMMANDS}", "0"))
                 self._last_refusal = values.get("last refusal", "refused")
+
+    def _named(self, name: str) -> str:
+        """A topic or service as the user knows it."""
+        return f"{self.namespace}/{name}" if self.namespace else name
 
     def publisher(self, kind: type, topic: str, qos: Any) -> Any:
         """Publisher until the client leaves; see ``Node.create_publisher``."""
@@ -182,9 +193,8 @@ class Client:
             CommandError: Nobody listens, or the text cannot be signed.
         """
         if not self.wait(lambda: self._text.get_subscription_count() > 0, timeout):
-            raise CommandError(
-                f"nobody listens on {topics.HUMANOID_COMMANDS}: is the robot up? start it with: poise up"
-            )
+            name = self._named(topics.HUMANOID_COMMANDS)
+            raise CommandError(f"nobody listens on {name}: is the robot up? start it with: poise up")
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
@@ -250,7 +260,7 @@ class Client:
         client = self._node.create_client(kind, service)
         try:
             if not self.wait(client.service_is_ready, timeout):
-                raise CommandError(f"service {service} is absent: is the robot up? (poise up)")
+                raise CommandError(f"service {self._named(service)} is absent: is the robot up? (poise up)")
             future: Any = client.call_async(request)
             if not self.wait(future.done, answer_timeout):
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")

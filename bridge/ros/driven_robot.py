@@ -135,6 +135,12 @@ class DrivenRobot:
 
     def step(self) -> None:
         """One period: drivers, physics, and the hold."""
+        self.before_physics()
+        self.plant.step()
+        self.after_physics()
+
+    def before_physics(self) -> None:
+        """First part of a period: the drivers."""
         plant, servo = self.plant, self.servo
         sensors, dt = self.read(), plant.period
         if plant.held and self._commanded and servo.overdue(plant.t):
@@ -142,9 +148,11 @@ class DrivenRobot:
         if plant.held and not self._commanded:
             servo.command(self._at_rest, plant.t)
         plant.write(servo.step(plant.t, sensors.q, sensors.v, dt))
-        plant.step()
-        if self._gate is not None and self._gate.update(plant.load, dt):
-            plant.hold(False)
+
+    def after_physics(self) -> None:
+        """Last part, once the world has moved: the hold."""
+        if self._gate is not None and self._gate.update(self.plant.load, self.plant.period):
+            self.plant.hold(False)
             self._gate = None
 
     def _begin_anew(self) -> None:

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 
 from bridge.mcap_log import McapLog
 from bridge.ros.environment import join_graph, roomy_profile
+from bridge.ros.processes import absolute_namespace, in_namespace
 from bridge.run_file import missing
 from bridge.run_topics import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES
 from models.errors import MessageError
@@ -95,13 +96,22 @@ class GraphRecorder:
         """Joint samples that are missing."""
         return missing(self._stamps)
 
-    def record(self, seconds: float | None, stop: Stop, *, network: bool = False, say: Callable[[str], object]) -> None:
+    def record(
+        self,
+        seconds: float | None,
+        stop: Stop,
+        *,
+        network: bool = False,
+        namespace: str = "",
+        say: Callable[[str], object],
+    ) -> None:
         """Record for a time on the robot's clock, or until a signal or the end of the robot.
 
         Args:
             seconds: For how long [s]; None for as long as it lasts.
             stop: Set by the signal.
             network: Whether the robot may run on another machine.
+            namespace: Of the robot, which the file leaves out: it can be replayed as that of a robot without.
             say: Takes a sentence about what goes on.
         """
         join_graph(network=network)
@@ -111,7 +121,7 @@ class GraphRecorder:
         arguments = [*sys.argv[:1], *log_arguments()]
         with roomy_profile(RECEIVE_BUFFER):
             rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-            node = Node("poise_record", context=context)
+            node = Node("poise_record", context=context, **in_namespace(absolute_namespace(namespace)))
         executor = make_executor(context)
         try:
             executor.add_node(node)
@@ -174,15 +184,16 @@ class GraphRecorder:
         else:
             package, _, short = kind.partition("/msg/")
             message, text = getattr(import_module(f"{package}.msg"), short), ""
-        self._log.announce(name, kind, text)
-        node.create_subscription(message, name, lambda data: self.take(topic, name, bytes(data)), qos, raw=True)
+        written = f"/{topic.removeprefix('/')}"
+        self._log.announce(written, kind, text)
+        node.create_subscription(message, name, lambda data: self.take(topic, written, bytes(data)), qos, raw=True)
 
     def take(self, topic: str, name: str, data: bytes) -> None:
         """Write a message down, or keep it until the robot's time is known.
 
         Args:
             topic: Its name in ``TYPES``.
-            name: Its name in the graph.
+            name: Its name in the file.
             data: The message.
         """
         self.heard += 1

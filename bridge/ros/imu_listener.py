@@ -15,6 +15,7 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu
 
 from bridge.ros.environment import join_graph
+from bridge.ros.processes import absolute_namespace, in_namespace
 from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
@@ -64,13 +65,16 @@ class ImuListener:
         self.count += 1
         self._take(stamp, sample, bytes(data))
 
-    def listen(self, seconds: float | None, stop: Stop, *, network: bool = False, silence: float = 5.0) -> None:
+    def listen(
+        self, seconds: float | None, stop: Stop, *, network: bool = False, namespace: str = "", silence: float = 5.0
+    ) -> None:
         """Hand samples on for a time on their stamps, or until a signal, which never interrupts a sample.
 
         Args:
             seconds: For how long [s]; None for as long as they come.
             stop: Set by the signal.
             network: Whether the robot may run on another machine.
+            namespace: Of the robot; empty for none.
             silence: Longest wait for a sample [s].
 
         Raises:
@@ -80,7 +84,7 @@ class ImuListener:
         context = Context()
         args = [*sys.argv, *log_arguments()]
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-        node = Node("poise_imu_log", context=context)
+        node = Node("poise_imu_log", context=context, **in_namespace(absolute_namespace(namespace)))
         executor = SingleThreadedExecutor(context=context)
         try:
             executor.add_node(node)

@@ -25,7 +25,7 @@ REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory
 CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
 """Nodes with the parameter ``calibration_dir``."""
 
-LOCKSTEP_NODES = ("mujoco_bridge", "state_estimator", "balance_controller", "supervisor")
+LOCKSTEP_NODES = frozenset({"mujoco_bridge", "state_estimator", "balance_controller", "supervisor"})
 
 
 def process_specs(*, merged: bool, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
@@ -71,6 +71,6 @@ def node_parameters(
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
         result[name] = {"robot": robot, **realtime, **calibrated, **extra.get(name, {})}
     if lockstep:
-        for name in LOCKSTEP_NODES:
+        for name in result.keys() & LOCKSTEP_NODES:
             result[name]["lockstep"] = True
     return result

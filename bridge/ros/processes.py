@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
@@ -71,6 +71,18 @@ def absolute_namespace(namespace: str) -> str:
     return f"/{given}"
 
 
+def namespace_rules() -> list[str]:
+    """Arguments after ``--ros-args`` that bring a node's ``GLOBAL_TOPICS`` into its namespace."""
+    return [word for topic in GLOBAL_TOPICS for word in ("-r", f"{topic}:={topic.removeprefix('/')}")]
+
+
+def in_namespace(namespace: str) -> dict[str, Any]:
+    """Keyword arguments of a node of rclpy that lives in a robot's namespace, as ``absolute_namespace`` gives it."""
+    if not namespace:
+        return {}
+    return {"namespace": namespace, "cli_args": ["--ros-args", *namespace_rules()]}
+
+
 def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
     """Command line of nodes in a namespace, their parameters in a file: ``-p node:name:=value`` finds no node there.
 
@@ -80,12 +92,14 @@ def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace
         namespace: Such as ``/robot_1``.
         file: Is written.
     """
-    values = {f"{namespace}/{node}": {"ros__parameters": dict(parameters.get(node, {}))} for node in nodes}
+    write_parameters(file, {f"{namespace}/{node}": parameters.get(node, {}) for node in nodes})
+    return ["--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}", *namespace_rules()]
+
+
+def write_parameters(file: Path, parameters: Parameters) -> None:
+    """Write a parameter file of ROS 2: values by full node name."""
+    values = {node: {"ros__parameters": dict(given)} for node, given in parameters.items()}
     file.write_text(json.dumps(values), encoding="utf-8")
-    arguments = ["--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}"]
-    for topic in GLOBAL_TOPICS:
-        arguments += ["-r", f"{topic}:={topic.removeprefix('/')}"]
-    return arguments
 
 
 class GraphProcess:
@@ -98,6 +112,12 @@ class GraphProcess:
         output: Where its output goes; this process's when None.
         namespace: Of its nodes, as ``absolute_namespace`` gives it.
         folder: Where the parameters of nodes in a namespace are written.
+        arguments: Command line instead of that which follows from parameters and namespace.
+
+    Attributes:
+        spec: What it runs.
+        restarts: How often it was started again.
+        output: Where its output goes from the next start on.
     """
 
     def __init__(
@@ -108,16 +128,19 @@ class GraphProcess:
         output: IO[bytes] | None = None,
         namespace: str = "",
         folder: Path = Path(),
+        arguments: Sequence[str] | None = None,
     ) -> None:
         self.spec = spec
         self.restarts = 0
-        if namespace:
+        if arguments is not None:
+            arguments = list(arguments)
+        elif namespace:
             arguments = namespaced_arguments(spec.nodes, parameters, namespace, folder / f"{spec.module}.yaml")
         else:
             arguments = ros_arguments(spec.nodes, parameters)
         self._command = [sys.executable, "-m", spec.module, *arguments]
         self._environment = {**os.environ, **environment}
-        self._output = output
+        self.output = output
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -137,8 +160,8 @@ class GraphProcess:
             env=self._environment,
             start_new_session=True,
             stdin=subprocess.DEVNULL,
-            stdout=self._output,
-            stderr=self._output,
+            stdout=self.output,
+            stderr=self.output,
         )
 
     def signal(self, number: int) -> None:

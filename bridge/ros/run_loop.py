@@ -19,10 +19,17 @@ ASK_AGAIN_NS = 20_000_000
 
 
 class Paced(Protocol):
-    """Node that ``run_plant`` drives."""
+    """Node that ``run_plant`` drives.
+
+    Attributes:
+        lockstep: Whether the plant waits for the command of each tick.
+        period: Time that a tick takes in real time [s].
+        callbacks_min: Callbacks served in a tick, however late it is.
+    """
 
     lockstep: bool
     period: float
+    callbacks_min: int
 
     @property
     def running(self) -> bool:
@@ -77,7 +84,8 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
             pacer = Pacer(node.period, backlog=0, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
             skipped = 0
         node.publish_tick(late)
-        executor.spin_once(timeout_sec=0.0)
+        for _ in range(node.callbacks_min):
+            executor.spin_once(timeout_sec=0.0)
         if node.lockstep and not node.free_running:
             _await_answer(executor, node, stop)
         else:

@@ -33,6 +33,7 @@ def teleop(
     *,
     gamepad: Path | None = None,
     network: bool = False,
+    namespace: str = "",
     signer: Signer | None = None,
     say: Callable[[str], object] = print,
 ) -> None:
@@ -42,6 +43,7 @@ def teleop(
         robot: Profile whose limits hold, by name or path; the one that the graph names when empty.
         gamepad: Device of a gamepad; keys of the terminal when None.
         network: Whether the robot may run on another machine.
+        namespace: Of the robot; empty for none.
         signer: Signs words; None sends them as they are.
         say: Called with each line for the terminal.
 
@@ -52,7 +54,7 @@ def teleop(
     stop = Stop()
     with ExitStack() as stack:
         descriptor = -1 if gamepad is not None else stack.enter_context(keyboard(sys.stdin))
-        client = stack.enter_context(Client(network=network))
+        client = stack.enter_context(Client(network=network, namespace=namespace))
         limits = limits_of(load_gait_config(RobotModel.load(robot or client.robot())).velocity)
         law, pad = KeyLaw(config, limits), None
         if gamepad is not None:

@@ -16,6 +16,7 @@ from std_msgs.msg import Float64, String
 
 from bridge.ros.client import Client
 from bridge.ros.newest import ignore, newest
+from bridge.ros.processes import in_namespace
 from bridge.view.snapshot import Snapshot, Words
 from models.errors import PoiseError
 from models.nodes import topics
@@ -45,7 +46,7 @@ class Listener:
 
     def __init__(self, model: RobotModel, client: Client) -> None:
         self._model = model
-        self._node = Node("poise_view", context=client.context)
+        self._node = Node("poise_view", context=client.context, **in_namespace(client.namespace))
         subscribe = self._node.create_subscription
         self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
         self._odom = subscribe(Odometry, topics.ODOM, ignore, SENSOR, raw=True)

@@ -126,6 +126,7 @@ def view(
     host: str = "127.0.0.1",
     port: int = 8080,
     network: bool = False,
+    namespace: str = "",
     signer: Signer | None = None,
     say: Callable[[str], object] = print,
     timeout: float = 10.0,
@@ -137,6 +138,7 @@ def view(
         host: Address to listen on.
         port: TCP port to listen on.
         network: Whether the robot may run on another machine.
+        namespace: Of the robot; empty for none.
         signer: Signs words; None sends them as they are.
         say: Called with each line for the terminal.
         timeout: Longest wait for a robot [s].
@@ -145,7 +147,7 @@ def view(
         PoiseError: There is no robot, or the port is taken.
     """
     stop = Stop()
-    with Client(network=network) as client:
+    with Client(network=network, namespace=namespace) as client:
         model = RobotModel.load(robot or client.robot(timeout))
         page = Page(model, client, host=host, port=port, signer=signer)
         try:

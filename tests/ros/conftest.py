@@ -51,7 +51,9 @@ class Bench:
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.world)
 
-    def add(self, kind: Callable[..., Any], *, active: bool = True, **parameters: object) -> Any:
+    def add(
+        self, kind: Callable[..., Any], *, active: bool = True, configured: bool = True, **parameters: object
+    ) -> Any:
         """Create a node, configured, and activated unless told otherwise."""
         arguments = ["--ros-args"]
         for name, value in parameters.items():
@@ -59,8 +61,9 @@ class Bench:
         node = kind(context=self.context, cli_args=arguments)
         self._nodes.append(node)
         self._executor.add_node(node)
-        node.trigger_configure()
-        if active:
+        if configured:
+            node.trigger_configure()
+        if configured and active:
             node.trigger_activate()
         return node
 

@@ -143,7 +143,7 @@ class _Robot:
 
     asked: ClassVar[list[object]] = []
 
-    def __init__(self, *, network: bool = False) -> None:
+    def __init__(self, *, network: bool = False, namespace: str = "") -> None:
         self.asked.clear()
 
     def __enter__(self) -> _Robot:

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import ctypes.util
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+import models
 from bridge.recording import Recorder, Recording
-from bridge.render import frame_times
+from bridge.render import frame_times, render_filmstrip
 from bridge.stability import GRAVITY, LEAST_HEIGHT, analyse, balance, stability_figures
 from models.errors import PoiseError
 from models.robot_model import RobotModel
@@ -129,3 +131,19 @@ def test_film_strip_shows_the_height_of_every_part(g1: RobotModel) -> None:
         assert len(times) == count and times == sorted(times)
         assert times[0] == 0.0 and times[-1] == 10.0
         assert any(2.8 < time < 3.2 for time in times) and any(6.3 < time < 6.7 for time in times)
+
+
+@pytest.mark.skipif(
+    ctypes.util.find_library("EGL") is None, reason="no EGL; Debian and Ubuntu: sudo apt install libegl1"
+)
+def test_a_film_strip_of_a_robot_that_is_known_by_its_file_alone(g1: RobotModel, tmp_path: Path) -> None:
+    packaged = Path(models.__file__).parent / "robots" / "g1.yaml"
+    profile = tmp_path / "mine.yaml"
+    profile.write_text(packaged.read_text().replace("name: g1", "name: mine"))
+    recorder = Recorder("mine")
+    for k in range(3):
+        recorder.add(_standing(g1, 0.05 * k))
+    recorder.recording().save(tmp_path / "run.npz")
+    picture = tmp_path / "strip.png"
+    assert "mine" in render_filmstrip(tmp_path / "run.npz", picture) and not picture.exists()
+    assert render_filmstrip(tmp_path / "run.npz", picture, str(profile)) == "" and picture.is_file()

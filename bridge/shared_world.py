@@ -1,0 +1,86 @@
+"""Several robots in one world, in one process, without ROS, in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bridge.closed_loop import ClosedLoop
+from bridge.mujoco_world import MujocoWorld, Place
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.terrain import FLAT, Terrain
+
+
+class SharedWorld:
+    """A ``ClosedLoop`` for each robot, all in one ``MujocoWorld``.
+
+    In a tick the laws of every robot answer its sensors, then the world moves once. They start one after the other;
+    ``step`` or ``run`` of one loop moves that robot alone, and the others stand still as if no time passed.
+
+    Args:
+        robots: Profile by name and path, or loaded model, by the robot's name in the world.
+        places: Where each begins, by name; side by side for those left out.
+        seed: Of the sensor noise of the first robot; the next one has the next seed.
+        terrain: The ground, or its name.
+        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
+        timestep: Physics and driver tick [s].
+        visuals: Load meshes for pictures.
+        options: For every ``ClosedLoop``.
+
+    Attributes:
+        world: The world.
+        loops: The loop of each robot by name.
+
+    Raises:
+        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``.
+        PoiseError: As ``ClosedLoop``.
+    """
+
+    def __init__(
+        self,
+        robots: Mapping[str, str | Path | RobotModel],
+        places: Mapping[str, Place] | None = None,
+        *,
+        seed: int = 0,
+        terrain: str | Terrain = FLAT,
+        friction: float | None = None,
+        timestep: float = 0.001,
+        visuals: bool = False,
+        **options: Any,
+    ) -> None:
+        models = {
+            name: each if isinstance(each, RobotModel) else RobotModel.load(each) for name, each in robots.items()
+        }
+        self.world = MujocoWorld(models, places, friction=friction, terrain=terrain, timestep=timestep, visuals=visuals)
+        self.loops = {
+            name: ClosedLoop(model, seed + number, world=self.world, name=name, **options)
+            for number, (name, model) in enumerate(models.items())
+        }
+
+    def __getitem__(self, name: str) -> ClosedLoop:
+        """The loop of a robot; ``ConfigError`` where there is none of that name."""
+        if name not in self.loops:
+            raise ConfigError(f"world: unknown robot '{name}'; known: {', '.join(self.loops)}")
+        return self.loops[name]
+
+    def step(self) -> None:
+        """Run one tick of everybody."""
+        loops = self.loops.values()
+        for loop in loops:
+            loop.before_physics()
+        self.world.step([loop.plant for loop in loops])
+        for loop in loops:
+            loop.after_physics()
+
+    def run(self, duration: float) -> None:
+        """Run for a simulated time [s], rounded to ticks.
+
+        Raises:
+            ConfigError: It is no time.
+        """
+        if not 0.0 <= duration < float("inf"):
+            raise ConfigError(f"duration: {duration} s is not a time")
+        for _ in range(round(duration / self.world.period)):
+            self.step()
