@@ -18,6 +18,9 @@ Robot = Annotated[str, typer.Option(help="Robot profile.")]
 Seeds = Annotated[int, typer.Option(min=1, help="How many seeds.")]
 Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report here.")]
+Contender = Annotated[
+    str, typer.Option(help="Test another controller instead of poise's, module:Class; docs/contenders.md.")
+]
 PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
 
 MODULES: dict[str, str] = {}
@@ -25,6 +28,10 @@ MODULES: dict[str, str] = {}
 
 It is filled where the commands are added.
 """
+
+
+CONTESTED = ("push", "terrain", "walk")
+"""Modules that take other controllers."""
 
 
 class PushMode(StrEnum):
@@ -44,6 +51,7 @@ def _bench(
     plot: Path | None,
     scenarios: tuple[str, ...] = (),
     mode: str = "",
+    contender: str = "",
 ) -> None:
     """Run one benchmark, write what was asked for, exit with its verdict."""
     from benchmarks.harness import Options, print_report, write_json
@@ -51,7 +59,10 @@ def _bench(
     console = Console()
     module = import_module(f"benchmarks.{module_name}")
     try:
-        report = module.run(Options(robot=robot, seeds=seeds, workers=workers, scenarios=scenarios, mode=mode))
+        if contender and module_name not in CONTESTED:
+            raise ConfigError(f"bench {module_name} takes no contender; these do: {', '.join(CONTESTED)}")
+        options = Options(robot, seeds, workers, scenarios, mode, contender)
+        report = module.run(options)
     except PoiseError as error:
         console.print(f"[red]{error}[/red]")
         raise typer.Exit(2) from error
@@ -99,11 +110,13 @@ def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
         json: JsonFile = None,
         plot: PlotFolder = None,
         scenario: Annotated[list[str] | None, typer.Option(help="Measure only this one; repeatable.")] = None,
+        contender: Contender = "",
     ) -> None:
-        _bench(name, robot, seeds, workers, json, plot, tuple(scenario or ()))
+        _bench(name, robot, seeds, workers, json, plot, tuple(scenario or ()), contender=contender)
 
 
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
+_add_command("qp", "QPs of real ticks: the tick's own solver beside the back-ends of qpsolvers, with residuals.")
 _add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
 
 MODULES |= {"push": "push", **{f"push_{mode}": "push_map" for mode in (PushMode.STEP, PushMode.WALK)}}
@@ -119,10 +132,11 @@ def push(
     mode: Annotated[
         PushMode, typer.Option(help="Standing without a step, standing with steps, or walking.")
     ] = PushMode.STAND,
+    contender: Contender = "",
 ) -> None:
     """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
     module = MODULES["push" if mode is PushMode.STAND else f"push_{mode}"]
-    _bench(module, robot, seeds, workers, json, plot, mode=mode.value)
+    _bench(module, robot, seeds, workers, json, plot, mode=mode.value, contender=contender)
 
 
 @app.command("draw")
@@ -156,6 +170,10 @@ _add_scenarios(
 )
 _add_command("endurance", "An hour of random commands and pushes: falls, latched faults, memory.")
 _add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
-_add_command("latency", "Sensor stamp to command received over ROS 2, beside a ping-pong of the same messages.")
+_add_scenarios(
+    "latency",
+    "Sensor stamp to command received over ROS 2, stage by stage, beside a ping-pong of the same messages.",
+    usual_seeds=1,
+)
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
 _add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bridge.closed_loop import ClosedLoop
+from benchmarks.contender_loop import AnyLoop
 from models.errors import PoiseError
 
 
-def demand(loop: ClosedLoop, command: str) -> None:
+def demand(loop: AnyLoop, command: str) -> None:
     """Give a command that has to be taken.
 
     Args:

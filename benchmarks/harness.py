@@ -36,7 +36,10 @@ from models.threads import use_one_thread
 Case = dict[str, Any]
 """One measured case: its inputs (seed, direction, ...) and what came out, as plain JSON values."""
 
-MEASURED_PACKAGES = ("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy")
+MEASURED_PACKAGES = (
+    *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
+    *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink"),
+)
 """Packages whose versions decide a figure."""
 
 
@@ -50,6 +53,7 @@ class Options:
         workers: How many processes measure cases at the same time.
         scenarios: Which ones of a benchmark that has several; all of them when empty.
         mode: Which kind of a benchmark that has several.
+        contender: Controller to test instead of poise's own, as ``module:Class``; see ``benchmarks/contender.py``.
     """
 
     robot: str = "g1"
@@ -57,6 +61,7 @@ class Options:
     workers: int = 1
     scenarios: tuple[str, ...] = ()
     mode: str = ""
+    contender: str = ""
 
 
 def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:

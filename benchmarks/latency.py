@@ -1,141 +1,239 @@
 """Sensor stamp to command received by the plant over real ROS 2, beside the ping-pong floor of the same run.
 
-Floor, graph, floor: each in real time at 1 kHz. The bridge notes on the monotonic clock when it is about to publish the
-sensors of a tick and when the command that carries their stamp arrives. Missed is a tick that no command ever answered,
-and a tick that the bridge had to skip because it was late. A command that answers after more than a tick is not missed:
-it takes effect one step later, and its share is ``over_a_tick_fraction``.
+Floor, graph, floor: each in real time, by default at 1 kHz. The bridge notes on the monotonic clock when it is about to
+publish the sensors of a tick and when the command that carries their stamp arrives; the process of the laws notes when
+each stage between ends (``benchmarks/latency_stages.py``). Missed is a tick that no command ever answered, and a tick
+that the bridge had to skip because it was late. A command that answers after more than a tick is not missed: it takes
+effect one step later, and its share is ``over_a_tick_fraction``.
 
-Bounds: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick, missed < 0.1 %.
+Bounds, of the idle graph: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick, missed < 0.1 %. Other scenarios are
+measured when chosen, have their name before their figures, and no bound; the verdict on the machine tells whether they
+are within it.
 """
 
 from __future__ import annotations
 
+import math
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen
+from benchmarks.latency_config import Scenario, latency_config
+from benchmarks.latency_stages import STAGES, answered, split, tails
+from benchmarks.machine import Machine, advice, read_machine
 from benchmarks.nodes import pingpong
-from bridge.launch import Graph
+from benchmarks.nodes.graph_run import Run, run_graphs
 from bridge.ros.environment import free_domain
 from bridge.ros.latency_probe import LatencyProbe
+from bridge.ros.stage_probe import LEFT, RIGHT, cost
+from models.constants import NANOSECONDS
 from models.types import Vector
 
-DURATION = 20.0
-"""How long the standing robot is measured, for each seed [s]."""
+TICK = 0.001
+"""Of physics and drivers [s]."""
 
-FLOOR_DURATION = 5.0
-"""Length of the ping-pong before and after each [s]."""
-
-WARM_UP = 1.0
-"""Left out at the beginning of each measurement [s]."""
-
-P50_BOUND, P99_BOUND, MISSED_BOUND = 1.5, 2.5, 0.001
-"""What must hold; see the module's text."""
-
-MICRO = 1e-3
-"""Nanoseconds to microseconds."""
+SUPPORTS = {"single": (LEFT, RIGHT), "double": (LEFT | RIGHT,)}
+"""Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of."""
 
 
-def latencies(probe: LatencyProbe | dict[str, NDArray[Any]], skip: int) -> tuple[Vector, Vector, float]:
-    """Judge the rows of a probe.
-
-    Args:
-        probe: Rows, or the same loaded from a file.
-        skip: Ticks to leave out at the beginning.
-
-    Returns:
-        Latency of every answered tick [us], lateness of every tick [us], and the missed fraction.
-    """
-    rows = probe if isinstance(probe, dict) else probe.rows()
-    active = np.flatnonzero(rows["active"])[skip:]
-    active = active[:-1]  # the last tick's answer may have come after the end
-    published, received = rows["published"][active], rows["received"][active]
-    answered = received > 0
-    skipped = int(rows["skipped"][active].sum())
-    missed = (np.count_nonzero(~answered) + skipped) / max(len(active) + skipped, 1)
-    return (received - published)[answered] * MICRO, rows["late"][active] * 1e6, float(missed)
+RAW = ("stages", "whole", "contacts")
+"""What figures are made of and a report does not keep: every stage of every tick."""
 
 
 def run(options: Options) -> Report:
-    """Measure; see the module's text."""
-    load = LoadMeter()
-    cases: list[Case] = [_measure(options.robot, seed) for seed in range(options.seeds)]
-    pooled = {name: np.concatenate([case[name] for case in cases]) for name in ("latency", "floor", "late")}
-    figures = _figures(pooled)
-    figures["missed_fraction"] = float(np.mean([case["missed_fraction"] for case in cases]))
-    figures["floor_missed_fraction"] = float(np.mean([case["floor_missed_fraction"] for case in cases]))
-    tick = figures["tick_us"] = pingpong.PERIOD * 1e6
-    figures["over_a_tick_fraction"] = float(np.mean(pooled["latency"] > tick))
-    figures["p50_bound_us"] = P50_BOUND * figures["floor_p50_us"] + tick
-    figures["p99_bound_us"] = P99_BOUND * figures["floor_p99_us"] + tick
-    bounds = (
-        ("p50_us", figures["p50_bound_us"]),
-        ("p99_us", figures["p99_bound_us"]),
-        ("missed_fraction", MISSED_BOUND),
-    )
-    held = [figures[name] < bound for name, bound in bounds]
-    notes = [
-        f"{'holds' if good else 'FAILS'}: {name} {figures[name]:.4g} < {bound:.4g}"
-        for (name, bound), good in zip(bounds, held, strict=True)
-    ]
-    return Report("latency", options.robot, options.seeds, figures, cases, all(held), load.read(), notes)
+    """Measure; see the module's text.
+
+    Args:
+        options: Robot, seeds and scenarios.
+
+    Raises:
+        ConfigError: A scenario is unknown.
+        PoiseError: A graph does not come up.
+    """
+    config, load, machine = latency_config(), LoadMeter(), read_machine()
+    names = chosen("latency", options.scenarios, list(config.scenarios), config.usual)
+    cases: list[Case] = []
+    figures: dict[str, float] = {}
+    notes: list[str] = []
+    held = {}
+    for name in names:
+        scenario = config.scenarios[name]
+        of = [_measure(options.robot, seed, name, scenario) for seed in range(options.seeds)]
+        found = summarise(of, 1.0 / scenario.rate)
+        held[name], lines = judge(found)
+        prefix = "" if name == "idle" else f"{name}_"
+        figures |= {f"{prefix}{key}": value for key, value in found.items()}
+        notes += [f"{name}: {line}" for line in lines]
+        cases += [{key: value for key, value in case.items() if key not in RAW} for case in of]
+    figures["stamps_us"] = cost() * 1e6
+    bounded = [name for name in names if name in config.usual]
+    notes += verdict(held, machine)
+    passed = all(held[name] for name in bounded)
+    return Report("latency", options.robot, options.seeds, figures, cases, passed, load.read(), notes)
 
 
-def _measure(robot: str, seed: int) -> Case:
+def _measure(robot: str, seed: int, name: str, scenario: Scenario) -> Case:
+    config, period = latency_config(), 1.0 / scenario.rate
+    length, skip = config.floor_duration + config.warm_up, round(config.warm_up / period)
     domain = free_domain()
-    skip = round(WARM_UP / pingpong.PERIOD)
-    before = pingpong.measure(robot, FLOOR_DURATION + WARM_UP, domain)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "latency.npz"
-        parameters = {"mujoco_bridge": {"latency_file": str(file), "seed": seed}}
-        log = Path(folder) / "log"
-        with Graph(robot, domain_id=domain, parameters=parameters, log=log, say=lambda _: None) as graph:
-            graph.wait_standing()
-            graph.spin(DURATION + WARM_UP)
-        with np.load(file) as data:
-            rows = dict(data)
-    after = pingpong.measure(robot, FLOOR_DURATION + WARM_UP, domain)
-    latency, late, missed = latencies(rows, skip)
-    floors = [latencies(probe, skip) for probe in (before, after)]
+    before = pingpong.measure(robot, length, domain, period)
+    runs = run_graphs(robot, seed, scenario, config)
+    after = pingpong.measure(robot, length, domain, period)
+    floors = [_latencies(probe, skip) for probe in (before, after)]
+    first, *others = (_case(run, skip) for run in runs)
     return {
+        "scenario": name,
         "seed": seed,
         "load": os.getloadavg()[0],
-        "latency": latency,
-        "late": late,
+        **first,
         "floor": np.concatenate([floor[0] for floor in floors]),
-        "missed_fraction": missed,
         "floor_missed_fraction": float(np.mean([floor[2] for floor in floors])),
+        "others": [{key: other[key] for key in ("latency", "missed_fraction")} for other in others],
     }
 
 
-def _figures(pooled: dict[str, Vector]) -> dict[str, float]:
-    """Percentiles by the names that others rely on."""
-    figures = {}
+def _latencies(probe: LatencyProbe, skip: int) -> tuple[Vector, Vector, float]:
+    """Latency of every answered tick [us], lateness of every tick [us], and the missed fraction."""
+    rows = probe.rows()
+    ticks, late, missed = answered(rows, skip)
+    return (rows["received"][ticks] - rows["published"][ticks]) * 1e-3, late, missed
+
+
+def _case(run: Run, skip: int) -> Case:
+    """What one graph gave, as a case keeps it."""
+    ticks, late, missed = answered(run.bridge, skip)
+    case: Case = {
+        "latency": (run.bridge["received"][ticks] - run.bridge["published"][ticks]) * 1e-3,
+        "late": late,
+        "missed_fraction": missed,
+        "cpu": {name: use.cpu for name, use in run.use.items()},
+        "memory": {name: use.memory for name, use in run.use.items()},
+        "stages": {},
+    }
+    if run.laws:
+        whole = split(run.bridge, run.laws, skip, round(TICK * NANOSECONDS))
+        case["stages"] = {stage: whole.stages[:, i] for i, stage in enumerate(STAGES)}
+        case["whole"], case["contacts"] = whole.total, whole.contacts
+    return case
+
+
+def summarise(cases: list[Case], tick: float) -> dict[str, float]:
+    """Figures of the cases of one scenario, by the names that others rely on.
+
+    Args:
+        cases: One a seed.
+        tick: Time between two samples of the sensors [s].
+    """
+    config = latency_config()
+    pooled = {name: np.concatenate([case[name] for case in cases]) for name in ("latency", "floor", "late")}
+    figures: dict[str, float] = {}
     for name, prefix in (("latency", ""), ("floor", "floor_"), ("late", "late_")):
-        for label, percent in (("p50", 50.0), ("p99", 99.0), ("p999", 99.9), ("max", 100.0)):
-            figures[f"{prefix}{label}_us"] = float(np.percentile(pooled[name], percent))
+        figures |= tails(pooled[name], prefix)
+    figures["missed_fraction"] = float(np.mean([case["missed_fraction"] for case in cases]))
+    figures["floor_missed_fraction"] = float(np.mean([case["floor_missed_fraction"] for case in cases]))
+    figures["tick_us"] = tick * 1e6
+    figures["over_a_tick_fraction"] = float(np.mean(pooled["latency"] > figures["tick_us"]))
+    figures["p50_bound_us"] = config.p50_bound * figures["floor_p50_us"] + figures["tick_us"]
+    figures["p99_bound_us"] = config.p99_bound * figures["floor_p99_us"] + figures["tick_us"]
+    for part in ("p50", "p99"):
+        figures[f"ratio_to_floor_{part}"] = figures[f"{part}_us"] / figures[f"floor_{part}_us"]
+    figures |= _stage_figures([case for case in cases if case["stages"]])
+    for quantity, unit in (("cpu", "cores"), ("memory", "mib")):
+        for name in cases[0][quantity]:
+            values = [case[quantity][name] for case in cases if name in case[quantity]]
+            figures[f"{quantity}_{name}_{unit}"] = float(np.mean(values))
+    others = [other for case in cases for other in case["others"]]
+    if others:
+        figures |= tails(np.concatenate([other["latency"] for other in others]), "others_")
+        figures["others_missed_fraction"] = max(other["missed_fraction"] for other in others)
     return figures
 
 
+def _stage_figures(cases: list[Case]) -> dict[str, float]:
+    """Of every stage, and of the ticks on one foot and on both where there are both; cases whose stages were noted."""
+    if not cases:
+        return {}
+    figures: dict[str, float] = {}
+    for stage in STAGES:
+        figures |= tails(np.concatenate([case["stages"][stage] for case in cases]), f"stage_{stage}_")
+    contacts, whole = (np.concatenate([case[name] for case in cases]) for name in ("contacts", "whole"))
+    qp = np.concatenate([case["stages"]["qp"] for case in cases])
+    shares = {name: np.isin(contacts, feet) for name, feet in SUPPORTS.items()}
+    if all(share.any() for share in shares.values()):
+        for name, share in shares.items():
+            figures |= tails(whole[share], f"{name}_") | tails(qp[share], f"{name}_stage_qp_")
+    return figures
+
+
+def judge(figures: dict[str, float]) -> tuple[bool, list[str]]:
+    """Hold the figures of a scenario against the bounds; a line for each."""
+    bounds = (
+        ("p50_us", figures["p50_bound_us"]),
+        ("p99_us", figures["p99_bound_us"]),
+        ("missed_fraction", latency_config().missed_bound),
+    )
+    held = [figures[name] < bound for name, bound in bounds]
+    lines = [
+        f"{'holds' if good else 'FAILS'}: {name} {figures[name]:.4g} < {bound:.4g}"
+        for (name, bound), good in zip(bounds, held, strict=True)
+    ]
+    return all(held), lines
+
+
+def verdict(held: dict[str, bool], machine: Machine) -> list[str]:
+    """Whether this machine keeps real time in each scenario, and what would help."""
+    good = [name for name, fine in held.items() if fine]
+    bad = [name for name in held if name not in good]
+    lines = [f"this machine keeps real time: {', '.join(good)}"] if good else []
+    lines += [f"this machine does NOT keep real time: {', '.join(bad)}"] if bad else []
+    return lines + [f"advice: {line}" for line in advice(machine)]
+
+
 def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the distributions of latency and floor."""
+    """Draw the distributions of latency and floor, and what the stages take; returns the files written."""
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
+    names = list(dict.fromkeys(case.get("scenario", "idle") for case in report.cases))
     figure, axes = pyplot.subplots(figsize=(8, 4.5))
-    for name, label in (("floor", "ping-pong floor"), ("latency", "sensor to command")):
-        values = np.sort(np.concatenate([np.asarray(case[name]) for case in report.cases]))
-        axes.plot(values, 1.0 - np.arange(len(values)) / len(values), label=label)
+    _draw_tail(axes, [case["floor"] for case in report.cases], "ping-pong floor", color="0.5")
+    for name in names:
+        of = [case["latency"] for case in report.cases if case.get("scenario", "idle") == name]
+        _draw_tail(axes, of, "sensor to command" if names == ["idle"] else name)
     axes.set(xscale="log", yscale="log", xlabel="time [us]", ylabel="share of ticks that took longer", ylim=(1e-4, 1))
     axes.grid(visible=True, which="both", alpha=0.3)
-    axes.legend()
-    file = folder / "latency.png"
-    figure.savefig(file, dpi=120, bbox_inches="tight")
+    axes.legend(fontsize=8)
+    files = [folder / "latency.png"]
+    figure.savefig(files[0], dpi=120, bbox_inches="tight")
     pyplot.close(figure)
-    return [file]
+    staged = [name for name in names if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
+    if not staged:
+        return files
+    figure, pair = pyplot.subplots(1, 2, figsize=(10, 1.5 + 0.4 * len(staged)), sharey=True)
+    for axes, part in zip(pair, ("p50", "p99"), strict=True):
+        left = np.zeros(len(staged))
+        for stage in STAGES:
+            width = np.array([_stage(report, name, stage, part) for name in staged])
+            axes.barh(staged, width, left=left, label=stage.replace("_", " "))
+            left += width
+        axes.set_xlabel(f"{part} of each stage, added [us]")
+        axes.invert_yaxis()
+    pair[1].legend(fontsize=7, bbox_to_anchor=(1.0, 1.0), loc="upper left")
+    files.append(folder / "latency-stages.png")
+    figure.savefig(files[1], dpi=120, bbox_inches="tight")
+    pyplot.close(figure)
+    return files
+
+
+def _stage(report: Report, scenario: str, stage: str, part: str) -> float:
+    prefix = "" if scenario == "idle" else f"{scenario}_"
+    return report.figures.get(f"{prefix}stage_{stage}_{part}_us", math.nan)
+
+
+def _draw_tail(axes: Any, samples: list[Any], label: str, **style: Any) -> None:
+    values = np.sort(np.concatenate([np.asarray(sample) for sample in samples]))
+    axes.plot(values, 1.0 - np.arange(len(values)) / len(values), label=label, **style)

@@ -6,7 +6,8 @@ first instant on: a force F for a time T leaves the DCM on that edge when
     ``F = m w^2 d / (1 - exp(-w T))``,  ``w = sqrt(g / z)``,
 
 with mass m [kg], CoM height z above the soles [m] and distance d [m] from the centre of pressure at rest to the edge of
-the support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso.
+the support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso. Beside it
+stands the bound that the joints' torques leave of it (``torque_bound.py``).
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.contender_loop import AnyLoop, ContenderLoop
 from benchmarks.fall_plot import FAILED, PASSED
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push_bounds import ankle_bound
 from benchmarks.push_plot import direction_name, draw_map
 from benchmarks.push_search import Search, largest
+from benchmarks.torque_bound import torque_bound
 from bridge.closed_loop import ClosedLoop
 from bridge.stability import Balance, balance
 from bridge.support_polygon import distance_along
@@ -59,9 +62,9 @@ class PushConfig:
 
 
 @cache
-def _loop(robot: str) -> ClosedLoop:
-    """One closed loop for every push of this process; ``reset`` starts it over as a new one would."""
-    return ClosedLoop(robot=robot, record=False)
+def _loop(robot: str, contender: str = "") -> AnyLoop:
+    """One loop for every push of this process; ``reset`` starts it over as a new one would."""
+    return ContenderLoop(contender, robot) if contender else ClosedLoop(robot=robot, record=False)
 
 
 @cache
@@ -79,7 +82,7 @@ def stance(model: RobotModel, truth: RobotState) -> Balance:
     return balance(model, model.data(), truth.q, truth.v, [contact.wrench for contact in truth.contacts])
 
 
-def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:
+def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender: str = "") -> bool:
     """Push a standing robot once.
 
     Args:
@@ -87,11 +90,12 @@ def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:
         seed: Seed of the sensor noise.
         force: Force in W (3,) [N].
         config: The push test.
+        contender: Controller to test instead of poise's own.
 
     Returns:
         Whether it stays up, keeps both feet where they were and comes back to rest.
     """
-    loop = _loop(robot)
+    loop = _loop(robot, contender)
     loop.reset(seed)
     loop.run(config.settle_time)
     before = stance(loop.robot, loop.truth)
@@ -107,7 +111,7 @@ def survives(robot: str, seed: int, force: Vector, config: PushConfig) -> bool:
     return back and float(np.linalg.norm(now.com_velocity)) < config.speed_tolerance
 
 
-def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
+def bound_at_rest(loop: AnyLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
     """Let a standing robot stand for ``rest_time`` and compute its ankle bound.
 
     Args:
@@ -128,30 +132,34 @@ def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tu
     return ankle_bound(loop.robot.mass, height, distance, config.duration), distance
 
 
-def measure(robot: str, seed: int, angle: float) -> Case:
+def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
     """Bisect the push in one direction.
 
     Args:
         robot: Name of the profile.
         seed: Seed of the sensor noise.
         angle: Heading of the force in W [rad].
+        contender: Controller to test instead of poise's own.
 
     Returns:
-        ``force`` and ``bound`` [N], ``ratio`` [-], ``dv`` and ``bound_dv`` [m/s], ``mass`` [kg],
-        ``distance`` [m], ``pushes`` [-].
+        ``force``, ``bound`` and ``torque_bound`` [N], ``ratio`` and ``torque_ratio`` [-], ``dv`` and ``bound_dv``
+        [m/s], ``mass`` [kg], ``distance`` [m], ``pushes`` [-].
     """
-    config, loop = _config(), _loop(robot)
+    config, loop = _config(), _loop(robot, contender)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
     loop.run(config.settle_time - config.rest_time)
     bound, distance = bound_at_rest(loop, direction, config)
+    torques = torque_bound(loop.robot, loop.truth.q, direction, config.duration)
     search = Search(config.first_ratio, config.largest_ratio, config.stride, config.resolution)
-    ratio, pushes = largest(lambda part: survives(robot, seed, part * bound * direction, config), search)
+    ratio, pushes = largest(lambda part: survives(robot, seed, part * bound * direction, config, contender), search)
     to_dv = config.duration / loop.robot.mass
     return {
         "force": ratio * bound,
         "bound": bound,
         "ratio": ratio,
+        "torque_bound": torques,
+        "torque_ratio": ratio * bound / torques,
         "dv": ratio * bound * to_dv,
         "bound_dv": bound * to_dv,
         "mass": loop.robot.mass,
@@ -164,20 +172,27 @@ def run(options: Options) -> Report:
     """Bisect the push in every direction for every seed.
 
     Args:
-        options: Robot, seeds and workers.
+        options: Robot, seeds, workers and contender.
 
     Returns:
         Figures ``dv_min``, ``dv_median`` (impulse over mass [m/s]), ``ratio_to_ankle_bound_min`` and
-        ``..._median`` [-], ``bound_dv_min`` and ``bound_dv_median`` [m/s].
+        ``..._median``, ``ratio_to_torque_bound_min`` and ``..._median`` [-], ``bound_dv_min`` and
+        ``bound_dv_median`` [m/s].
     """
     config, load = _config(), LoadMeter()
     cases: list[dict[str, Any]] = [
-        {"robot": options.robot, "seed": seed, "angle": 2.0 * math.pi * k / config.directions}
+        {
+            "robot": options.robot,
+            "seed": seed,
+            "angle": 2.0 * math.pi * k / config.directions,
+            "contender": options.contender,
+        }
         for seed in range(options.seeds)
         for k in range(config.directions)
     ]
     results = run_cases(measure, cases, title=f"push {options.robot}", workers=options.workers)
     dv, bound_dv, ratio = (np.array([case[key] for case in results]) for key in ("dv", "bound_dv", "ratio"))
+    of_torques = np.array([case["torque_ratio"] for case in results])
     worst = int(np.argmin(ratio))
     heading = math.degrees(results[worst]["angle"])
     return Report(
@@ -189,6 +204,8 @@ def run(options: Options) -> Report:
             "dv_median": float(np.median(dv)),
             "ratio_to_ankle_bound_min": float(ratio.min()),
             "ratio_to_ankle_bound_median": float(np.median(ratio)),
+            "ratio_to_torque_bound_min": float(of_torques.min()),
+            "ratio_to_torque_bound_median": float(np.median(of_torques)),
             "bound_dv_min": float(bound_dv.min()),
             "bound_dv_median": float(np.median(bound_dv)),
         },

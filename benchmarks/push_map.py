@@ -23,6 +23,7 @@ from benchmarks.push_plot import direction_name, draw_map
 from benchmarks.push_search import Search, largest
 from benchmarks.push_trial import Trial, map_config, moments, prepare, survives
 from models.constants import GRAVITY
+from models.errors import ConfigError
 from models.heading import heading
 
 MEANING = (
@@ -110,6 +111,11 @@ def judge(mode: PushMode, results: list[Case]) -> tuple[dict[str, float], list[s
         "steps_dv_min": min(case["steps_dv"] for case in results),
         "legs_touched": float(sum("legs" in case["reason"] for case in results)),
     }
+    for bound in ("ankle", "steps"):
+        limits = np.array([min(case[f"{bound}_dv"] for case in results if case["angle"] == angle) for angle in angles])
+        of_bound = dv[limits > 0.0] / limits[limits > 0.0]  # none where the DCM was beyond the edge already
+        figures[f"ratio_to_{bound}_bound_min"] = float(of_bound.min()) if len(of_bound) else math.nan
+        figures[f"ratio_to_{bound}_bound_median"] = float(np.median(of_bound)) if len(of_bound) else math.nan
     pairs = (("smallest", figures["dv_min"], required.smallest), ("median", figures["dv_median"], required.median))
     # 1e-9: the sizes tried are sums of strides, which round
     broken = [f"{name}: {value:.2f} m/s, required {least:.2f}" for name, value, least in pairs if value < least - 1e-9]
@@ -139,9 +145,12 @@ def run(options: Options) -> Report:
 
     Returns:
         Figures ``dv_min`` and ``dv_median`` over the directions, each the smallest of its seeds and phases [m/s],
-        ``impulse_min`` [N.s], ``ankle_dv_min`` and ``steps_dv_min`` of the bounds [m/s], and ``legs_touched``: how many
-        directions are limited by legs that would have touched.
+        ``impulse_min`` [N.s], ``ankle_dv_min`` and ``steps_dv_min`` of the bounds [m/s], ``ratio_to_ankle_bound_min``,
+        ``..._median`` and likewise ``ratio_to_steps_bound_``: what is taken over the bound of its direction, and
+        ``legs_touched``: how many directions are limited by legs that would have touched.
     """
+    if options.contender:
+        raise ConfigError("a contender is pushed in mode 'stand' only: the others look into poise's gait")
     config, load, mode = map_config(), LoadMeter(), PushMode(options.mode)
     cases: list[dict[str, Any]] = [
         {"robot": options.robot, "mode": mode.value, "seed": seed, "angle": 2.0 * math.pi * k / config.directions}

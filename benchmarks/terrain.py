@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
+from benchmarks.contender_loop import AnyLoop, ContenderLoop
 from benchmarks.fall_plot import FAILED, PASSED, draw_failures
 from benchmarks.fall_signals import last_moments
 from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
@@ -67,13 +68,14 @@ def _robot(name: str) -> RobotModel:
     return RobotModel.load(name)
 
 
-def walk(robot: str, seed: int, scenario: str) -> Case:
+def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
     """Walk straight ahead under one condition.
 
     Args:
         robot: Name of a profile.
         seed: Of sensor noise and of random tiles.
         scenario: Name of the condition.
+        contender: Controller to test instead of poise's own.
 
     Returns:
         ``fell``, ``reason``, ``time`` until the end or the fall [s], ``distance`` along the heading at the start [m],
@@ -84,15 +86,15 @@ def walk(robot: str, seed: int, scenario: str) -> Case:
     condition = {**config.conditions, **config.goals}[scenario]
     model = _robot(robot)
     latency = model.profile.sensors.latency
-    loop = ClosedLoop(
-        model,
-        seed=seed,
-        terrain=terrain_named(condition.terrain, seed=seed),
-        friction=condition.friction,
-        payload_kg=condition.payload * model.mass,
-        delay_s=latency.sensors + latency.commands + condition.delay,
-        record_period_s=config.record_period,
-    )
+    conditions: dict[str, Any] = {
+        "seed": seed,
+        "terrain": terrain_named(condition.terrain, seed=seed),
+        "friction": condition.friction,
+        "payload_kg": condition.payload * model.mass,
+        "delay_s": latency.sensors + latency.commands + condition.delay,
+        "record_period_s": config.record_period,
+    }
+    loop: AnyLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
     loop.command("walk")
     loop.set_velocity(config.speed, 0.0, 0.0)
     (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
@@ -108,13 +110,15 @@ def walk(robot: str, seed: int, scenario: str) -> Case:
         "time": loop.t - start,
         "distance": distance,
         "survived": survived,
-        "trips": loop.gait.trips,
+        "trips": 0 if isinstance(loop, ContenderLoop) else loop.gait.trips,
         "foot_slip": float(loop.foot_slip.max()),
     }
-    return outcome if survived else {**outcome, "moments": last_moments(loop, config.shown)}
+    if survived or isinstance(loop, ContenderLoop):  # nobody but poise keeps what its moments show
+        return outcome
+    return {**outcome, "moments": last_moments(loop, config.shown)}
 
 
-def cases(robot: str, seeds: int, scenarios: tuple[str, ...] = ()) -> list[Case]:
+def cases(robot: str, seeds: int, scenarios: tuple[str, ...] = (), contender: str = "") -> list[Case]:
     """Inputs of every case: the conditions that have a bound, or those chosen.
 
     Raises:
@@ -122,7 +126,11 @@ def cases(robot: str, seeds: int, scenarios: tuple[str, ...] = ()) -> list[Case]
     """
     config = _config()
     names = chosen("terrain", scenarios, [*config.conditions, *config.goals], list(config.conditions))
-    return [{"robot": robot, "seed": seed, "scenario": name} for name in names for seed in range(seeds)]
+    return [
+        {"robot": robot, "seed": seed, "scenario": name, "contender": contender}
+        for name in names
+        for seed in range(seeds)
+    ]
 
 
 def judge(results: list[Case]) -> tuple[dict[str, float], list[str]]:
@@ -157,7 +165,7 @@ def run(options: Options) -> Report:
         ConfigError: A chosen condition is unknown.
     """
     load = LoadMeter()
-    wanted = cases(options.robot, options.seeds, options.scenarios)
+    wanted = cases(options.robot, options.seeds, options.scenarios, options.contender)
     results = run_cases(walk, wanted, title=f"terrain {options.robot}", workers=options.workers)
     figures, notes = judge(results)
     return Report(

@@ -5,6 +5,8 @@ estimator hands to ``BalanceController.step`` also goes to the peers (``benchmar
 so that caches and the speed of the machine are the same for all. Times are wall-clock times of the calls; samples
 during which the scheduler took the core away (involuntary context switches of the thread) are left out and counted.
 Medians make the ratios. The garbage collector is off while it is timed: what the tick allocates must go by itself.
+Where pink and mink are installed, a shorter run of its own has their inverse kinematics beside the tick
+(``benchmarks/tick_kinematic_peers.py``), so that they neither cool its caches nor count as what it allocates.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from benchmarks.commands import demand
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
+from benchmarks.tick_kinematic_peers import installed_peers
 from benchmarks.tick_timing import STAGES, SUBJECTS, TimedController, solution_figures
 from benchmarks.timed_run import (
     MICRO,
@@ -54,6 +57,7 @@ class TickConfig(TickBounds):
 
     warm_up: Positive
     duration: Positive
+    kinematics_duration: Positive
     motion: str
     push_ratio: Positive
     push_period: Positive
@@ -65,7 +69,8 @@ class TickConfig(TickBounds):
 
 
 @cache
-def _config() -> TickConfig:
+def tick_config() -> TickConfig:
+    """The packaged test."""
     return default_config(TickConfig, "benchmarks", "tick")
 
 
@@ -116,11 +121,14 @@ def measure(robot: str, seed: int) -> Case:
     Returns:
         ``figures`` of this run, and of every subject its ``quantiles`` [us] at ``QUANTILES``.
     """
-    config = _config()
+    config = tick_config()
     model = RobotModel.load(robot)
     ticks = round(config.duration / 0.001) + 1
     timed = TimedController(
-        model, ticks=ticks, stage_period=config.stage_period, active_tolerance=config.active_tolerance
+        model,
+        ticks=ticks,
+        stage_period=config.stage_period,
+        active_tolerance=config.active_tolerance,
     )
     loop = ClosedLoop(robot=model, seed=seed, record=False, controller=timed)
     demand(loop, config.motion)
@@ -136,7 +144,40 @@ def measure(robot: str, seed: int) -> Case:
     figures["resident_growth_kib"] = resident_growth(loop.run, config.push_period, config.memory_time)
     kept = timed.wall[: timed.count] * MICRO
     quantiles = {name: np.percentile(kept[:, i], QUANTILES).tolist() for i, name in enumerate(SUBJECTS)}
+    figures |= beside_kinematics(model, seed, config)
     return {"figures": figures, "quantiles": quantiles, "blocks": blocks}
+
+
+def beside_kinematics(model: RobotModel, seed: int, config: TickConfig) -> dict[str, float]:
+    """Time pink and mink, as far as they are installed, and the tick of the same run.
+
+    Returns:
+        Of each ``<name>_us_p50`` and ``_p99`` [us], and ``ratio_to_<name>`` of the tick of this run; empty for none.
+    """
+    peers = installed_peers(model)
+    if not peers:
+        return {}
+    timed = TimedController(
+        model,
+        ticks=round(config.kinematics_duration / 0.001) + 1,
+        stage_period=config.stage_period,
+        active_tolerance=config.active_tolerance,
+        kinematic=peers,
+    )
+    loop = ClosedLoop(robot=model, seed=seed, record=False, controller=timed)
+    demand(loop, config.motion)
+    loop.run(config.warm_up)
+    timed.recording = True
+    for _ in exercise(loop, config.kinematics_duration, config):
+        pass
+    wall, kept = timed.wall[: timed.count] * MICRO, ~timed.preempted[: timed.count]
+    figures: dict[str, float] = {}
+    kept[timed.stages[: timed.count].any(axis=1), 0] = False
+    tick = float(np.median(wall[kept[:, 0], 0]))
+    for i, name in enumerate(timed.subjects[len(SUBJECTS) :], start=len(SUBJECTS)):
+        p50, p99 = np.percentile(wall[kept[:, i], i], [50.0, 99.0])
+        figures |= {f"{name}_us_p50": float(p50), f"{name}_us_p99": float(p99), f"ratio_to_{name}": tick / float(p50)}
+    return figures
 
 
 def summarise(timed: TimedController) -> dict[str, float]:
@@ -175,7 +216,7 @@ def run(options: Options) -> Report:
     Args:
         options: Robot and seeds.
     """
-    return run_seeds("tick", options, measure, tick_limits(_config()))
+    return run_seeds("tick", options, measure, tick_limits(tick_config()))
 
 
 def plot(report: Report, folder: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import permutations
 from time import perf_counter_ns, thread_time_ns
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.tick_kinematic_peers import KinematicPeer
 from benchmarks.tick_peers import PinocchioCalls, PlacoTick
 from controllers.balance import BalanceController
 from controllers.qp.terms import Terms
@@ -21,8 +22,11 @@ from models.types import ControlResult, JointTrajectory, Reference, RobotState, 
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
 """What is timed on every tick: ours, placo's, the few calls that ours is left with, and all calls for its terms."""
 
-ORDERS = tuple(permutations(range(len(SUBJECTS))))
-"""Orders that the ticks go through in turn: what ran before decides what is in the caches."""
+
+def orders(subjects: int) -> tuple[tuple[int, ...], ...]:
+    """Orders that the ticks go through in turn: what ran before decides what is in the caches."""
+    return tuple(permutations(range(subjects)))
+
 
 STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 """Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point."""
@@ -134,14 +138,16 @@ class TimedController:
         ticks: Most ticks that are recorded.
         stage_period: Every so many ticks one is split by stage.
         active_tolerance: A row this close to its bound, relative to its size, is active [-].
+        kinematic: Inverse kinematics of others, by name.
 
     Attributes:
+        subjects: What is timed: ``SUBJECTS`` and the names of ``kinematic``.
         controller: What is timed.
         peers: Whether the peers run too.
         recording: Whether samples are kept.
         count: Ticks recorded.
-        wall, cpu: Wall-clock and thread CPU time of each of ``SUBJECTS`` (ticks, 4) [ns].
-        preempted: Whether the scheduler took the core away during the sample (ticks, 4).
+        wall, cpu: Wall-clock and thread CPU time of each of ``subjects`` (ticks, n) [ns].
+        preempted: Whether the scheduler took the core away during the sample (ticks, n).
         stages: Time of each of ``STAGES`` (ticks, 6) [ns]; zero on ticks that were not split.
         residual: KKT residual (ticks,) [-].
         status: Index into ``STATUSES`` (ticks,).
@@ -150,7 +156,15 @@ class TimedController:
         placo_failed: Ticks on which placo found no solution.
     """
 
-    def __init__(self, model: RobotModel, *, ticks: int, stage_period: int, active_tolerance: float) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        *,
+        ticks: int,
+        stage_period: int,
+        active_tolerance: float,
+        kinematic: Mapping[str, KinematicPeer] | None = None,
+    ) -> None:
         self.controller = BalanceController(model)
         self._placo = PlacoTick(model, self.controller.whole_body.config)
         self._pinocchio = PinocchioCalls(model)
@@ -162,9 +176,13 @@ class TimedController:
             self._placo.step,
             self._terms.call_pinocchio,
             self._call_pinocchio,
+            *(peer.step for peer in (kinematic or {}).values()),
         )
+        self._kinematic = list((kinematic or {}).values())
+        self.subjects = (*SUBJECTS, *(kinematic or {}))
+        self._orders = orders(len(self.subjects))
         self.peers, self.recording, self.count, self.placo_failed = True, False, 0, 0
-        self._watch = watch = Stopwatch(ticks, len(SUBJECTS))
+        self._watch = watch = Stopwatch(ticks, len(self.subjects))
         self.wall, self.cpu, self.preempted = watch.wall, watch.cpu, watch.preempted
         self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
         self.residual = np.zeros(ticks)
@@ -207,12 +225,14 @@ class TimedController:
         # placo gets the references of the tick before: it may run first.
         self._placo.prepare(state, self.controller)
         self._terms.q[:], self._terms.v[:] = state.q, state.v
+        for peer in self._kinematic:
+            peer.prepare(state)
         row = self.count if self.recording else 0
         self._row += 1
         staged = self._row % self._period == 0
         if staged:
             self._probe.attach()
-        for subject in ORDERS[self._row % len(ORDERS)]:
+        for subject in self._orders[self._row % len(self._orders)]:
             self._watch.measure(row, subject, self._calls[subject])
         self.stages[row] = 0
         if staged:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-import resource
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -15,6 +13,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.process_use import resident
 from models.config import STRICT
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -92,8 +91,7 @@ def resident_growth(run: Callable[[float], None], settle: float, time: float) ->
 
 def _resident() -> float:
     """Resident memory of this process [KiB]."""
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 1024.0
+    return 1024.0 * resident("self")
 
 
 def run_seeds(bench: str, options: Options, measure: Callable[[str, int], Case], limits: Mapping[str, float]) -> Report:

@@ -16,13 +16,18 @@ from benchmarks.walk_plot import plot
 __all__ = ["cases", "judge", "plot", "run"]
 
 
-def cases(robot: str, seeds: int, scenarios: Sequence[str] = ()) -> list[Case]:
+CONTESTED = ("steady", "top")
+"""Kinds of cases that ask nothing of a controller but a velocity."""
+
+
+def cases(robot: str, seeds: int, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
     """Inputs of every case.
 
     Args:
         robot: Name of a profile.
         seeds: How many seeds.
         scenarios: Chosen ones; all of the robot's when empty.
+        contender: Controller to test instead of poise's own: of its cases those alone that it can be asked for.
 
     Raises:
         ConfigError: There are no scenarios for this robot, or one that is chosen is unknown.
@@ -35,7 +40,11 @@ def cases(robot: str, seeds: int, scenarios: Sequence[str] = ()) -> list[Case]:
             case: dict[str, Any] = {"kind": name}
             if name in wanted.scenarios:
                 case = {"kind": "steady", "command": wanted.scenarios[name], "duration": config.duration}
-            found.append({**case, "scenario": name, "robot": robot, "seed": seed})
+            case |= {"scenario": name, "robot": robot, "seed": seed}
+            if not contender:
+                found.append(case)
+            elif case["kind"] in CONTESTED:
+                found.append({**case, "contender": contender})
     return found
 
 
@@ -118,7 +127,7 @@ def run(options: Options) -> Report:
         ConfigError: There are no scenarios for this robot, or one that is chosen is unknown.
     """
     load = LoadMeter()
-    wanted = cases(options.robot, options.seeds, options.scenarios)
+    wanted = cases(options.robot, options.seeds, options.scenarios, options.contender)
     results = run_cases(measure, wanted, title=f"walk {options.robot}", workers=options.workers)
     figures, broken = judge(options.robot, results)
     return Report(

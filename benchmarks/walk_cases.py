@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from benchmarks.commands import demand
+from benchmarks.contender_loop import AnyLoop, ContenderLoop
 from benchmarks.fall_signals import last_moments
 from benchmarks.harness import Case
 from benchmarks.walk_config import WalkConfig, robot_walk, walk_config
@@ -21,6 +22,12 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Mode
 from planners.gait.config import VelocityConfig
 from planners.gait.scaling import load_gait_config
+
+
+@cache
+def _contested(robot: str, contender: str) -> ContenderLoop:
+    """One loop for every case of a contender in this process."""
+    return ContenderLoop(contender, robot, record_period_s=walk_config().record_period)
 
 
 @cache
@@ -38,7 +45,7 @@ def _limits(robot: str) -> VelocityConfig:
     return load_gait_config(RobotModel.load(robot)).velocity
 
 
-def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
+def _scores(loop: AnyLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
     window = max(round(config.window / config.chunk), 1)
     weight = loop.robot.mass * GRAVITY
     return {
@@ -52,17 +59,17 @@ def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConf
     }
 
 
-def _reason(loop: ClosedLoop) -> str:
+def _reason(loop: AnyLoop) -> str:
     what = loop.fall_reason or "; ".join(loop.faults)
     return f"{what} at {loop.t:.1f} s" if what else ""
 
 
-def _moments(loop: ClosedLoop, failed: bool) -> Case:
-    """What explains a failed walk; empty for one that did not fail."""
-    return last_moments(loop, walk_config().shown) if failed else {}
+def _moments(loop: AnyLoop, failed: bool) -> Case:
+    """What explains a failed walk; empty for one that did not fail, and for a contender, whose log has too little."""
+    return last_moments(loop, walk_config().shown) if failed and not isinstance(loop, ContenderLoop) else {}
 
 
-def _run(loop: ClosedLoop, duration: float) -> None:
+def _run(loop: AnyLoop, duration: float) -> None:
     """Run for a time [s], or until the robot has fallen."""
     chunk = walk_config().chunk
     for _ in range(round(duration / chunk)):
@@ -70,13 +77,15 @@ def _run(loop: ClosedLoop, duration: float) -> None:
             loop.run(chunk)
 
 
-def _begin(robot: str, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
-    """A robot that has walked at a velocity for ``start_time``.
+L = TypeVar("L", bound=AnyLoop)
+
+
+def _begin(loop: L, seed: int, command: Velocity, config: WalkConfig) -> L:
+    """The robot of a loop, which has walked at a velocity for ``start_time``.
 
     Raises:
         PoiseError: It would not walk.
     """
-    loop = _loop(robot)
     loop.reset(seed)
     demand(loop, "walk")
     loop.set_velocity(*command)
@@ -84,7 +93,7 @@ def _begin(robot: str, seed: int, command: Velocity, config: WalkConfig) -> Clos
     return loop
 
 
-def steady(robot: str, seed: int, command: Velocity, duration: float) -> Case:
+def steady(robot: str, seed: int, command: Velocity, duration: float, contender: str = "") -> Case:
     """Hold one velocity.
 
     Returns:
@@ -95,7 +104,8 @@ def steady(robot: str, seed: int, command: Velocity, duration: float) -> Case:
         PoiseError: The robot would not walk.
     """
     config = walk_config()
-    loop = _begin(robot, seed, command, config)
+    loop: AnyLoop = _contested(robot, contender) if contender else _loop(robot)
+    loop = _begin(loop, seed, command, config)
     walked = watch(loop, duration - config.start_time, config.chunk)
     commands = np.tile(command, (len(walked.velocities), 1))
     return {**_scores(loop, walked, commands, config), "speed_error": speed_error(walked.mean, command)}
@@ -141,7 +151,7 @@ def stop(robot: str, seed: int) -> Case:
         PoiseError: The robot would not walk.
     """
     config = walk_config()
-    loop = _begin(robot, seed, (config.stop_speed, 0.0, 0.0), config)
+    loop = _begin(_loop(robot), seed, (config.stop_speed, 0.0, 0.0), config)
     _run(loop, max(config.stop_after - config.start_time, 0.0))
     steps = loop.gait.steps
     loop.command("stop")
@@ -164,7 +174,7 @@ def stop(robot: str, seed: int) -> Case:
     }
 
 
-def top_speed(robot: str, seed: int) -> Case:
+def top_speed(robot: str, seed: int, contender: str = "") -> Case:
     """Try ever lower speeds until one is held: falls end a try early, so the fast ones cost little.
 
     Returns:
@@ -172,14 +182,15 @@ def top_speed(robot: str, seed: int) -> Case:
         one above it failed.
     """
     config, reason = walk_config(), ""
+    tested = {"contender": contender} if contender else {}
     moments: Case = {}
     for speed in sorted(robot_walk(robot).top_speeds, reverse=True):
-        case = steady(robot, seed, (speed, 0.0, 0.0), config.top_duration)
+        case = steady(robot, seed, (speed, 0.0, 0.0), config.top_duration, **tested)
         mean = float(case["velocity"][0])
         if not case["fell"] and mean >= (1.0 - config.top_tolerance) * speed:
             return {"top_speed": mean, "reason": reason, "moments": moments}
         reason = f"{speed:g} m/s: {case['reason'] or f'mean {mean:.2f} m/s'}"
-        moments = case["moments"] or _moments(_loop(robot), True)
+        moments = case["moments"] or ({} if contender else _moments(_loop(robot), True))
     return {"top_speed": 0.0, "reason": reason, "moments": moments}
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.closed_loop import ClosedLoop
+from benchmarks.contender_loop import AnyLoop
 from models.heading import heading, turned
 from models.types import Matrix, Vector
 
@@ -38,7 +38,7 @@ class Walked:
         return mean
 
 
-def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
+def watch(loop: AnyLoop, duration: float, chunk: float) -> Walked:
     """Let a robot walk for a time, or until it falls, and measure it.
 
     Args:

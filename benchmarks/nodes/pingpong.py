@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "pingpong"
 PERIOD = 0.001
-"""Tick of the graph, and of the ping-pong [s]."""
+"""Usual tick of the ping-pong, that of the graph [s]."""
 
 START_TIMEOUT = 30.0
 """Longest wait for the echo [s]."""
@@ -81,13 +81,14 @@ def echo(robot: str, priority: int) -> None:
     try_shutdown()
 
 
-def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
+def measure(robot: str, duration: float, domain_id: int, period: float = PERIOD) -> LatencyProbe:
     """Play ping-pong between two processes of their own, scheduled as the graph's are.
 
     Args:
         robot: Robot whose messages are sent.
         duration: How long [s].
         domain_id: ROS domain.
+        period: Time between two pings [s].
 
     Returns:
         Times of every ping.
@@ -97,7 +98,7 @@ def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
     """
     context = get_context("spawn")
     answer: Queue[LatencyProbe | str] = context.Queue()
-    process = context.Process(target=_measure, args=(robot, duration, domain_id, answer))
+    process = context.Process(target=_measure, args=(robot, duration, domain_id, period, answer))
     process.start()
     try:
         result = answer.get(timeout=duration + 2.0 * START_TIMEOUT)
@@ -111,14 +112,14 @@ def measure(robot: str, duration: float, domain_id: int) -> LatencyProbe:
     return result
 
 
-def _measure(robot: str, duration: float, domain_id: int, answer: Queue[LatencyProbe | str]) -> None:
+def _measure(robot: str, duration: float, domain_id: int, period: float, answer: Queue[LatencyProbe | str]) -> None:
     try:
-        answer.put(_ping_echo(robot, duration, domain_id))
+        answer.put(_ping_echo(robot, duration, domain_id, period))
     except PoiseError as error:
         answer.put(str(error))
 
 
-def _ping_echo(robot: str, duration: float, domain_id: int) -> LatencyProbe:
+def _ping_echo(robot: str, duration: float, domain_id: int, period: float) -> LatencyProbe:
     """The pinging process: starts the echo, plays, ends it."""
     join_graph(domain_id=domain_id)
     priority = int(str(REALTIME["realtime.priority"]))
@@ -129,7 +130,7 @@ def _ping_echo(robot: str, duration: float, domain_id: int) -> LatencyProbe:
     executor = make_executor()
     executor.add_node(node)
     try:
-        return _ping(node, executor, RobotModel.load(robot), round(duration / PERIOD), priority)
+        return _ping(node, executor, RobotModel.load(robot), round(duration / period), period, priority)
     finally:
         child.terminate()
         child.wait()
@@ -146,10 +147,10 @@ def _ignore(text: str) -> None:
     """Take a log line that the graph's own processes already write."""
 
 
-def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, priority: int) -> LatencyProbe:
+def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, tick_length: float, priority: int) -> LatencyProbe:
     probe = LatencyProbe()
     publish = _publishers(node, model)
-    period = round(PERIOD * NANOSECONDS)
+    period = round(tick_length * NANOSECONDS)
     answers = node.create_subscription(
         JointTrajectory,
         topics.JOINT_COMMAND,
@@ -164,7 +165,7 @@ def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, priority: int
             raise PoiseError(f"the echo does not answer within {START_TIMEOUT:.0f} s")
     settle()
     use_fifo(priority, _ignore)
-    pacer = Pacer(PERIOD, backlog=0, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
+    pacer = Pacer(tick_length, backlog=0, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
     late = 0.0
     for tick in range(ticks):
         probe.publish(tick, late, True)

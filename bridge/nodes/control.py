@@ -20,22 +20,26 @@ from planners.nodes.gait_planner import GaitPlannerNode
 
 def main(args: list[str] | None = None) -> None:
     """Run the three nodes until a signal."""
-    sys.exit(run(_factories(), args))
+    sys.exit(run(factories(), args))
 
 
-def _factories() -> list[Callable[[], Any]]:
-    """What makes gait planner, controller and estimator, in this order."""
+def factories(
+    planner: type[GaitPlannerNode] = GaitPlannerNode,
+    law: type[BalanceControllerNode] = BalanceControllerNode,
+    observer: type[StateEstimatorNode] = StateEstimatorNode,
+) -> list[Callable[[], Any]]:
+    """What makes gait planner, controller and estimator, in this order; subclasses of theirs may stand in."""
     gaits: list[GaitPlannerNode] = []
     controllers: list[BalanceControllerNode] = []
     estimators: list[StateEstimatorNode] = []
     applied = Applied()
 
     def gait() -> GaitPlannerNode:
-        gaits.append(GaitPlannerNode(applied=applied))
+        gaits.append(planner(applied=applied))
         return gaits[0]
 
     def controller() -> BalanceControllerNode:
-        controllers.append(BalanceControllerNode(local=True, gait=gaits[0], applied=applied))
+        controllers.append(law(local=True, gait=gaits[0], applied=applied))
         return controllers[0]
 
     def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
@@ -45,7 +49,7 @@ def _factories() -> list[Callable[[], Any]]:
         return controllers[0].scheduled
 
     def estimator() -> StateEstimatorNode:
-        estimators.append(StateEstimatorNode(hand_over, applied))
+        estimators.append(observer(hand_over, applied))
         return estimators[0]
 
     return [gait, controller, estimator]

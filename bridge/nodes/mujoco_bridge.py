@@ -75,6 +75,7 @@ class MujocoBridge(PoiseNode):
         self._driven = DrivenRobot(plant, given.config)
         self.period = plant.period / given.speed
         self._period_ns = round(plant.period * NANOSECONDS)
+        self._sensor_ticks = _ticks_between(given.sensor_rate, plant.period)
         self.slow_ticks = max(round(1.0 / (given.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if given.latency_file else None
         self._sensors = SensorPublisher(self, plant, reliable=self.lockstep)
@@ -134,8 +135,13 @@ class MujocoBridge(PoiseNode):
 
     @property
     def answered(self) -> bool:
-        """Whether the drivers have the command of this tick, or a fault keeps everybody from computing one."""
-        return self.commands.stamp == self.stamp or self._driven.plant.faults.spoilt
+        """Whether the drivers have the command of this tick, or nobody computes one: no sensors were sent, a fault."""
+        return self.commands.stamp == self.stamp or not self._sensing or self._driven.plant.faults.spoilt
+
+    @property
+    def _sensing(self) -> bool:
+        """Whether the sensors of this tick are published."""
+        return self.tick % self._sensor_ticks == 0
 
     @property
     def free_running(self) -> bool:
@@ -148,13 +154,19 @@ class MujocoBridge(PoiseNode):
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began so late after its deadline [s]."""
         self.commands.now = self.stamp
-        if self._probe is not None:
-            self._probe.publish(self.tick, late, self._driven.state == topics.ACTIVE)
-        self._sensors.publish(self.stamp, self._driven.read() if self._first is None else self._first)
+        if self._sensing:
+            self._publish_sensors(late)
         self._scan.publish(self.tick, self.stamp)
         if self.tick % self.slow_ticks == 0:
             self.idle()
             self._slow.publish_truth(self.stamp)
+
+    def _publish_sensors(self, late: float) -> None:
+        if self._probe is not None:
+            self._probe.publish(self.tick, late, self._driven.state == topics.ACTIVE)
+        self._sensors.publish(self.stamp, self._driven.read() if self._first is None else self._first)
+        if self._probe is not None:
+            self._probe.send(self.tick)
 
     def step(self) -> None:
         """Advance by one tick."""
@@ -190,6 +202,18 @@ class MujocoBridge(PoiseNode):
             self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
             self.values["starts interrupted"] = str(self._driven.interruptions)
             self.values["faults injected"] = self._driven.plant.faults.summary
+
+
+def _ticks_between(rate: float, period: float) -> int:
+    """Ticks of a period [s] from one sample to the next at a rate [Hz].
+
+    Raises:
+        ConfigError: They are no whole number.
+    """
+    ticks = round(1.0 / (rate * period))
+    if ticks < 1 or abs(ticks * rate * period - 1.0) > 1e-6:  # 1e-6: rounding of the quotient
+        raise ConfigError(f"sensor_rate: the tick rate {1.0 / period:.0f} Hz is no multiple of {rate:g} Hz")
+    return ticks
 
 
 def main(args: list[str] | None = None) -> None:

@@ -35,6 +35,7 @@ class BridgeParameters:
         latency_file: Where the latencies go; empty for nowhere.
         speed: Simulated over real time, where nobody waits for anybody.
         place: Where the robot begins, in a world of several.
+        sensor_rate: Rate at which the sensors are published [Hz]; drivers and physics go on at their own.
     """
 
     config: LoopConfig
@@ -50,6 +51,7 @@ class BridgeParameters:
     latency_file: str
     speed: float
     place: Place
+    sensor_rate: float
 
 
 def declare(node: PoiseNode) -> BridgeParameters:
@@ -75,6 +77,7 @@ def declare(node: PoiseNode) -> BridgeParameters:
         latency_file=str(get("latency_file", "", "Where to write the latencies; empty for none")),
         speed=float(get("speed", 1.0, "Simulated over real time, without lockstep", low=0.01, high=1.0)),
         place=Place(*_three(get("place", [0.0, 0.0, 0.0], place))),
+        sensor_rate=float(get("sensor_rate", 1000.0, "Rate of the sensors' topics [Hz]", low=100.0, high=1000.0)),
     )
 
 

@@ -55,6 +55,8 @@ class CommandInput:
         """Have the drivers follow a command, or refuse it."""
         if not self._node.active:
             return
+        if self._probe is not None:
+            self._probe.arrive()
         try:
             stamp, command = self._codec.decode(data)
             check_stamp(stamp, self.stamp, self.now, self._max_age, self._node.counters)

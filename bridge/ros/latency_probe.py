@@ -18,7 +18,9 @@ class LatencyProbe:
 
     Attributes:
         published: When the sensors of each tick were about to be published (n,) [ns]; 0 where they were not.
-        received: When the command with that tick's stamp arrived (n,) [ns]; 0 where none did.
+        sent: When the last of them had been handed to the middleware (n,) [ns]; 0 where nobody noted it.
+        arrived: When the command with that tick's stamp came out of the middleware (n,) [ns]; 0 where none did.
+        received: When the drivers had taken it (n,) [ns]; 0 where they did not.
         late: How long after its deadline each tick began (n,) [s].
         skipped: Periods that were lost before the step of each tick (n,).
         active: Whether the drivers were executing commands (n,).
@@ -26,11 +28,13 @@ class LatencyProbe:
 
     def __init__(self) -> None:
         self.published = np.zeros(CAPACITY, dtype=np.int64)
+        self.sent = np.zeros(CAPACITY, dtype=np.int64)
+        self.arrived = np.zeros(CAPACITY, dtype=np.int64)
         self.received = np.zeros(CAPACITY, dtype=np.int64)
         self.late = np.zeros(CAPACITY)
         self.skipped = np.zeros(CAPACITY, dtype=np.int64)
         self.active = np.zeros(CAPACITY, dtype=np.bool_)
-        self._count = 0
+        self._count = self._arrival = 0
 
     def publish(self, tick: int, late: float, active: bool) -> None:
         """Note that the sensors of a tick are about to be published, so late after its deadline [s]."""
@@ -40,9 +44,19 @@ class LatencyProbe:
             self.active[tick] = active
             self._count = tick + 1
 
+    def send(self, tick: int) -> None:
+        """Note that the sensors of a tick have been handed to the middleware."""
+        if tick < CAPACITY:
+            self.sent[tick] = time.monotonic_ns()
+
+    def arrive(self) -> None:
+        """Note that a command has come, before anybody looks into it."""
+        self._arrival = time.monotonic_ns()
+
     def receive(self, tick: int) -> None:
-        """Note that the command for a tick has arrived; only the first one counts."""
+        """Note that the drivers have taken the command for a tick; only the first one counts."""
         if 0 <= tick < self._count and self.received[tick] == 0:
+            self.arrived[tick] = self._arrival
             self.received[tick] = time.monotonic_ns()
 
     def skip(self, tick: int, ticks: int) -> None:
@@ -56,5 +70,5 @@ class LatencyProbe:
 
     def rows(self) -> dict[str, NDArray[Any]]:
         """Every attribute by name, as far as it was filled."""
-        names = ("published", "received", "late", "skipped", "active")
+        names = ("published", "sent", "arrived", "received", "late", "skipped", "active")
         return {name: getattr(self, name)[: self._count] for name in names}

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from bridge.nodes.mujoco_bridge import MujocoBridge
 from models.nodes import topics
+from models.nodes.cdr import stamp_of
 from models.nodes.messages import JointCommandCodec, decode, doubles
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
 from models.nodes.scan import scan_from_message
@@ -63,6 +64,28 @@ def test_only_accepted_commands_count_as_answers(bridge: MujocoBridge, g1: Robot
     _send(bridge, g1, 90)
     _send(bridge, g1, 85)  # overtaken
     assert np.flatnonzero(received).tolist() == [90]
+
+
+def test_sensors_may_be_published_at_a_part_of_the_tick_rate(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+    heard: list[int] = []
+    node: MujocoBridge = bench.add(MujocoBridge, latency_file=tmp_path / "slow.npz", sensor_rate=500.0)
+    bench.world.create_subscription(
+        JointState, topics.JOINT_STATES, lambda data: heard.append(stamp_of(data)), SENSOR, raw=True
+    )
+    bench.wait(lambda: bench.world.count_publishers(topics.JOINT_STATES))
+    bench.spin(0.5)
+    for node.tick in range(1, 9):
+        node.publish_tick(0.0)
+        bench.spin(0.02)
+        assert node.answered == (node.tick % 2 == 1)  # nobody is to answer what was not published
+    assert heard == [tick * MS for tick in (2, 4, 6, 8)]
+    probe = node._probe
+    assert probe is not None and np.flatnonzero(probe.rows()["sent"]).tolist() == [2, 4, 6, 8]
+
+
+def test_a_rate_that_the_tick_rate_is_no_multiple_of_is_refused(bench: Any) -> None:
+    node = bench.add(MujocoBridge, sensor_rate=300.0)
+    assert not node.active and "1000 Hz is no multiple of 300 Hz" in node.message
 
 
 def _message(g1: RobotModel, how: str) -> JointTrajectory:

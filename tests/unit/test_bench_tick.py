@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.tick import TickConfig, summarise
+from benchmarks.tick import TickConfig, beside_kinematics, summarise
+from benchmarks.tick_kinematic_peers import installed_peers
 from benchmarks.tick_peers import PlacoTick
 from benchmarks.tick_timing import STAGES, STATUSES, SUBJECTS, StageProbe, TimedController
 from benchmarks.timed_run import tick_limits
@@ -84,6 +86,25 @@ def test_timing_changes_nothing() -> None:
     assert (timed.stages[:7][split] > 0).all()
     figures = summarise(timed)
     assert figures["ticks"] == figures["ticks_optimal"] == 7.0 and figures["ticks_uncertified"] == 0.0
+
+
+@pytest.mark.parametrize("name", ["pink", "mink"])
+def test_inverse_kinematics_of_others_solve_for_the_state_they_get(name: str, model: RobotModel) -> None:
+    pytest.importorskip(name)
+    peer: Any = installed_peers(model)[name]
+    peer.prepare(standing(model, 0.0))
+    peer.step()
+    assert np.abs(peer.velocity).max() < 1e-6  # where it is drawn to
+    peer.prepare(states(model, 2)[1])
+    peer.step()
+    assert np.isfinite(peer.velocity).all() and np.abs(peer.velocity).max() > 0.1
+
+
+def test_peers_that_are_not_installed_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.tick_kinematic_peers.find_spec", lambda name: None)
+    model = RobotModel.load("g1")
+    assert installed_peers(model) == {}
+    assert beside_kinematics(model, 0, CONFIG) == {}
 
 
 def test_the_probe_leaves_the_controller_as_it_was() -> None:

@@ -113,6 +113,25 @@ def test_every_module_measures_and_draws(name: str) -> None:
     assert callable(module.run) and callable(module.plot)
 
 
+@pytest.mark.parametrize("name", ["push", "walk", "terrain"])
+def test_another_controller_can_be_tested(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    def run(options: Options) -> Report:
+        asked.append(options.contender)
+        return _bench(True).run(options)
+
+    monkeypatch.setattr(benchmarks.cli, "import_module", lambda module: SimpleNamespace(run=run))
+    assert RUNNER.invoke(app, ["bench", name, "--contender", "some.module:Class"]).exit_code == 0
+    assert asked == ["some.module:Class"]
+
+
+def test_a_benchmark_that_takes_no_contender_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmarks.cli, "import_module", lambda module: _bench(True))
+    result = RUNNER.invoke(app, ["bench", "faults", "--contender", "a:B"])
+    assert result.exit_code == 2 and "takes no contender" in result.output and "push, terrain, walk" in result.output
+
+
 def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(True))
     result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])

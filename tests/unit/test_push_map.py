@@ -68,6 +68,11 @@ def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> No
     figures, broken = push_map.judge(PushMode.STEP, results)
     assert (figures["dv_min"], figures["dv_median"], figures["legs_touched"]) == (0.7, 1.2, 1.0)
     assert broken == []
+    assert figures["ratio_to_ankle_bound_min"] == pytest.approx(0.7 / 0.4)
+    assert figures["ratio_to_steps_bound_min"] == pytest.approx(0.7 / 1.2)
+    assert figures["ratio_to_steps_bound_median"] == pytest.approx(1.0)
+    beyond = [case(0.0, 0.8) | {"ankle_dv": 0.0}, case(1.0, 1.2)]  # the DCM was beyond the edge already
+    assert push_map.judge(PushMode.STEP, beyond)[0]["ratio_to_ankle_bound_min"] == pytest.approx(3.0)
     assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.5), case(1.0, 1.5)])[1]) == 1  # the smallest alone
     assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.7), case(1.0, 0.8)])[1]) == 1  # the median alone
 

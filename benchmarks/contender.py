@@ -1,0 +1,66 @@
+"""Any controller in the tests that poise's own is put to: push, speed and terrain, unchanged.
+
+A contender is a class of three methods. It gets what the laws of poise get, the sensors with their noise and delay, and
+answers with a joint command; start, plant, drivers, delay, pushes, ground and scores are those of ``ClosedLoop``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Protocol
+
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.types import JointCommand, SensorData
+
+
+class Contender(Protocol):
+    """A controller that is to be tested.
+
+    Attributes:
+        torque_controlled: Whether its torques act as they are; otherwise the drivers run their joint PD, with the
+            gains of the robot's profile, on its positions and velocities, and add its torques.
+    """
+
+    torque_controlled: bool
+
+    def reset(self, model: RobotModel, seed: int) -> None:
+        """Start over with a robot that stands, held, in its 'stand' posture.
+
+        Args:
+            model: The robot: URDF, joint order, limits, and Pinocchio model.
+            seed: Of the run, for controllers that draw random numbers.
+        """
+        ...
+
+    def set_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Walk so fast from now on [m/s, m/s, rad/s], in the frame of the body; zero is to stand."""
+        ...
+
+    def step(self, sensors: SensorData, dt: float) -> JointCommand:
+        """One tick, a time [s] after the last.
+
+        Args:
+            sensors: Joints, inertial unit and foot wrenches as measured.
+            dt: [s].
+        """
+        ...
+
+
+def load(name: str) -> Contender:
+    """A new contender, by ``module:Class``.
+
+    Raises:
+        ConfigError: There is no such class, or it lacks what a contender has.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        contender = getattr(import_module(module), attribute)()
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"contender '{name}': not a module:Class that can be made without arguments: {error}"
+        ) from error
+    lacking = [part for part in ("torque_controlled", "reset", "set_velocity", "step") if not hasattr(contender, part)]
+    if lacking:
+        raise ConfigError(f"contender '{name}' lacks {', '.join(lacking)}")
+    return contender  # type: ignore[no-any-return]  # checked above

@@ -1,0 +1,131 @@
+"""Runs a graph under a scenario, in a process of its own, and gives back the rows of its processes."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from numpy.typing import NDArray
+
+from benchmarks.latency_config import LatencyConfig, Scenario
+from benchmarks.nodes.companions import companions
+from benchmarks.process_use import Use, UseMeter
+from bridge.launch import Graph
+from bridge.ros.environment import free_domain
+from bridge.ros.layout import CONTROL, REALTIME_NODES, process_specs
+from bridge.ros.processes import ProcessSpec
+from models.nodes import topics
+from models.nodes.qos import COMMAND
+
+STAGED_CONTROL = ProcessSpec("benchmarks.nodes.staged_control", CONTROL.nodes)
+
+VELOCITY_PERIOD = 0.05
+"""Time between two walking velocities [s]."""
+
+COMPANION_START = 3.0
+"""In which companions import what they need and find the topics [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What one graph gave.
+
+    Attributes:
+        bridge: Rows of ``LatencyProbe``.
+        laws: Rows of ``StageProbe``; empty where the stages were not noted.
+        use: Of every process, companions included, by name.
+    """
+
+    bridge: dict[str, NDArray[Any]]
+    laws: dict[str, NDArray[Any]]
+    use: dict[str, Use]
+
+
+def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig) -> list[Run]:
+    """Run the graphs of a scenario at the same time, each in a process and a ROS domain of its own.
+
+    Args:
+        robot: Profile, by name or path.
+        seed: Of the sensor noise of the first; the others have the ones after it.
+        scenario: What goes on beside them.
+        config: For how long.
+
+    Raises:
+        PoiseError: A graph does not come up, or something ends that should not.
+    """
+    domains = [free_domain() for _ in range(scenario.robots)]
+    with (
+        TemporaryDirectory(prefix="poise_") as folder,
+        ProcessPoolExecutor(scenario.robots, mp_context=get_context("spawn")) as pool,
+    ):
+        futures = [
+            pool.submit(_run, robot, seed + k, scenario, config, k, domain, Path(folder))
+            for k, domain in enumerate(domains)
+        ]
+        return [future.result() for future in futures]
+
+
+def _run(
+    robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
+) -> Run:
+    """One graph; all of a scenario begin to be measured when each of them stands."""
+    folder = shared / str(index)
+    folder.mkdir()
+    files = {name: folder / f"{name}.npz" for name in ("bridge", "laws")}
+    parameters: dict[str, dict[str, object]] = {
+        "mujoco_bridge": {"latency_file": str(files["bridge"]), "seed": seed, "sensor_rate": scenario.rate},
+        "supervisor": {"sensor_rate": scenario.rate},
+    }
+    specs = process_specs(merged=True)
+    if scenario.stages:
+        specs[specs.index(CONTROL)] = STAGED_CONTROL
+        parameters["state_estimator"] = {"latency_file": str(files["laws"])}
+    if index:  # two graphs of real-time processes would stop both for 50 ms every second
+        for name in REALTIME_NODES:
+            parameters[name] = {**parameters.get(name, {}), "realtime.priority": 0}
+    with ExitStack() as stack:
+        graph = stack.enter_context(
+            Graph(
+                robot, domain_id=domain, parameters=parameters, specs=specs, log=folder / "log", say=lambda text: None
+            )
+        )
+        graph.wait_standing(config.start_limit)
+        others = stack.enter_context(companions(scenario, domain, folder))
+        if others:
+            graph.spin(COMPANION_START)
+        if scenario.walk:
+            graph.call("mode/walk")
+        (shared / f"stands_{index}").touch()
+        graph.wait_for(
+            lambda: len(list(shared.glob("stands_*"))) == scenario.robots,
+            config.start_limit,
+            "measured beside the others",
+        )
+        meter = UseMeter({**{name.rpartition(".")[2]: pid for name, pid in graph.pids.items()}, **others})
+        _drive(graph, scenario, config)
+        use = meter.read()
+    rows = [dict(np.load(files[name])) if files[name].exists() else {} for name in ("bridge", "laws")]
+    return Run(rows[0], rows[1], use)
+
+
+def _drive(graph: Graph, scenario: Scenario, config: LatencyConfig) -> None:
+    """Let the robot stand, or walk on, for the time that is measured."""
+    duration = config.duration + config.warm_up
+    if not scenario.walk:
+        graph.spin(duration)
+        return
+    publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    velocity = Twist()
+    velocity.linear.x = config.walk_speed
+    end = time.monotonic() + duration
+    while time.monotonic() < end:
+        publisher.publish(velocity)
+        graph.spin(VELOCITY_PERIOD)

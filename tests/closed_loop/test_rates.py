@@ -1,0 +1,22 @@
+"""The laws at lower rates than the one they are tuned for: what docs/latency.md says of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.closed_loop import ClosedLoop
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.002, 0.005])
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_the_robot_stands_waves_and_walks_at_a_lower_rate(robot: str, period: float) -> None:
+    loop = ClosedLoop(robot, control_period_s=period, record=False)
+    loop.run(1.0)
+    assert loop.command("wave").accepted
+    assert loop.wait_motion()
+    assert loop.command("walk").accepted
+    loop.set_velocity(0.3, 0.0, 0.0)
+    start = float(loop.truth.q[0])
+    loop.run(4.0)
+    assert not loop.fallen and loop.truth.q[0] - start > 0.6  # [m]

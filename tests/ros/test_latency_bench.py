@@ -1,0 +1,64 @@
+"""A short run of the real graph: every stage of a tick is noted, in order, and the stages add up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.latency import judge, summarise, verdict
+from benchmarks.latency_config import Scenario, latency_config
+from benchmarks.latency_stages import STAGES, split
+from benchmarks.machine import read_machine
+from bridge.ros.stage_probe import LEFT, RIGHT
+
+pytestmark = pytest.mark.ros
+
+CONFIG = replace(latency_config(), duration=2.0, warm_up=0.5)
+
+
+@pytest.mark.slow
+def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
+    from benchmarks.nodes.graph_run import run_graphs
+
+    (run,) = run_graphs("g1", 0, Scenario(rate=500.0, subscribers=1, stress=1), CONFIG)
+    ticks = split(run.bridge, run.laws, 100, 1_000_000)
+    assert len(ticks.total) > 500  # 2.5 s at 500 Hz, some of them missed on a busy machine
+    assert (ticks.stages >= 0.0).all()
+    np.testing.assert_allclose(ticks.stages.sum(axis=1), ticks.total, atol=1e-6)
+    assert (ticks.contacts == LEFT | RIGHT).all()
+    names = dict(zip(STAGES, np.median(ticks.stages, axis=0), strict=True))
+    assert all(names[stage] > 0.0 for stage in STAGES if stage not in ("sensor_transport", "command_transport"))
+    assert (np.diff(np.flatnonzero(run.bridge["published"])) == 2).all()
+    assert {"mujoco_bridge", "staged_control", "stress_0", "subscriber_0"} <= set(run.use)
+    assert all(use.memory > 5.0 for use in run.use.values())
+
+
+def test_a_scenario_becomes_figures_and_a_verdict() -> None:
+    latency = np.linspace(500.0, 1500.0, 1001)
+    case = {
+        "latency": latency,
+        "late": np.zeros(10),
+        "floor": np.full(100, 300.0),
+        "missed_fraction": 0.0,
+        "floor_missed_fraction": 0.0,
+        "stages": {stage: np.full(4, 10.0) for stage in STAGES},
+        "whole": np.array([70.0, 80.0, 90.0, 100.0]),
+        "contacts": np.array([LEFT, RIGHT, LEFT | RIGHT, LEFT | RIGHT], dtype=np.uint8),
+        "cpu": {"a": 0.5},
+        "memory": {"a": 100.0},
+        "others": [{"latency": np.full(3, 2000.0), "missed_fraction": 0.5}],
+    }
+    figures = summarise([case], 0.001)
+    assert figures["p50_us"] == pytest.approx(1000.0) and figures["ratio_to_floor_p50"] == pytest.approx(10 / 3)
+    assert figures["p50_bound_us"] == pytest.approx(1450.0) and figures["p99_bound_us"] == pytest.approx(1750.0)
+    assert figures["over_a_tick_fraction"] == pytest.approx(0.5, abs=1e-3)
+    assert (figures["single_p50_us"], figures["double_p50_us"]) == (75.0, 95.0)
+    assert figures["stage_qp_p99_us"] == 10.0 and figures["cpu_a_cores"] == 0.5
+    assert figures["others_missed_fraction"] == 0.5 and figures["others_p50_us"] == 2000.0
+    assert judge(figures)[0]
+    held, lines = judge(figures | {"missed_fraction": 0.002})
+    assert not held and lines[2].startswith("FAILS: missed_fraction")
+    said = verdict({"idle": True, "load": False}, read_machine())
+    assert said[0].endswith("real time: idle") and said[1].endswith("real time: load")
