@@ -9,7 +9,7 @@ ROBOT ?= g1
 OUT ?= out
 BENCHES ?= tick qp gait push stand latency calibrate estimate walk terrain
 
-.PHONY: help demo view test test-slow check bench reference clean distclean
+.PHONY: help demo view test test-slow check bench report reference clean distclean
 
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -42,6 +42,10 @@ bench:  ## All benchmarks, or BENCHES='tick push'; JSON and plots in out/bench/
 	@status=0; for name in $(BENCHES); do \
 	  $(BIN)/poise bench $$name --robot $(ROBOT) --json $(OUT)/bench/$$name-$(ROBOT).json --plot $(OUT)/bench || status=1; \
 	done; exit $$status
+
+report:  ## A few cases of every benchmark, and their report in out/bench-quick/ (minutes; it goes on where it ended)
+	@.ci/setup dev
+	@$(BIN)/poise bench all --quick --out $(OUT)/bench-quick
 
 reference:  ## docs/reference.md from what the nodes declare
 	@.ci/setup dev

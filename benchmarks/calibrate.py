@@ -189,7 +189,7 @@ def run(options: Options) -> Report:
     """
     load = LoadMeter()
     cases = [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in range(options.seeds)]
-    results = run_cases(calibrate, cases, title=f"calibrate {options.robot}", workers=options.workers)
+    results = run_cases(calibrate, cases, bench="calibrate", options=options)
     figures: dict[str, float] = {}
     for way in WAYS:
         mine = [case for case in results if case["way"] == way]

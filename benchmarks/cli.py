@@ -10,18 +10,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from benchmarks.cli_options import JsonFile, PlotFolder, ResultsPath, Robot, Scheduler, Seeds, Workers, sweep_of
+from benchmarks.suite_cli import add_suite
 from models.errors import ConfigError, PoiseError
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
-Robot = Annotated[str, typer.Option(help="Robot profile.")]
-Seeds = Annotated[int, typer.Option(min=1, help="How many seeds.")]
-Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the report here.")]
 Contender = Annotated[
     str, typer.Option(help="Test another controller instead of poise's, module:Class; docs/contenders.md.")
 ]
-PlotFolder = Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")]
 
 MODULES: dict[str, str] = {}
 """Module in this folder that measures and draws each benchmark, by the name that its reports bear.
@@ -47,6 +44,8 @@ def _bench(
     robot: str,
     seeds: int,
     workers: int,
+    scheduler: str,
+    results: Path | None,
     json: Path | None,
     plot: Path | None,
     scenarios: tuple[str, ...] = (),
@@ -61,8 +60,10 @@ def _bench(
     try:
         if contender and module_name not in CONTESTED:
             raise ConfigError(f"bench {module_name} takes no contender; these do: {', '.join(CONTESTED)}")
-        options = Options(robot, seeds, workers, scenarios, mode, contender)
-        report = module.run(options)
+        with sweep_of(workers, scheduler, results) as sweep:
+            report = module.run(Options(robot, seeds, workers, scenarios, mode, contender, sweep=sweep))
+            if sweep.results is not None:
+                console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")
     except PoiseError as error:
         console.print(f"[red]{error}[/red]")
         raise typer.Exit(2) from error
@@ -92,10 +93,12 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
         robot: Robot = "g1",
         seeds: Seeds = usual_seeds,
         workers: Workers = 1,
+        scheduler: Scheduler = "",
+        results: ResultsPath = None,
         json: JsonFile = None,
         plot: PlotFolder = None,
     ) -> None:
-        _bench(name, robot, seeds, workers, json, plot)
+        _bench(name, robot, seeds, workers, scheduler, results, json, plot)
 
 
 def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
@@ -107,12 +110,15 @@ def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
         robot: Robot = "g1",
         seeds: Seeds = usual_seeds,
         workers: Workers = 1,
+        scheduler: Scheduler = "",
+        results: ResultsPath = None,
         json: JsonFile = None,
         plot: PlotFolder = None,
         scenario: Annotated[list[str] | None, typer.Option(help="Measure only this one; repeatable.")] = None,
         contender: Contender = "",
     ) -> None:
-        _bench(name, robot, seeds, workers, json, plot, tuple(scenario or ()), contender=contender)
+        chosen = tuple(scenario or ())
+        _bench(name, robot, seeds, workers, scheduler, results, json, plot, chosen, contender=contender)
 
 
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
@@ -127,16 +133,20 @@ def push(
     robot: Robot = "g1",
     seeds: Seeds = 1,
     workers: Workers = 1,
+    scheduler: Scheduler = "",
+    results: ResultsPath = None,
     json: JsonFile = None,
     plot: PlotFolder = None,
     mode: Annotated[
         PushMode, typer.Option(help="Standing without a step, standing with steps, or walking.")
     ] = PushMode.STAND,
+    direction: Annotated[list[str] | None, typer.Option(help="Push only this way, such as left; repeatable.")] = None,
     contender: Contender = "",
 ) -> None:
     """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
     module = MODULES["push" if mode is PushMode.STAND else f"push_{mode}"]
-    _bench(module, robot, seeds, workers, json, plot, mode=mode.value, contender=contender)
+    chosen = tuple(direction or ())
+    _bench(module, robot, seeds, workers, scheduler, results, json, plot, chosen, mode.value, contender)
 
 
 @app.command("draw")
@@ -177,3 +187,5 @@ _add_scenarios(
 )
 _add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
 _add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)
+_add_command("scaling", "The same cases over one worker and over two: speed-up, cost of a case, hours of 100 000.")
+add_suite(app, MODULES)

@@ -220,7 +220,7 @@ def run(options: Options) -> Report:
     """
     load = LoadMeter()
     inputs = [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
-    results = run_cases(hour, inputs, title=f"endurance {options.robot}", workers=options.workers)
+    results = run_cases(hour, inputs, bench="endurance", options=options)
     kinds = (*_config().shares, "refused")
     figures = {
         "hours": options.seeds * _config().duration / 3600.0,

@@ -94,7 +94,7 @@ def bounds(figures: dict[str, float], runs: int, config: EstimateConfig) -> dict
 
 
 def run(options: Options) -> Report:
-    """Measure every scenario with every seed, then time the step with nothing else running in this process.
+    """Time the step with nothing else running, then measure every scenario with every seed.
 
     Args:
         options: Robot, seeds and workers.
@@ -110,8 +110,9 @@ def run(options: Options) -> Report:
         for seed in range(options.seeds)
         for name in scenarios()
     ]
-    results = run_cases(measure, cases, title=f"estimate {options.robot}", workers=options.workers)
-    figures = summarise(results, config) | time_steps(options.robot)
+    timed = run_cases(time_steps, [{"robot": options.robot}], bench="estimate_step", options=options, alone=True)[0]
+    results = run_cases(measure, cases, bench="estimate", options=options)
+    figures = summarise(results, config) | {name: timed[name] for name in timed if name != "robot"}
     held = bounds(figures, options.seeds, config)
     notes = [f"{'ok    ' if ok else 'FAILED'} {text}" for text, ok in held.items()]
     notes += [f"fell: {case['scenario']} seed {case['seed']}: {case['reason']}" for case in results if not case["ok"]]

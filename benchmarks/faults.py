@@ -38,7 +38,7 @@ def run(options: Options) -> Report:
     rows = chosen("faults", options.scenarios, [*config().rows, *config().margins])
     load = LoadMeter()
     inputs = [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in range(options.seeds)]
-    results = run_cases(measure, inputs, title="faults", workers=options.workers)
+    results = run_cases(measure, inputs, bench="faults", options=options)
     report = report_rows("faults", options, results, load)
     for row in [name for name in rows if name in config().margins]:
         report.figures[f"{row}_s"] = min(case["margin"] for case in results if case["row"] == row)

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.executors import Clock, Done
 from benchmarks.fault_table import draw, report_rows
 from benchmarks.graph_rows import GraphRow, Kind, config
-from benchmarks.harness import Case, LoadMeter, Options, Report, chosen
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, collect
 from benchmarks.nodes.graph_acts import ACTS
 from benchmarks.nodes.graph_kinds import NotHere, graph_of
 from benchmarks.nodes.graph_stage import BACK_TIME, LOOK, GraphStage
@@ -132,26 +134,32 @@ def run(options: Options) -> Report:
     """
     rows = chosen("graph_faults", options.scenarios, list(config().rows))
     load, model = LoadMeter(), RobotModel.load(options.robot)
-    results: list[Case] = []
+    inputs = [{"robot": options.robot, "row": row, "seed": seed} for seed in range(options.seeds) for row in rows]
     with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
-        for seed in range(options.seeds):
-            results += _with_seed(model, options.robot, seed, rows, Path(folder))
+
+        def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+            places = {(case["seed"], case["row"]): index for index, case in enumerate(left)}
+            for seed in range(options.seeds):
+                wanted = [case["row"] for case in left if case["seed"] == seed]
+                clock = Clock()
+                for case in _with_seed(model, options.robot, seed, wanted, Path(folder)):
+                    yield places[seed, case["row"]], clock.done(case)
+                    clock = Clock()
+
+        results = collect(produce, inputs, bench="graph_faults", options=options, silent=True)
     return report_rows("graph_faults", options, results, load)
 
 
-def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> list[Case]:
-    results: list[Case] = []
+def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> Iterator[Case]:
     for kind in dict.fromkeys(config().rows[name].graph for name in rows):
         left = [name for name in rows if config().rows[name].graph == kind]
         while left:  # a new graph where a row has left one that cannot be brought back
-            results += _on_graph(model, kind, robot, seed, left, folder)
-    return results
+            yield from _on_graph(model, kind, robot, seed, left, folder)
 
 
-def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[str], folder: Path) -> list[Case]:
+def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[str], folder: Path) -> Iterator[Case]:
     """Do rows to one graph and take them out of ``left``, as long as it can be brought back."""
-    results: list[Case] = []
-    name = ""
+    name, told = "", ""
     try:
         with ExitStack() as stack:
             made = stack.enter_context(graph_of(kind, robot, seed, folder))
@@ -160,17 +168,17 @@ def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[s
             made.graph.wait_standing(BACK_TIME)
             while left:
                 name = left.pop(0)
-                results.append(_case(name, seed) | _Watch(stage, config().rows[name]).run())
+                case = _case(name, seed) | _Watch(stage, config().rows[name]).run()
+                told = name
+                yield case
                 stage.bring_back()
     except NotHere as error:
-        not_run = [_case(other, seed) | _without(f"not run: {error}") | {"not_run": True} for other in left]
+        yield from (_case(other, seed) | _without(f"not run: {error}") | {"not_run": True} for other in left)
         left.clear()
-        return not_run
     except PoiseError as error:
         name = name or left.pop(0)
-        if not results or results[-1]["row"] != name:
-            results.append(_case(name, seed) | _without("lost") | {"reason": str(error)[:REASON_MAX]})
-    return results
+        if told != name:
+            yield _case(name, seed) | _without("lost") | {"reason": str(error)[:REASON_MAX]}
 
 
 def _case(name: str, seed: int) -> Case:

@@ -14,33 +14,45 @@ from __future__ import annotations
 import json
 import math
 import os
-import platform
-import subprocess
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
+from benchmarks.executors import Case as Case
+from benchmarks.executors import Done, Executor, InProcess, local_executor
+from benchmarks.plain_json import nulled, plain, with_nan
+from benchmarks.provenance import configuration, revision, source_state, usable_cores, versions
+from benchmarks.results import ResultsFile, case_key, scenario_of
 from models.errors import ConfigError
-from models.threads import use_one_thread
 
-Case = dict[str, Any]
-"""One measured case: its inputs (seed, direction, ...) and what came out, as plain JSON values."""
+__all__ = ["Case"]  # what every benchmark takes from here
 
-MEASURED_PACKAGES = (
-    *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
-    *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink"),
-)
-"""Packages whose versions decide a figure."""
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """How cases are measured and kept, the same for all benchmarks of a run.
+
+    Attributes:
+        executor: Measures them; None for workers of the benchmark's own.
+        results: Those that are finished; None to keep none.
+    """
+
+    executor: Executor | None = None
+    results: ResultsFile | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +66,7 @@ class Options:
         scenarios: Which ones of a benchmark that has several; all of them when empty.
         mode: Which kind of a benchmark that has several.
         contender: Controller to test instead of poise's own, as ``module:Class``; see ``benchmarks/contender.py``.
+        sweep: How cases are measured and kept.
     """
 
     robot: str = "g1"
@@ -62,6 +75,7 @@ class Options:
     scenarios: tuple[str, ...] = ()
     mode: str = ""
     contender: str = ""
+    sweep: Sweep = field(default_factory=Sweep)
 
 
 def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
@@ -136,39 +150,6 @@ class LoadMeter:
         }
 
 
-def usable_cores() -> int:
-    """How many cores this process may run on."""
-    return len(os.sched_getaffinity(0))
-
-
-def versions() -> dict[str, str]:
-    """Versions of Python and of every package that decides a figure; packages that are absent are left out."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for name in MEASURED_PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def revision() -> str:
-    """Git revision of the checkout, with ``+`` when it has changes; ``unknown`` outside of a checkout."""
-    root = Path(__file__).resolve().parents[1]
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True, timeout=20
-        ).stdout.strip()
-
-    try:
-        if Path(git("rev-parse", "--show-toplevel")).resolve() != root:
-            return "unknown"
-        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-
-
 def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
     """Median, tail and worst of a sample, as figures.
 
@@ -190,51 +171,117 @@ def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
     return {f"{name}_{part}": float(value) for part, value in tail.items()}
 
 
+def collect(
+    produce: Callable[[Sequence[Case]], Iterator[tuple[int, Done]]],
+    cases: Sequence[Mapping[str, Any]],
+    *,
+    bench: str,
+    options: Options,
+    silent: bool = False,
+    console: Console | None = None,
+) -> list[Case]:
+    """Take what is finished from the sweep's file, have the rest measured, and write each case as soon as it is done.
+
+    Args:
+        produce: Given the inputs of the cases that are left, yields the index of each with what came out.
+        cases: Inputs of every case; they alone decide what comes out.
+        bench: Name of the benchmark, in the file and on the progress bar.
+        options: Robot and sweep.
+        silent: Without a progress bar, whose thread takes the interpreter from who is timed.
+        console: Where the progress bar goes; standard error by default.
+
+    Returns:
+        For each case, in the order given, its inputs and what came out, as plain values.
+
+    Raises:
+        ConfigError: A worker runs another revision than this process.
+    """
+    file = options.sweep.results
+    config = configuration(options.robot) if file else ""
+    keys = [case_key(bench, config, source_state(), case) for case in cases]
+    inputs = {key: dict(case) for key, case in zip(keys, cases, strict=True)}
+    known = {key: file.case(key) for key in inputs} if file else {}
+    results = {key: case for key, case in known.items() if case is not None}
+    left = [key for key in inputs if key not in results]
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=console or Console(stderr=True), disable=silent) as progress:
+        task = progress.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
+        for index, done in produce([inputs[key] for key in left]):
+            key = left[index]
+            results[key] = plain({**inputs[key], **done.outcome})
+            if done.revision != source_state():
+                raise ConfigError(f"bench {bench}: a worker runs revision {done.revision}, not {source_state()}")
+            if file is not None:
+                file.add(_line(key, bench, options.robot, config, inputs[key], results[key], done))
+            progress.advance(task)
+    if file is not None:
+        file.taken.setdefault(bench, []).extend(keys)
+    return [dict(results[key]) for key in keys]
+
+
+def _line(key: str, bench: str, robot: str, config: str, inputs: Case, case: Case, done: Done) -> Case:
+    """What the file of finished cases says of one; see ``benchmarks/results.py``."""
+    return {
+        "key": key,
+        "bench": bench,
+        "robot": robot,
+        "seed": inputs.get("seed"),
+        "scenario": scenario_of(inputs),
+        "config": config,
+        "revision": done.revision,
+        "versions": done.versions,
+        "machine": done.machine,
+        "load": done.load,
+        "seconds": done.seconds,
+        "cpu_seconds": done.cpu_seconds,
+        "case": case,
+    }
+
+
 def run_cases(
     measure: Callable[..., Case],
     cases: Sequence[Mapping[str, Any]],
     *,
-    title: str,
-    workers: int = 1,
+    bench: str,
+    options: Options,
+    alone: bool = False,
     console: Console | None = None,
 ) -> list[Case]:
-    """Measure every case, in worker processes, with a progress bar.
+    """Measure every case that the sweep has not measured before, by its workers.
 
     A case depends on its own inputs only, so the order of completion does not matter.
 
     Args:
         measure: Function of a module (it is sent to other processes by name); called with a case's entries.
         cases: Keyword arguments of each call.
-        title: Label of the progress bar.
-        workers: Processes; with 1 the cases run in this process.
+        bench: Name of the benchmark.
+        options: Robot, workers and sweep.
+        alone: One case after another in this process, without workers and progress bar: for what is timed.
         console: Where the progress bar goes; standard error by default.
 
     Returns:
-        For each case, in the order given, its inputs and what ``measure`` returned.
+        As ``collect``.
     """
-    results: list[Case | None] = [None] * len(cases)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console or Console(stderr=True)) as progress:
-        task = progress.add_task(title, total=len(cases))
-        if workers <= 1:
-            for index, case in enumerate(cases):
-                results[index] = {**case, **measure(**case)}
-                progress.advance(task)
-        else:
-            use_one_thread()  # for the workers, which inherit it
-            with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-                futures = {pool.submit(measure, **case): index for index, case in enumerate(cases)}
-                for future in as_completed(futures):
-                    index = futures[future]
-                    results[index] = {**cases[index], **future.result()}
-                    progress.advance(task)
-    return [result for result in results if result is not None]
+
+    def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+        given = options.sweep.executor
+        if alone:
+            if given is not None and left:
+                given.rest()  # the thread that speaks with workers allocates, and takes the interpreter
+            given = InProcess()
+        if given is not None:
+            yield from given.run(measure, left)
+            return
+        with local_executor(options.workers) as own:
+            yield from own.run(measure, left)
+
+    return collect(produce, cases, bench=bench, options=options, silent=alone, console=console)
 
 
 def write_json(report: Report, path: Path) -> None:
     """Write the report; numbers that JSON has no word for (NaN, infinity) become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(_plain(report.to_dict()), indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(nulled(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Report:
@@ -244,37 +291,11 @@ def read_json(path: Path) -> Report:
         ConfigError: The file is not a report.
     """
     try:
-        found = _with_nan(json.loads(path.read_text(encoding="utf-8")))
+        found = with_nan(json.loads(path.read_text(encoding="utf-8")))
         kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
         return Report(**{name: found[name] for name in kept})
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path}: not a report of a benchmark: {error!r}") from error
-
-
-def _with_nan(value: Any) -> Any:
-    """The value with NaN where JSON had no word for it."""
-    if isinstance(value, dict):
-        return {key: _with_nan(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_with_nan(entry) for entry in value]
-    return math.nan if value is None else value
-
-
-def _plain(value: Any) -> Any:
-    """The value as JSON knows it."""
-    if isinstance(value, dict):
-        return {str(key): _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def print_report(report: Report, console: Console) -> None:

@@ -21,8 +21,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from benchmarks.harness import Case, LoadMeter, Options, Report, chosen
-from benchmarks.latency_config import Scenario, latency_config
+from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, run_cases
+from benchmarks.latency_config import latency_config
 from benchmarks.latency_stages import STAGES, answered, split, tails
 from benchmarks.machine import Machine, advice, read_machine
 from benchmarks.nodes import pingpong
@@ -38,7 +38,6 @@ TICK = 0.001
 
 SUPPORTS = {"single": (LEFT, RIGHT), "double": (LEFT | RIGHT,)}
 """Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of."""
-
 
 RAW = ("stages", "whole", "contacts")
 """What figures are made of and a report does not keep: every stage of every tick."""
@@ -62,7 +61,8 @@ def run(options: Options) -> Report:
     held = {}
     for name in names:
         scenario = config.scenarios[name]
-        of = [_measure(options.robot, seed, name, scenario) for seed in range(options.seeds)]
+        inputs = [{"robot": options.robot, "seed": seed, "scenario": name} for seed in range(options.seeds)]
+        of = run_cases(_measure, inputs, bench="latency", options=options, alone=True)
         found = summarise(of, 1.0 / scenario.rate)
         held[name], lines = judge(found)
         prefix = "" if name == "idle" else f"{name}_"
@@ -76,17 +76,19 @@ def run(options: Options) -> Report:
     return Report("latency", options.robot, options.seeds, figures, cases, passed, load.read(), notes)
 
 
-def _measure(robot: str, seed: int, name: str, scenario: Scenario) -> Case:
-    config, period = latency_config(), 1.0 / scenario.rate
+def _measure(robot: str, seed: int, scenario: str) -> Case:
+    config = latency_config()
+    given = config.scenarios[scenario]
+    period = 1.0 / given.rate
     length, skip = config.floor_duration + config.warm_up, round(config.warm_up / period)
     domain = free_domain()
     before = pingpong.measure(robot, length, domain, period)
-    runs = run_graphs(robot, seed, scenario, config)
+    runs = run_graphs(robot, seed, given, config)
     after = pingpong.measure(robot, length, domain, period)
     floors = [_latencies(probe, skip) for probe in (before, after)]
     first, *others = (_case(run, skip) for run in runs)
     return {
-        "scenario": name,
+        "scenario": scenario,
         "seed": seed,
         "load": os.getloadavg()[0],
         **first,

@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.harness import usable_cores
+from benchmarks.provenance import usable_cores
 
 BUFFER_MIN = 1 << 20
 """Receive buffer of a socket that a recording, a camera or several robots are well served with [B]."""

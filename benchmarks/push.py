@@ -26,7 +26,8 @@ from benchmarks.contender_loop import AnyLoop, ContenderLoop
 from benchmarks.fall_plot import FAILED, PASSED
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push_bounds import ankle_bound
-from benchmarks.push_plot import direction_name, draw_map
+from benchmarks.push_directions import angles, direction_name
+from benchmarks.push_plot import draw_map
 from benchmarks.push_search import Search, largest
 from benchmarks.torque_bound import torque_bound
 from bridge.closed_loop import ClosedLoop
@@ -169,28 +170,26 @@ def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
 
 
 def run(options: Options) -> Report:
-    """Bisect the push in every direction for every seed.
+    """Bisect the push in every direction, or in those chosen, for every seed.
 
     Args:
-        options: Robot, seeds, workers and contender.
+        options: Robot, seeds, workers, contender, and directions by name.
 
     Returns:
         Figures ``dv_min``, ``dv_median`` (impulse over mass [m/s]), ``ratio_to_ankle_bound_min`` and
         ``..._median``, ``ratio_to_torque_bound_min`` and ``..._median`` [-], ``bound_dv_min`` and
         ``bound_dv_median`` [m/s].
+
+    Raises:
+        ConfigError: A chosen direction is unknown.
     """
     config, load = _config(), LoadMeter()
     cases: list[dict[str, Any]] = [
-        {
-            "robot": options.robot,
-            "seed": seed,
-            "angle": 2.0 * math.pi * k / config.directions,
-            "contender": options.contender,
-        }
+        {"robot": options.robot, "seed": seed, "angle": angle, "contender": options.contender}
         for seed in range(options.seeds)
-        for k in range(config.directions)
+        for angle in angles("push", config.directions, options.scenarios)
     ]
-    results = run_cases(measure, cases, title=f"push {options.robot}", workers=options.workers)
+    results = run_cases(measure, cases, bench="push", options=options)
     dv, bound_dv, ratio = (np.array([case[key] for case in results]) for key in ("dv", "bound_dv", "ratio"))
     of_torques = np.array([case["torque_ratio"] for case in results])
     worst = int(np.argmin(ratio))

@@ -19,7 +19,8 @@ from benchmarks.fall_plot import FAILED, GOAL, PASSED, draw_fall
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound, step_distance
-from benchmarks.push_plot import direction_name, draw_map
+from benchmarks.push_directions import angles, direction_name
+from benchmarks.push_plot import draw_map
 from benchmarks.push_search import Search, largest
 from benchmarks.push_trial import Trial, map_config, moments, prepare, survives
 from models.constants import GRAVITY
@@ -138,30 +139,33 @@ def weakest(report: Report) -> Case:
 
 
 def run(options: Options) -> Report:
-    """Bisect the push in every direction for every seed.
+    """Bisect the push in every direction, or in those chosen, for every seed.
 
     Args:
-        options: Robot, seeds and workers; ``mode`` 'step' or 'walk'.
+        options: Robot, seeds, workers, and directions by name; ``mode`` 'step' or 'walk'.
 
     Returns:
         Figures ``dv_min`` and ``dv_median`` over the directions, each the smallest of its seeds and phases [m/s],
         ``impulse_min`` [N.s], ``ankle_dv_min`` and ``steps_dv_min`` of the bounds [m/s], ``ratio_to_ankle_bound_min``,
         ``..._median`` and likewise ``ratio_to_steps_bound_``: what is taken over the bound of its direction, and
         ``legs_touched``: how many directions are limited by legs that would have touched.
+
+    Raises:
+        ConfigError: A chosen direction is unknown, or there is a contender.
     """
     if options.contender:
         raise ConfigError("a contender is pushed in mode 'stand' only: the others look into poise's gait")
     config, load, mode = map_config(), LoadMeter(), PushMode(options.mode)
+    bench = f"push_{mode.value}"
     cases: list[dict[str, Any]] = [
-        {"robot": options.robot, "mode": mode.value, "seed": seed, "angle": 2.0 * math.pi * k / config.directions}
+        {"robot": options.robot, "mode": mode.value, "seed": seed, "angle": angle}
         for seed in range(options.seeds)
-        for k in range(config.directions)
+        for angle in angles(bench, config.directions, options.scenarios)
     ]
-    title = f"push, {mode.value}, {options.robot}"
-    results = run_cases(measure, cases, title=title, workers=options.workers)
+    results = run_cases(measure, cases, bench=bench, options=options)
     figures, broken = judge(mode, results)
     return Report(
-        bench=f"push_{mode.value}",
+        bench=bench,
         robot=options.robot,
         seeds=options.seeds,
         figures=figures,

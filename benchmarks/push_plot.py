@@ -10,23 +10,14 @@ from typing import Any, cast
 from matplotlib.projections.polar import PolarAxes
 
 from benchmarks.harness import Report
+from benchmarks.push_directions import direction_name
 from bridge.plots import new_figure
-
-_NAMES = ("forward", "forward-left", "left", "back-left", "backward", "back-right", "right", "forward-right")
 
 RING = 0.5
 """Between two rings of the map [m/s]."""
 
 Line = tuple[str, str, dict[str, Any]]
 """Key of a case [m/s], label, and style of a closed line of the map."""
-
-
-def direction_name(angle: float) -> str:
-    """What a heading relative to the robot's [rad] is called: a word where there is one, degrees otherwise."""
-    eighth = angle / (0.25 * math.pi)
-    if abs(eighth - round(eighth)) < 1e-6:  # 1e-6: rounding
-        return _NAMES[round(eighth) % len(_NAMES)]
-    return f"{math.degrees(angle):.0f} deg"
 
 
 def draw_map(

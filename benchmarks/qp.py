@@ -15,7 +15,7 @@ from tempfile import gettempdir
 
 import numpy as np
 
-from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles
+from benchmarks.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.qp_records import RecordedQP, qp_config, record, write
 from benchmarks.qp_solvers import OWN, Solve, available, certify, own_solver, through_qpsolvers, timed
 from benchmarks.timed_run import collector_off
@@ -36,18 +36,27 @@ def run(options: Options) -> Report:
     """
     load, (backends, missing) = LoadMeter(), available()
     names = [OWN, *backends]
-    cases: list[Case] = []
-    file = Path(gettempdir()) / f"qps-{options.robot}.npz"
-    for seed in range(options.seeds):
-        problems = record(options.robot, seed, qp_config())
-        write(file, problems)
-        cases += solve_all(problems, names, seed)
+    inputs = [{"robot": options.robot, "seed": seed, "solvers": names} for seed in range(options.seeds)]
+    runs = run_cases(_measure, inputs, bench="qp", options=options, alone=True)
+    cases: list[Case] = [case for run in runs for case in run["answers"]]
     figures = summarise(cases, names)
-    notes = [f"problems: {file}"]
+    notes = [f"problems: {_problems_file(options.robot)}"]
     if missing:
         notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
     passed = figures[f"{OWN}_solved"] == 1.0
     return Report("qp", options.robot, options.seeds, figures, cases, passed, load.read(), notes)
+
+
+def _problems_file(robot: str) -> Path:
+    """Where the problems of the last seed are left for whoever wants to look at them."""
+    return Path(gettempdir()) / f"qps-{robot}.npz"
+
+
+def _measure(robot: str, seed: int, solvers: list[str]) -> Case:
+    """Record the problems of a seed, and solve them."""
+    problems = record(robot, seed, qp_config())
+    write(_problems_file(robot), problems)
+    return {"robot": robot, "seed": seed, "answers": solve_all(problems, solvers, seed)}
 
 
 def solve_all(problems: list[RecordedQP], names: list[str], seed: int) -> list[Case]:

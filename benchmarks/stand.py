@@ -188,7 +188,7 @@ def run(options: Options) -> Report:
         for seed in seeds:
             angle = 2.0 * math.pi * (seed % directions) / directions
             cases.append({"kind": "motion", "robot": options.robot, "seed": seed, "motion": name, "angle": angle})
-    results = run_cases(_measure, cases, title=f"stand {options.robot}", workers=options.workers)
+    results = run_cases(_measure, cases, bench="stand", options=options)
     stood = [case for case in results if case["kind"] == "stand"]
     moved = [case for case in results if case["kind"] == "motion"]
     figures = {

@@ -166,7 +166,7 @@ def run(options: Options) -> Report:
     """
     load = LoadMeter()
     wanted = cases(options.robot, options.seeds, options.scenarios, options.contender)
-    results = run_cases(walk, wanted, title=f"terrain {options.robot}", workers=options.workers)
+    results = run_cases(walk, wanted, bench="terrain", options=options)
     figures, notes = judge(results)
     return Report(
         bench="terrain",

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.process_use import resident
 from models.config import STRICT
 
@@ -109,9 +109,8 @@ def run_seeds(bench: str, options: Options, measure: Callable[[str, int], Case],
         Figures as ``measure`` names them: over several seeds as of ``over_seeds``. It has passed when every seed has.
     """
     load = LoadMeter()
-    cases: list[Case] = [
-        {"robot": options.robot, "seed": seed, **measure(options.robot, seed)} for seed in range(options.seeds)
-    ]
+    inputs = [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
+    cases = run_cases(measure, inputs, bench=bench, options=options, alone=True)
     figures = over_seeds(cases)
     passed, notes = judge(cases, limits)
     notes.append(f"wall-clock time; {figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out")

@@ -128,7 +128,7 @@ def run(options: Options) -> Report:
     """
     load = LoadMeter()
     wanted = cases(options.robot, options.seeds, options.scenarios, options.contender)
-    results = run_cases(measure, wanted, title=f"walk {options.robot}", workers=options.workers)
+    results = run_cases(measure, wanted, bench="walk", options=options)
     figures, broken = judge(options.robot, results)
     return Report(
         bench="walk",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
@@ -12,9 +13,10 @@ import pytest
 
 from benchmarks import graph_faults
 from benchmarks.graph_rows import GraphRow, config
-from benchmarks.harness import Options
+from benchmarks.harness import Case, Options, Sweep
 from benchmarks.nodes.graph_acts import ACTS
 from benchmarks.nodes.graph_kinds import NotHere
+from benchmarks.results import ResultsFile
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 
@@ -124,3 +126,18 @@ def test_a_graph_that_does_not_come_up_fails_its_rows_one_by_one() -> None:
         report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed")))
     assert report.figures == {"survived": 0.0, "total": 2.0}
     assert all("ended with code 1" in case["reason"] for case in report.cases)
+
+
+def test_rows_that_are_finished_are_not_done_again(tmp_path: Path) -> None:
+    done: list[str] = []
+
+    def on_graph(model: Any, kind: Any, robot: str, seed: int, left: list[str], folder: Path) -> Iterator[Case]:
+        while left:
+            done.append(left.pop(0))
+            yield graph_faults._case(done[-1], seed) | graph_faults._without("rides")
+
+    with patch.object(graph_faults, "_on_graph", on_graph), ResultsFile(tmp_path / "cases.jsonl") as file:
+        graph_faults.run(Options(scenarios=("planner_killed",), sweep=Sweep(None, file)))
+        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=Sweep(None, file)))
+    assert done == ["planner_killed", "bridge_killed"]
+    assert [case["row"] for case in report.cases] == done

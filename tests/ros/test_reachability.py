@@ -5,15 +5,12 @@ The other machine is a network namespace, joined by a pair of virtual interfaces
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.ros.cable import staged
 
 pytestmark = pytest.mark.ros
 
@@ -64,92 +61,39 @@ print(" ".join(sorted(heard)))
 
 STAGE = '''
 """Two machines with one cable, in the first a graph and a visitor, in the second another visitor."""
-import json, os, subprocess, sys, time
+import json, os, subprocess, sys
+
+from tests.ros.cable import HERE, two_machines
 
 reach, patience = sys.argv[1:]
-
-def ip(*words, inside=()):
-    return subprocess.run([*inside, "ip", *words], check=True, stdout=subprocess.PIPE, text=True).stdout
-
-def plugged(end, inside=()):
-    """The kernel calls an end up as much as a second late, and a participant never uses one that was not up before."""
-    give_up = time.monotonic() + 20.0
-    while " UP " not in ip("-brief", "link", "show", end, inside=inside):
-        if time.monotonic() > give_up:
-            sys.exit(f"{end} does not come up")
-        time.sleep(0.01)
-
-own_memory = "mount -t tmpfs tmpfs /dev/shm && echo && exec sleep 120"  # or both would open the same ports in it
-other = subprocess.Popen(["unshare", "--net", "--mount", "sh", "-c", own_memory], stdout=subprocess.PIPE)
-other.stdout.readline()  # it has its namespaces
-there = ("nsenter", f"--target={other.pid}", "--net", "--mount", f"--wd={os.getcwd()}")
 python = (sys.executable, "-u")
 node = None
-try:
-    ip("link", "set", "lo", "up")
-    ip("link", "set", "lo", "up", inside=there)
-    ip("link", "add", "cable0", "type", "veth", "peer", "name", "cable1", "netns", str(other.pid))
-    ip("address", "add", "10.213.0.1/24", "dev", "cable0")
-    ip("address", "add", "10.213.0.2/24", "dev", "cable1", inside=there)
-    ip("link", "set", "cable0", "up")
-    ip("link", "set", "cable1", "up", inside=there)
-    plugged("cable0")
-    plugged("cable1", inside=there)
-    node = subprocess.Popen([*python, "node.py", reach], stdout=subprocess.PIPE, text=True)
-    addresses = node.stdout.readline().split()
-    plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
-    knowing = {**plain, "ROS_STATIC_PEERS": "10.213.0.1"}  # it need not even search
-    visit, heard = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
-    far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **heard)
-    near = subprocess.Popen([*visit, "near", "30"], env=plain, **heard)
-    result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
-    result["exits"] = [near.returncode, far.returncode]  # who has crashed has heard nothing either
-    # After that, has the graph heard the one from outside?
-    late = subprocess.run([*visit, "late", "30"], env=plain, **heard)
-    result |= {"late": late.stdout.split(), "addresses": addresses}
-finally:
-    other.kill()
-    if node is not None:
-        node.terminate()  # in order, or its shared memory would stay
-        node.wait(20)
+with two_machines() as there:
+    try:
+        node = subprocess.Popen([*python, "node.py", reach], stdout=subprocess.PIPE, text=True)
+        addresses = node.stdout.readline().split()
+        plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+        knowing = {**plain, "ROS_STATIC_PEERS": HERE}  # it need not even search
+        visit, heard = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
+        far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **heard)
+        near = subprocess.Popen([*visit, "near", "30"], env=plain, **heard)
+        result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
+        result["exits"] = [near.returncode, far.returncode]  # who has crashed has heard nothing either
+        # After that, has the graph heard the one from outside?
+        late = subprocess.run([*visit, "late", "30"], env=plain, **heard)
+        result |= {"late": late.stdout.split(), "addresses": addresses}
+    finally:
+        if node is not None:
+            node.terminate()  # in order, or its shared memory would stay
+            node.wait(20)
 print(json.dumps(result))
 '''
 
 
-@cache
-def isolation() -> tuple[str, ...] | str:
-    """Command that gives a program a network namespace, or why that is not permitted here."""
-    why = ""
-    for command in (("unshare", "--net"), ("unshare", "--user", "--map-root-user", "--net")):
-        cable = "ip link set lo up && ip link add t0 type veth peer name t1"
-        trial = f"{cable} && unshare --net --mount mount -t tmpfs tmpfs /dev/shm"
-        try:
-            done = subprocess.run(
-                [*command, "sh", "-c", trial], capture_output=True, text=True, timeout=20, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            return f"no network namespaces here: {error}"
-        if done.returncode == 0:
-            return command
-        why = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-    return f"no network namespaces here: {why}"
-
-
 def reached(reach: str, patience: float, folder: Path, root: Path) -> Any:
     """What ``STAGE`` prints for a graph of this reach."""
-    command = isolation()
-    if isinstance(command, str):
-        pytest.skip(command)
-    for name, text in (("node.py", NODE), ("visitor.py", VISITOR), ("stage.py", STAGE)):
-        (folder / name).write_text(text, encoding="utf-8")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("ROS_", "FAST"))}
-    environment |= {"PYTHONPATH": str(root), "ROS_DOMAIN_ID": "7", "ROS_LOG_DIR": str(folder / "log")}
-    done = subprocess.run(
-        [*command, sys.executable, "stage.py", reach, str(patience)],
-        cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
+    scripts = {"node.py": NODE, "visitor.py": VISITOR, "stage.py": STAGE}
+    return staged(scripts, [reach, str(patience)], folder, root)
 
 
 LOOPBACK = "0100007F"

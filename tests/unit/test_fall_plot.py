@@ -16,7 +16,7 @@ from benchmarks.cli import app
 from benchmarks.fall_plot import draw_fall
 from benchmarks.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments, moments_since
 from benchmarks.harness import Case, Report, read_json, write_json
-from benchmarks.push_plot import direction_name
+from benchmarks.push_directions import direction_name
 from bridge.closed_loop import ClosedLoop
 from models.types import Mode
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.harness import LoadMeter, Report, percentiles, read_json, run_cases, write_json
+from benchmarks.harness import LoadMeter, Options, Report, percentiles, read_json, run_cases, write_json
 from models.errors import ConfigError
 
 SCHEMA = {"bench", "robot", "seeds", "figures", "cases", "versions", "revision", "load", "passed"}
@@ -53,14 +53,14 @@ def test_a_report_is_read_again_and_nothing_else_is(tmp_path: Path) -> None:
 
 
 def test_cases_come_back_in_order_from_one_process() -> None:
-    results = run_cases(_square, [{"seed": seed} for seed in (3, 1, 2)], title="squares")
+    results = run_cases(_square, [{"seed": seed} for seed in (3, 1, 2)], bench="squares", options=Options())
     assert [(case["seed"], case["square"]) for case in results] == [(3, 9), (1, 1), (2, 4)]
     assert {case["pid"] for case in results} == {os.getpid()}
 
 
 def test_a_failing_case_is_not_swallowed() -> None:
     with pytest.raises(KeyError):
-        run_cases(_fail, [{"seed": 0}], title="fails")
+        run_cases(_fail, [{"seed": 0}], bench="fails", options=Options())
 
 
 def _fail(seed: int) -> dict[str, Any]:

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import benchmarks.push_map as push_map
+from benchmarks import push
 from benchmarks.cli import PushMode
 from benchmarks.harness import Case, Options
 from benchmarks.leg_clearance import LegClearance
 from benchmarks.push_bounds import step_distance, step_length
 from benchmarks.push_trial import Outcome, Trial, map_config, moments, prepare, survives
+from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.gait.scaling import load_gait_config
 
@@ -118,3 +120,21 @@ def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_f
 def test_an_unknown_mode_is_refused() -> None:
     with pytest.raises(ValueError, match="run"):
         push_map.run(Options(mode="run"))
+
+
+@pytest.mark.parametrize(("bench", "mode"), [(push, ""), (push_map, "walk")])
+def test_only_the_directions_that_are_chosen_are_measured(
+    bench: Any, mode: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[float] = []
+
+    def noted(measure: Any, cases: list[Case], **_: Any) -> list[Case]:
+        asked.extend(case["angle"] for case in cases)
+        raise InterruptedError
+
+    monkeypatch.setattr(bench, "run_cases", noted)
+    with pytest.raises(InterruptedError):
+        bench.run(Options(mode=mode, scenarios=("left", "forward")))
+    assert asked == pytest.approx([0.0, 0.5 * math.pi])
+    with pytest.raises(ConfigError, match="unknown scenario 'up'; known: forward, forward-left"):
+        bench.run(Options(mode=mode, scenarios=("up",)))

@@ -1,0 +1,133 @@
+"""The file of finished cases: one JSON line each, written as soon as it is done, and never the same case twice.
+
+A line is ``{"key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load",
+"seconds", "cpu_seconds", "case"}``: ``case`` holds the inputs and what came out, ``machine`` says in general terms what
+measured it, ``load`` its load average, ``seconds`` and ``cpu_seconds`` how long it took there. The key is a hash of
+bench, configuration, revision and inputs: who measures the same again finds it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from benchmarks.plain_json import plain, unworded, worded
+from benchmarks.provenance import digest
+from models.errors import ConfigError
+
+Line = dict[str, Any]
+"""What one line holds."""
+
+
+def case_key(bench: str, config: str, revision: str, inputs: Mapping[str, Any]) -> str:
+    """Names a case for good.
+
+    Args:
+        bench: Name of the benchmark.
+        config: Of ``provenance.configuration``.
+        revision: Of ``provenance.source_state``.
+        inputs: What decides the case, robot and seed among them.
+    """
+    return digest(json.dumps([bench, config, revision, worded(plain(dict(inputs)))], sort_keys=True).encode())
+
+
+def scenario_of(inputs: Mapping[str, Any]) -> str:
+    """What a case is besides its robot and seed, for who reads the file."""
+    if "scenario" in inputs:
+        return str(inputs["scenario"])
+    return ", ".join(f"{name} {value}" for name, value in inputs.items() if name not in ("robot", "seed"))
+
+
+def read_lines(path: Path) -> list[Line]:
+    """Every whole line of a file of JSON lines; none when there is no file.
+
+    Raises:
+        ConfigError: A line is not JSON; the file and the number of the line are named.
+    """
+    if not path.is_file():
+        return []
+    *whole, _ = path.read_bytes().split(b"\n")  # what follows the last end of a line was cut off in writing
+    return [_parsed(text, f"{path}, line {number}") for number, text in enumerate(whole, start=1) if text]
+
+
+def _parsed(text: bytes, where: str) -> Line:
+    try:
+        found = unworded(json.loads(text))
+    except ValueError as error:
+        raise ConfigError(f"{where}: not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise ConfigError(f"{where}: not a JSON object")
+    return found
+
+
+def append_line(path: Path, line: Line) -> None:
+    """Add one line to a file of JSON lines."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(_text(line))
+
+
+def _text(line: Line) -> str:
+    return json.dumps(worded(plain(line)), allow_nan=False) + "\n"
+
+
+class ResultsFile:
+    """Finished cases by key; a context that holds the file for itself.
+
+    Args:
+        path: The file, made when absent. A last line that was cut off in writing is taken away.
+
+    Attributes:
+        found: How many cases that were asked for were there.
+        added: How many were written.
+        taken: Keys of the cases that each benchmark has asked for, in their order.
+
+    Raises:
+        ConfigError: Another process writes to it, or a line is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("a+b")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._file.close()
+            raise ConfigError(f"{path}: another sweep writes to it") from error
+        try:
+            self._lines = {line["key"]: line for line in read_lines(path) if "key" in line}
+        except ConfigError:
+            self._file.close()
+            raise
+        self._file.seek(0)
+        self._file.truncate(self._file.read().rfind(b"\n") + 1)
+        self.found = self.added = 0
+        self.taken: dict[str, list[str]] = {}
+
+    def __enter__(self) -> ResultsFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def case(self, key: str) -> Line | None:
+        """Inputs and outcome of a finished case; None when it is not finished."""
+        line = self._lines.get(key)
+        if line is None:
+            return None
+        self.found += 1
+        return dict(line["case"])
+
+    def add(self, line: Line) -> None:
+        """Write a finished case, unless it is there."""
+        if line["key"] in self._lines:
+            return
+        self._lines[line["key"]] = line
+        self._file.write(_text(line).encode())
+        self._file.flush()
+        self.added += 1

@@ -1,0 +1,105 @@
+"""All benchmarks, one after another, with the same workers and the same file of finished cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+from rich.console import Console
+
+from benchmarks.harness import Options, Report, Sweep
+from benchmarks.saved_reports import Failure, save_failure, save_report
+from models.config import STRICT, default_config
+from models.errors import ConfigError, PoiseError
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Entry:
+    """One benchmark of a suite.
+
+    Attributes:
+        bench: Its name, as its report bears it.
+        robots: Who is measured, one after another.
+        seeds: How many.
+        scenarios: Chosen ones; all that are usual when empty.
+    """
+
+    bench: str
+    robots: tuple[str, ...]
+    seeds: Annotated[int, Field(ge=1)] = 1
+    scenarios: tuple[str, ...] = ()
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class SuiteConfig:
+    """The suites, and which figures a report shows; see ``benchmarks/config/suite.yaml``."""
+
+    quick: tuple[Entry, ...]
+    full: tuple[Entry, ...]
+    figures: dict[str, tuple[str, ...]]
+
+
+@cache
+def suite_config() -> SuiteConfig:
+    """The packaged suites."""
+    return default_config(SuiteConfig, "benchmarks", "suite")
+
+
+def _command_and_mode(bench: str) -> tuple[str, str]:
+    """Name of the command that runs a benchmark, and its mode; empty where it has none."""
+    return ("push", bench.removeprefix("push_")) if bench.startswith("push_") else (bench, "")
+
+
+def command_of(entry: Entry, robot: str) -> str:
+    """Command that measures one benchmark of a suite on one robot."""
+    name, mode = _command_and_mode(entry.bench)
+    words = ["poise", "bench", name, "--robot", robot, "--seeds", str(entry.seeds)]
+    option = "--direction" if name == "push" else "--scenario"
+    return " ".join([*words, *(["--mode", mode] if mode else []), *(f"{option} {each}" for each in entry.scenarios)])
+
+
+def run_suite(
+    entries: Sequence[Entry], modules: Mapping[str, str], folder: Path, sweep: Sweep, console: Console
+) -> bool:
+    """Run every benchmark and keep what it found.
+
+    Args:
+        entries: What is run.
+        modules: Module of each benchmark, by the name that its reports bear.
+        folder: Where the lines go; it holds the file of finished cases too.
+        sweep: Workers, and the file of finished cases.
+        console: Where it is told what is done.
+
+    Returns:
+        Whether all of them passed. One that cannot be run here has not, and the next one is run.
+
+    Raises:
+        ConfigError: A benchmark is unknown, or there is no file of finished cases.
+    """
+    if sweep.results is None:
+        raise ConfigError("a suite needs a file of finished cases")
+    passed = True
+    for entry in entries:
+        if entry.bench not in modules:
+            raise ConfigError(f"suite: unknown benchmark '{entry.bench}'; known: {', '.join(modules)}")
+        _, mode = _command_and_mode(entry.bench)
+        for robot in entry.robots:
+            sweep.results.taken.clear()
+            options = Options(robot, entry.seeds, scenarios=entry.scenarios, mode=mode, sweep=sweep)
+            try:
+                report: Report = import_module(f"benchmarks.{modules[entry.bench]}").run(options)
+            except (PoiseError, ImportError) as error:
+                passed = False
+                console.print(f"{entry.bench} {robot}: could not be run: {error}", style="red", markup=False)
+                save_failure(folder, Failure(entry.bench, robot, f"{type(error).__name__}: {error}"))
+                continue
+            save_report(folder, report, sweep.results.taken.get(report.bench, []), command_of(entry, robot))
+            passed = passed and report.passed
+            verdict = "[green]passed[/green]" if report.passed else "[red]not passed[/red]"
+            console.print(f"{entry.bench} {robot}: {len(report.cases)} cases, {verdict}")
+    return passed

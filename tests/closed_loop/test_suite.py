@@ -1,0 +1,98 @@
+"""``poise bench all``: real cases, kept as they are finished, and their report built from the JSON lines."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks import suite
+from benchmarks.cli import MODULES, app
+from benchmarks.saved_reports import CASES, REPORTS
+from benchmarks.suite import Entry, SuiteConfig, command_of, suite_config
+from models.errors import PoiseError
+
+RUNNER = CliRunner()
+
+ROW = "stamp_in_the_future"
+"""A fault that the robot rides through, quickly measured."""
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A suite of one case, and of a benchmark that cannot be run."""
+    entries = (Entry("faults", ("g1",), 1, (ROW,)), Entry("stand", ("nobody",)))
+    monkeypatch.setattr(suite, "suite_config", lambda: SuiteConfig(entries, (), {"faults": ("survived", "total")}))
+
+
+def run(folder: Path) -> Any:
+    return RUNNER.invoke(app, ["all", "--quick", "--out", str(folder), "--workers", "1"])
+
+
+def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_path: Path, tiny: None) -> None:
+    pytest.importorskip("markdown_it")
+    folder = tmp_path / "bench"
+    assert run(folder).exit_code == 1  # nobody's profile is missing
+    (line,) = [json.loads(text) for text in (folder / CASES).read_text().splitlines()]
+    assert (line["bench"], line["case"]["row"], line["case"]["ok"]) == ("faults", ROW, True)
+    report, failure = [json.loads(text) for text in (folder / REPORTS).read_text().splitlines()]
+    assert report["keys"] == [line["key"]] and report["figures"] == pytest.approx({
+        "survived": 1.0, "total": 1.0, "torque_step_max": line["case"]["torque_step"],
+    })  # fmt: skip
+    assert (failure["bench"], failure["robot"]) == ("stand", "nobody") and "unknown robot" in failure["error"]
+    page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
+    for text in ("| faults | g1 | 1 | 1 |", "passed", "stand, nobody", f"--seeds 1 --scenario {ROW}", "0.21 to 1.00"):
+        assert text in page, text
+    assert "plots/survival.png" in page and (folder / "plots/survival.png").is_file()
+    assert not re.search(r'(src|href)="(?!data:)', whole) and "data:image/png;base64," in whole and "<table>" in whole
+    assert str(tmp_path) not in page + whole
+
+    again = run(folder)  # measures nothing
+    assert len((folder / CASES).read_text().splitlines()) == 1
+    assert again.exit_code == 1 and "faults g1: 1 cases, passed" in again.output
+
+    for file in (folder / "report.md", folder / "report.html", folder / "plots/survival.png"):
+        file.unlink()
+    assert RUNNER.invoke(app, ["report", str(folder)]).exit_code == 0
+    assert ((folder / "report.md").read_text(), (folder / "report.html").read_text()) == (page, whole)
+
+
+def test_a_folder_without_lines_or_with_a_missing_case_is_refused(tmp_path: Path) -> None:
+    refused = RUNNER.invoke(app, ["report", str(tmp_path)])
+    assert refused.exit_code == 2 and "no benchmark is finished" in refused.output
+    line = {"bench": "stand", "robot": "g1", "seeds": 1, "figures": {}, "passed": True, "load": {}, "notes": []}
+    line |= {"keys": ["lost"], "command": "", "revision": "", "versions": {}}
+    (tmp_path / REPORTS).write_text(json.dumps(line) + "\n")
+    refused = RUNNER.invoke(app, ["report", str(tmp_path)])
+    assert refused.exit_code == 2 and "'lost'" in refused.output
+
+
+def test_the_packaged_suites_are_of_benchmarks_robots_and_figures_that_there_are() -> None:
+    from models.profile import robot_names
+
+    config = suite_config()
+    for entry in (*config.quick, *config.full):
+        assert entry.bench in MODULES and set(entry.robots) <= set(robot_names())
+    assert {entry.bench for entry in config.full} == set(config.figures) == set(MODULES) - {"scaling"}
+    assert {entry.bench for entry in config.quick} <= set(config.figures)
+
+
+def test_a_command_says_how_to_measure_again() -> None:
+    assert command_of(Entry("push_walk", ("g1",), 2, ("left",)), "g1") == (
+        "poise bench push --robot g1 --seeds 2 --mode walk --direction left"
+    )
+    assert command_of(Entry("walk", ("talos",), 1, ("stop", "top")), "talos") == (
+        "poise bench walk --robot talos --seeds 1 --scenario stop --scenario top"
+    )
+
+
+def test_an_unknown_benchmark_is_refused(tmp_path: Path) -> None:
+    from benchmarks.harness import Sweep
+    from benchmarks.results import ResultsFile
+
+    with ResultsFile(tmp_path / CASES) as file, pytest.raises(PoiseError, match="unknown benchmark 'dance'"):
+        suite.run_suite([Entry("dance", ("g1",))], MODULES, tmp_path, Sweep(None, file), console=None)  # type: ignore[arg-type]

@@ -1,0 +1,121 @@
+"""Robots in namespaces of their own, on machines of two networks, joined by a discovery server: no multicast there."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.ros.cable import staged
+
+pytestmark = pytest.mark.ros
+
+SERVER = "fast-discovery-server"
+"""Of Fast DDS; in the wheels it is beside the other programs of the environment."""
+
+ROBOT = '''
+"""Part of a graph that other machines may join: says what it has been told in its namespace."""
+import sys, time
+
+from bridge.ros.environment import join_graph
+
+join_graph(network=True)
+
+import rclpy
+from std_msgs.msg import String
+
+name = sys.argv[1]
+rclpy.init()
+node = rclpy.create_node("part", namespace=name)
+heard = set()
+node.create_subscription(String, "humanoid_commands", lambda message: heard.add(message.data), 10)
+said = node.create_publisher(String, "chatter", 10)
+print("up", flush=True)
+end = time.monotonic() + 60.0
+while time.monotonic() < end:
+    said.publish(String(data=" ".join([name, *sorted(heard)])))
+    rclpy.spin_once(node, timeout_sec=0.05)
+'''
+
+OPERATOR = '''
+"""Commands both robots by their namespaces, and prints what each has answered by then."""
+import json, sys, time
+
+from bridge.ros.environment import join_graph
+
+join_graph(network=True)
+
+import rclpy
+from std_msgs.msg import String
+
+patience = float(sys.argv[1])
+rclpy.init()
+node = rclpy.create_node("operator")
+robots = ("robot_1", "robot_2")
+heard = {name: set() for name in robots}
+commands = {}
+for name in robots:
+    node.create_subscription(String, f"/{name}/chatter", lambda m, n=name: heard[n].update(m.data.split()), 10)
+    commands[name] = node.create_publisher(String, f"/{name}/humanoid_commands", 10)
+end = time.monotonic() + patience
+while time.monotonic() < end and not all(f"wave_{name}" in heard[name] for name in robots):
+    for name, command in commands.items():
+        command.publish(String(data=f"wave_{name}"))
+    rclpy.spin_once(node, timeout_sec=0.05)
+print(json.dumps({name: sorted(words) for name, words in heard.items()}))
+'''
+
+STAGE = '''
+"""A robot on each of two machines, an operator on the second, on the first a discovery server if one is named."""
+import os, subprocess, sys
+
+from tests.ros.cable import FIRST, routed_machines
+
+server, patience = sys.argv[1:]
+python = (sys.executable, "-u")
+environment = dict(os.environ)
+started = []
+
+def start(*command, **options):
+    started.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **options))
+    started[-1].stdout.readline()  # it is up
+
+with routed_machines() as (first, second):
+    try:
+        if server:
+            start(*first, server, "--server-id", "0", "--udp-address", FIRST, "--udp-port", "11811")
+            environment["ROS_DISCOVERY_SERVER"] = f"{FIRST}:11811"
+        start(*first, *python, "robot.py", "robot_1", env=environment)
+        start(*second, *python, "robot.py", "robot_2", env=environment)
+        operator = [*second, *python, "operator_.py", patience]
+        print(subprocess.run(operator, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout)
+    finally:
+        for process in reversed(started):
+            process.terminate()
+            process.wait(20)
+'''
+
+
+def heard(server: str, patience: float, folder: Path, root: Path) -> Any:
+    """What the operator has heard of each robot."""
+    # operator.py is the name of a module of Python, and the folder comes first on its path.
+    scripts = {"robot.py": ROBOT, "operator_.py": OPERATOR, "stage.py": STAGE}
+    return staged(scripts, [server, str(patience)], folder, root)
+
+
+def test_a_discovery_server_joins_robots_of_two_machines(tmp_path: Path, root: Path) -> None:
+    server = shutil.which(SERVER, path=str(Path(sys.executable).parent)) or shutil.which(SERVER)
+    if server is None:
+        pytest.skip(f"no {SERVER} here")
+    found = heard(server, 40.0, tmp_path, root)
+    # Each answers in its own namespace, and has heard nothing that was for the other.
+    assert found == {"robot_1": ["robot_1", "wave_robot_1"], "robot_2": ["robot_2", "wave_robot_2"]}
+
+
+def test_without_it_two_networks_stay_apart(tmp_path: Path, root: Path) -> None:
+    """The control: it is the server that joins them."""
+    found = heard("", 6.0, tmp_path, root)
+    assert found == {"robot_1": [], "robot_2": ["robot_2", "wave_robot_2"]}

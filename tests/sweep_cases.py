@@ -1,0 +1,34 @@
+"""Cases for tests of the runner: they tell who measured them, and can be slow or kill their worker."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from models.threads import THREAD_VARIABLES
+
+
+def square(seed: int, robot: str = "g1") -> dict[str, Any]:
+    """Its worker, and what came out."""
+    return {"square": seed * seed, "pid": os.getpid(), "threads": [os.environ.get(name) for name in THREAD_VARIABLES]}
+
+
+def slow_square(seed: int, folder: str) -> dict[str, Any]:
+    """Leaves a file named after its worker as soon as it has begun, and takes its time."""
+    (Path(folder) / f"{os.getpid()}.{seed}").touch()
+    time.sleep(0.2)
+    return {"square": seed * seed}
+
+
+def deadly(seed: int) -> dict[str, Any]:
+    """Kills its worker, every time."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def refused(seed: int) -> dict[str, Any]:
+    """Fails."""
+    raise KeyError(seed)
