@@ -238,6 +238,7 @@ class BalanceController:
         self.reset(state)
         if self.step(state, 1e-3).status is not SolveStatus.OPTIMAL:
             raise TrajectoryError(f"{model.name}: the whole-body QP has no solution at the standing posture")
+        self.whole_body.assemble_rows()  # standing still needs none
         self.reset(state)
 
 

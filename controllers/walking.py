@@ -166,4 +166,5 @@ class WalkingController:
         for contacts in ((True, True), (True, False), (False, True)):
             for offset in (None, np.zeros(2)):
                 self.step(state, replace(reference, contacts=contacts, cmp_offset=offset), 1e-3)
+                self.whole_body.assemble_rows()
         self.reset(state)

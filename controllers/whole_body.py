@@ -169,9 +169,13 @@ class WholeBodyController:
     @property
     def problem(self) -> QP | None:
         """Last QP with all its rows, overwritten by the next tick; None before the first."""
+        self.assemble_rows()
+        return self._problem
+
+    def assemble_rows(self) -> None:
+        """Fill the rows of the last QP, where it was solved without them."""
         if self._problem is not None and self._problem.complete is not None:
             self._problem.complete()
-        return self._problem
 
     def rely_on(self, areas: Matrix | None) -> bool:
         """Count on parts of the soles only (2, 4) [m], None for the whole ones; returns whether anything changed."""

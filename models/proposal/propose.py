@@ -189,10 +189,10 @@ def _sole(shape: SoleShape) -> Sole:
 
 
 def _sensors(mass: float) -> Sensors:
-    """The sensors of the G1, those of the feet grown or shrunk with the robot's weight."""
+    """The sensors of the G1 but for scanner and camera, those of the feet grown or shrunk with the robot's weight."""
     pattern = load_profile(_PATTERN)
     sensors = pattern.sensors
     ratio = mass / _PATTERN_MASS
     weighed = [f"{kind}_{what}" for kind in ("force", "torque") for what in ("noise", "offset", "range", "resolution")]
     feet: dict[str, Any] = {key: float(f"{ratio * getattr(sensors.feet, key):.2g}") for key in weighed}
-    return replace(sensors, feet=replace(sensors.feet, **feet), scan=None)
+    return replace(sensors, feet=replace(sensors.feet, **feet), scan=None, camera=None)
