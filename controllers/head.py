@@ -80,7 +80,12 @@ class Head:
     @property
     def active(self) -> bool:
         """Whether it changes the posture."""
-        return self._goal is not None or not self._relative or self._grip > 0.0 or bool(self._stages.any())
+        return self._goal is not None or self._felt
+
+    @property
+    def _felt(self) -> bool:
+        """Whether it changed the posture on the last tick: only then is it known what was below."""
+        return not self._relative or self._grip > 0.0 or bool(self._stages.any())
 
     def drop(self) -> None:
         """Forget everything: the posture is passed on as it is."""
@@ -101,8 +106,13 @@ class Head:
 
     def release(self, motion: JointTrajectory) -> None:
         """Leave the head to a motion, if that names one of its joints."""
-        if any(name in motion.joint_names for name in self._names):
-            self._goal = None
+        if not any(name in motion.joint_names for name in self._names):
+            return
+        self._goal = None
+        if self._felt and self._relative:
+            # It is on the way to what another motion wants: what this one wants may be far from that.
+            self._stages += self._origin()
+            self._relative = False
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
         """A posture with the head in it, a tick of so many seconds later.
@@ -125,7 +135,7 @@ class Head:
         self._grip += min(max(wanted - self._grip, -dt / self.config.grip_time), dt / self.config.grip_time)
         if self._relative is not (self._goal is None):
             # Count from the other origin, as it was a tick ago, so that position and velocity go on.
-            origin = under - rate * dt + np.array([[2.0], [1.0], [0.0]]) * rate / w
+            origin = self._origin() - rate * dt
             stages += -origin if self._goal is None else origin
             self._relative = self._goal is None
         goal = np.zeros(2) if self._goal is None else self._goal
@@ -177,7 +187,7 @@ class Head:
             motion: About to start. Where it moves the head, that starts where the motion has it: it was made from where
                 the head is or from the posture below it, and either way ``step`` leads the head over.
         """
-        if not self.active:
+        if not self._felt:
             return reference.posture, reference.posture_velocity
         posture, velocity = reference.posture.copy(), reference.posture_velocity.copy()
         posture[self.joints], velocity[self.joints] = self._under
@@ -187,3 +197,8 @@ class Head:
                 if name in names:
                     posture[joint] = motion.positions[0, names.index(name)]
         return posture, velocity
+
+    def _origin(self) -> Vector:
+        """Stages of a head that follows the posture below alone, as that goes on by its rate (3, 2) [rad]."""
+        under, rate = self._under
+        return np.array(under + np.array([[2.0], [1.0], [0.0]]) * rate / self.config.bandwidth)

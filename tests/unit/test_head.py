@@ -120,6 +120,36 @@ def test_motions_start_below_the_head_or_where_they_have_it(talos: RobotModel) -
     np.testing.assert_array_equal(played.head.without(tracked, malformed)[0], played.posture)
 
 
+def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: RobotModel) -> None:
+    played = Played(talos)
+    pan = played.head.joints[0]
+    from tests.unit.test_upper_body import reference
+
+    tracked = reference(talos, 0.0)
+    played.head.command(0.5, 0.1)
+    played.run(3.0)
+    for place in (0.0, 0.8, 0.1):  # set-points, the next before the head is where the last one has it
+        point = JointTrajectory(("head_2_joint",), np.array([0.1]), np.array([[place]]))
+        played.posture, _ = played.head.without(replace(tracked, posture=played.posture), point)
+        assert played.posture[pan] == place
+        played.head.release(point)
+        played.run(0.02)
+    played.run(4.0)
+    assert not played.head.active and played.rows[-1][0, 0] == 0.1
+    q, v, _ = np.moveaxis(played.series, 1, 0)
+    assert np.abs(np.diff(q, axis=0)).max() <= played.config.speed * DT + 1e-12
+    assert np.abs(np.diff(v, axis=0)).max() <= 2.0 * played.config.speed * played.config.bandwidth * DT + 1e-12
+
+
+def test_a_motion_right_after_the_first_command_starts_from_the_posture_as_it_is(talos: RobotModel) -> None:
+    from tests.unit.test_upper_body import reference
+
+    head, tracked = Head(talos), reference(talos, 0.0)
+    tracked.posture[head.joints] = 0.3, 0.1
+    head.command(0.6, 0.2)  # and no tick since
+    np.testing.assert_array_equal(head.without(tracked)[0], tracked.posture)
+
+
 def test_what_is_no_angle_and_what_is_no_head_is_refused_by_name(talos: RobotModel, g1: RobotModel) -> None:
     with pytest.raises(CommandError, match="tilt: nan rad"):
         Head(talos).command(0.0, float("nan"))
