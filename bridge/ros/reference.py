@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,8 @@ FILE = Path("docs/reference.md")
 
 HEAD = """# Reference
 
-Every topic, service and parameter, as the nodes declare them with the G1. Made by `make reference`; a test holds it
-to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names are relative: a namespace goes
+Every topic, service and parameter, as the nodes declare them with the G1, those of a head with TALOS. Made by `make reference`; a test
+holds it to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names are relative: a namespace goes
 before them. Parameters marked `live` may be changed while the node runs; all others are read-only. `-` is no bound.
 """
 
@@ -60,24 +60,26 @@ def reference() -> str:
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[PoiseNode] = []
+    given: list[tuple[str, Sequence[str]]] = [(name, ()) for name in NODES]
+    given += [(name, WITH_HEAD) for name in HEADED]
     try:
-        for name, kind in NODES.items():
-            nodes.append(kind(context=context, cli_args=["--ros-args", "--log-level", "error"]))
+        for name, arguments in given:
+            nodes.append(NODES[name](context=context, cli_args=["--ros-args", "--log-level", "error", *arguments]))
             nodes[-1].trigger_configure()
             if nodes[-1].message != "configured":
                 raise PoiseError(f"{name}: {nodes[-1].message}")
-        return "\n".join(_lines(nodes)) + "\n"
+        return "\n".join(_lines(nodes[: len(NODES)], nodes)) + "\n"
     finally:
         for node in nodes:
             node.destroy_node()
         context.try_shutdown()
 
 
-def _lines(nodes: list[PoiseNode]) -> Iterator[str]:
+def _lines(nodes: list[PoiseNode], and_headed: list[PoiseNode]) -> Iterator[str]:
     shared = _shared(nodes)
     yield HEAD
     yield "## Topics\n"
-    yield from _table(("topic", "type", "QoS", "from", "to"), _topics(nodes))
+    yield from _table(("topic", "type", "QoS", "from", "to"), _topics(and_headed))
     yield "\n## Services\n"
     yield "Beside those of every lifecycle node (`change_state`, `get_state`, ...) and of its parameters.\n"
     services = sorted((_short(s.srv_name), _type(s.srv_type), n.get_name()) for n in nodes for s in _services(n))
@@ -109,7 +111,7 @@ def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
     for name in ("parameter_events", "rosout"):
         found.pop(f"/{name}", None)
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):
-        everybody = "every node" if len(sources) == len(nodes) else ", ".join(sources)
+        everybody = "every node" if len(sources) == len(NODES) else ", ".join(sources)
         yield topic, kind, qos, everybody or "you", ", ".join(sinks) or "anybody"
 
 
@@ -147,6 +149,9 @@ def _short(name: str) -> str:
     """Relative name of what lies in the root namespace because the node does; absolute names keep their slash."""
     return name if name in ABSOLUTE else name.removeprefix("/")
 
+
+HEADED, WITH_HEAD = ("balance_controller", "vision_node"), ("--disable-rosout-logs", "-p", "robot:=talos", "-p", "follow:=true")
+"""Nodes with further topics where the robot has a head, which the G1 has not, and what brings these out."""
 
 ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events", "/rosout"})
 """Topics that a namespace does not move."""

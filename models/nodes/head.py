@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -24,8 +25,8 @@ def head_from_message(message: Any) -> tuple[float, float]:
     """Pan and tilt of a sensor_msgs/JointState [rad]; velocities and efforts are left out.
 
     Raises:
-        MessageError: Other names than ``pan`` and ``tilt``, one of them missing or given twice, or not a position for
-            each; names it.
+        MessageError: Other names than ``pan`` and ``tilt``, one of them missing or given twice, not a position for
+            each, or one that is not finite; names it.
     """
     names = list(message.name)
     if sorted(names) != [PAN, TILT]:
@@ -33,4 +34,7 @@ def head_from_message(message: Any) -> tuple[float, float]:
     if len(message.position) != len(names):
         raise MessageError(f"position: {len(message.position)} values for {len(names)} names")
     angles = dict(zip(names, message.position, strict=True))
+    for name, angle in angles.items():
+        if not math.isfinite(angle):
+            raise MessageError(f"{name}: {angle} rad is no angle")
     return float(angles[PAN]), float(angles[TILT])

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.deferred import Owed, serve_later
+from models.nodes.head import head_from_message
 from models.nodes.messages import trajectory_to_message
 from models.nodes.odometry import OdometryCodec
 from models.nodes.own_types import offer_own
@@ -53,11 +55,13 @@ class MotionService:
         self._node, self._law, self._posture, self._publish = node, law, posture, publish
         self._points_max, self._odometry = points_max, OdometryCodec()
         self._mode, self._odom = "", b""
+        self._head: tuple[float, float] | None = None
         self._owed: tuple[Owed, Any] | None = None
         self._until = 0.0
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
         node.listen(String, topics.MOTION_STATE, self._on_state, EVENT)
         node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.listen(JointState, topics.HEAD_STATE, self._on_head, SENSOR)
         node.own(node.destroy_timer, node.every(LOOK_PERIOD, self._look))
         offer_own(node, "PlanMotion", topics.PLAN_MOTION, self._on_call, serve_later)
 
@@ -90,7 +94,7 @@ class MotionService:
         place = np.array([getattr(pose.position, axis) for axis in "xyz"])
         base = self._odometry.decode(self._odom)[1] if self._odom else None
         model = self._node.model
-        target = planted_target(model, joints, request.target.header.frame_id, place, turn, base)
+        target = planted_target(model, self._seen(joints), request.target.header.frame_id, place, turn, base)
         return self._law.plan_pose(
             frame,
             target.translation,
@@ -98,6 +102,24 @@ class MotionService:
             start_q=joints,
             duration=request.duration if request.duration != 0.0 else None,
         )
+
+    def _seen(self, joints: Vector) -> Vector:
+        """A posture with the head where it is (nj,) [rad].
+
+        Plans start below what ``head/pan_tilt`` adds; a target in a frame of the head, such as its camera's, does not.
+        """
+        head = self._node.model.profile.head
+        if head is None or self._head is None:
+            return joints
+        seen = joints.copy()
+        seen[[self._node.model.joint_index(name) for name in (head.pan, head.tilt)]] = self._head
+        return seen
+
+    def _on_head(self, message: Any) -> None:
+        try:
+            self._head = head_from_message(message)
+        except PoiseError as error:
+            self._node.refuse(topics.HEAD_STATE, error)
 
     def _on_mode(self, message: String) -> None:
         self._mode = message.data

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
@@ -26,16 +27,18 @@ from controllers.angle_history import AngleHistory
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.vision_node import VisionNode
 from models.camera import Pinhole, azimuth_elevation
-from models.errors import MessageError
+from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.camera import image_message, info_message, picture_of, pinhole_of
 from models.nodes.head import head_from_message, head_message
+from models.nodes.interfaces import interface
 from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.profile import CAMERA_FRAME
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState
+from planners.nodes.motion_planner import MotionPlannerNode
 
 pytestmark = pytest.mark.ros
 
@@ -82,6 +85,8 @@ def test_cameras_and_heads_that_are_none_are_refused() -> None:
             head_from_message(JointState(name=names, position=[0.0] * len(names)))
     with pytest.raises(MessageError, match="position: 1 values"):
         head_from_message(JointState(name=["pan", "tilt"], position=[0.0]))
+    with pytest.raises(MessageError, match="tilt: nan rad"):
+        head_from_message(JointState(name=["pan", "tilt"], position=[0.0, math.nan]))
 
 
 def test_angles_are_those_of_the_time_of_the_picture() -> None:
@@ -189,6 +194,43 @@ def test_a_robot_without_a_head_refuses_to_turn_it_by_name(bench: Any) -> None:
     assert "no joints 'head.pan'" in node.values["last refusal"]
     vision = bench.add(VisionNode, active=False, follow=True)
     assert "g1: head" in vision.message
+
+
+def test_a_target_that_a_turned_camera_sees_is_planned_for_where_it_is(bench: Any, talos: RobotModel) -> None:
+    """The reference posture leaves out what the head was told, the camera's frame must not."""
+    try:
+        kind = interface("poise_interfaces", "srv", "PlanMotion")
+    except PoiseError as error:
+        pytest.skip(str(error))
+    node = bench.add(MotionPlannerNode, robot="talos")
+    client = bench.world.create_client(kind, topics.PLAN_MOTION)
+    make, posture = bench.world.create_publisher, talos.posture("stand")
+    head = make(JointState, topics.HEAD_STATE, SENSOR)
+    joints, mode = make(JointState, topics.POSTURE, SENSOR), make(String, topics.MODE, LATCHED)
+    bench.wait(lambda: client.service_is_ready() and head.get_subscription_count() and joints.get_subscription_count())
+    mode.publish(String(data="stand"))
+    head.publish(head_message(MS, 0.7, 0.3))
+    joints.publish(JointStateCodec(talos).encode(MS, posture, np.zeros(talos.nj), np.zeros(talos.nj)))
+    bench.spin(0.3)
+    assert talos.profile.head is not None
+    q, data = np.concatenate([pin.neutral(talos.pin)[:7], posture]), talos.data()
+    for name, angle in ((talos.profile.head.pan, 0.7), (talos.profile.head.tilt, 0.3)):
+        q[7 + talos.joint_index(name)] = angle
+    pin.framesForwardKinematics(talos.pin, data, q)
+    place = data.oMf[talos.frame_id("l_wrist")].translation + np.array([0.08, 0.0, 0.08])  # in base_link
+
+    def end(frame_id: str, point: Any) -> Any:
+        request = kind.Request(frame="left_hand")
+        request.target.header.frame_id = frame_id
+        position = request.target.pose.position
+        position.x, position.y, position.z = map(float, point)
+        future = client.call_async(request)
+        bench.wait(future.done, 60.0)
+        assert future.result().success, (future.result().message, node.values)
+        return future.result().trajectory.points[-1].positions
+
+    seen = data.oMf[talos.frame_id(CAMERA_FRAME)].actInv(place)
+    np.testing.assert_allclose(end(CAMERA_FRAME, seen), end("base_link", place), atol=1e-6)
 
 
 @needs_gl
