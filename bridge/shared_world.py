@@ -12,6 +12,9 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 
+OF_ONE = ("calibration", "controller", "mcap")
+"""Options of ``ClosedLoop`` that are of one robot: two would write the same file, or share the state of a law."""
+
 
 class SharedWorld:
     """A ``ClosedLoop`` for each robot, all in one ``MujocoWorld``.
@@ -27,14 +30,14 @@ class SharedWorld:
         friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
         timestep: Physics and driver tick [s].
         visuals: Load meshes for pictures.
-        options: For every ``ClosedLoop``.
+        options: For every ``ClosedLoop``; none of ``OF_ONE``.
 
     Attributes:
         world: The world.
         loops: The loop of each robot by name.
 
     Raises:
-        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``.
+        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``; or an option is of one robot alone.
         PoiseError: As ``ClosedLoop``.
     """
 
@@ -50,6 +53,9 @@ class SharedWorld:
         visuals: bool = False,
         **options: Any,
     ) -> None:
+        for option in OF_ONE:
+            if options.get(option) is not None and len(robots) > 1:
+                raise ConfigError(f"{option}: of one robot, not of all of a world")
         models = {
             name: each if isinstance(each, RobotModel) else RobotModel.load(each) for name, each in robots.items()
         }

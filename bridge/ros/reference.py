@@ -28,9 +28,9 @@ FILE = Path("docs/reference.md")
 
 HEAD = """# Reference
 
-Every topic, service and parameter, as the nodes declare them with the G1, those of a head with TALOS. Made by `make reference`; a test
-holds it to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names are relative: a namespace goes
-before them. Parameters marked `live` may be changed while the node runs; all others are read-only. `-` is no bound.
+Every topic, service and parameter, as the nodes declare them with the G1, topics of a head with TALOS. Made by
+`make reference`; a test holds it to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names
+are relative: a namespace goes before them. Parameters marked `live` may be changed while the node runs; all others are read-only. `-` is no bound.
 """
 
 OF_EVERY_NODE = "Of every node"
@@ -64,7 +64,8 @@ def reference() -> str:
     given += [(name, WITH_HEAD) for name in HEADED]
     try:
         for name, arguments in given:
-            nodes.append(NODES[name](context=context, cli_args=["--ros-args", "--log-level", "error", *arguments]))
+            line = ["--ros-args", "--log-level", "error", *arguments]
+            nodes.append(NODES[name](context=context, cli_args=line, enable_rosout=False))
             nodes[-1].trigger_configure()
             if nodes[-1].message != "configured":
                 raise PoiseError(f"{name}: {nodes[-1].message}")
@@ -150,7 +151,7 @@ def _short(name: str) -> str:
     return name if name in ABSOLUTE else name.removeprefix("/")
 
 
-HEADED, WITH_HEAD = ("balance_controller", "vision_node"), ("--disable-rosout-logs", "-p", "robot:=talos", "-p", "follow:=true")
+HEADED, WITH_HEAD = ("balance_controller", "vision_node"), ("-p", "robot:=talos", "-p", "follow:=true")
 """Nodes with further topics where the robot has a head, which the G1 has not, and what brings these out."""
 
 ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events", "/rosout"})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from bridge.laser_scanner import LaserScanner
 from bridge.mujoco_plant import MujocoPlant
 from bridge.mujoco_world import SPACING, MujocoWorld, Place
+from bridge.shared_world import SharedWorld
 from models.errors import CommandError, ConfigError
 from models.heading import heading
 from models.mujoco_model import build_mujoco, build_mujoco_world, mujoco_to_pin, pin_to_mujoco
@@ -151,6 +154,12 @@ def test_a_place_that_is_taken_is_refused(g1: RobotModel) -> None:
 def test_unknown_robots_are_named(g1: RobotModel, places: dict[str, Place], name: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         MujocoPlant(g1, world=MujocoWorld({"a": g1}, places), name=name)
+
+
+@pytest.mark.parametrize("option", ["calibration", "controller", "mcap"])
+def test_what_is_of_one_robot_is_refused_for_several(option: str) -> None:
+    with pytest.raises(ConfigError, match=f"{option}: of one robot"):
+        SharedWorld({"a": "g1", "b": "g1"}, **{option: Path("run.mcap")})
 
 
 def test_a_robot_is_the_one_that_the_world_has(g1: RobotModel, talos: RobotModel) -> None:
