@@ -30,7 +30,8 @@ HEAD = """# Reference
 
 Every topic, service and parameter, as the nodes declare them with the G1, topics of a head with TALOS. Made by
 `make reference`; a test holds it to the code. What the topics mean: [graph.md](graph.md), [nodes.md](nodes.md). Names
-are relative: a namespace goes before them. Parameters marked `live` may be changed while the node runs; all others are read-only. `-` is no bound.
+are relative: a namespace goes before them. Parameters marked `live` may be changed while the node runs; all others are
+read-only. `-` is no bound.
 """
 
 OF_EVERY_NODE = "Of every node"
