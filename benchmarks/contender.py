@@ -7,6 +7,8 @@ answers with a joint command; start, plant, drivers, delay, pushes, ground and s
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Protocol
 
 from models.errors import ConfigError
@@ -45,6 +47,15 @@ class Contender(Protocol):
             dt: [s].
         """
         ...
+
+
+def source_of(name: str) -> list[Path]:
+    """File of a contender's module; none where there is none, which ``load`` refuses."""
+    try:
+        spec = find_spec(name.partition(":")[0])
+    except (ImportError, ValueError):
+        return []
+    return [Path(spec.origin)] if spec is not None and spec.origin else []
 
 
 def load(name: str) -> Contender:

@@ -142,7 +142,7 @@ class ProcessPool:
         """
         left, deaths = dict(enumerate(cases)), 0
         while left:
-            finished = len(left)
+            before = len(left)
             try:
                 futures = self._submit(measure, left.items())
             except BrokenProcessPool:  # one has died while it had nothing to do, or has just died
@@ -161,7 +161,7 @@ class ProcessPool:
                     future.cancel()
             if left:
                 self.rest()
-                deaths = 0 if len(left) < finished else deaths + 1
+                deaths = 0 if len(left) < before else deaths + 1
                 if deaths >= DEATHS_ALLOWED:
                     raise PoiseError(f"worker processes died {deaths} times in a row, {len(left)} cases are left")
 

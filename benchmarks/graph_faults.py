@@ -138,6 +138,8 @@ def run(options: Options) -> Report:
     with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
 
         def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+            if left:
+                options.sweep.rest()
             places = {(case["seed"], case["row"]): index for index, case in enumerate(left)}
             for seed in range(options.seeds):
                 wanted = [case["row"] for case in left if case["seed"] == seed]

@@ -54,6 +54,11 @@ class Sweep:
     executor: Executor | None = None
     results: ResultsFile | None = None
 
+    def rest(self) -> None:
+        """End the workers until they are needed, and the thread that speaks with them, which takes the interpreter."""
+        if self.executor is not None:
+            self.executor.rest()
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -197,7 +202,7 @@ def collect(
         ConfigError: A worker runs another revision than this process.
     """
     file = options.sweep.results
-    config = configuration(options.robot) if file else ""
+    config = configuration(options.robot, options.contender) if file else ""
     keys = [case_key(bench, config, source_state(), case) for case in cases]
     inputs = {key: dict(case) for key, case in zip(keys, cases, strict=True)}
     known = {key: file.case(key) for key in inputs} if file else {}
@@ -266,8 +271,8 @@ def run_cases(
     def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         given = options.sweep.executor
         if alone:
-            if given is not None and left:
-                given.rest()  # the thread that speaks with workers allocates, and takes the interpreter
+            if left:
+                options.sweep.rest()
             given = InProcess()
         if given is not None:
             yield from given.run(measure, left)

@@ -10,6 +10,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from benchmarks.contender import source_of
 from models.profile import load_profile
 from models.urdf import resolve_uri
 
@@ -78,11 +79,12 @@ def digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:DIGEST]
 
 
-def configuration(robot: str) -> str:
-    """Hash of all that is configured: the benchmarks' YAML files, the robot's profile and its URDF.
+def configuration(robot: str, contender: str = "") -> str:
+    """Hash of all that is configured: the benchmarks' YAML files, the robot's profile and its URDF, a contender's file.
 
     Args:
         robot: Name of a profile, or path of one.
+        contender: Controller that is tested instead of poise's own, as ``module:Class``; what it imports is not seen.
 
     Raises:
         ConfigError: There is no such robot.
@@ -90,6 +92,8 @@ def configuration(robot: str) -> str:
     source = Path(load_profile(robot).source)
     urdf = resolve_uri(load_profile(robot).urdf, source.parent)
     files = [*sorted((Path(__file__).parent / "config").glob("*.yaml")), source, urdf]
+    if contender:
+        files += source_of(contender)
     return digest(*(file.read_bytes() for file in files if file.is_file()))
 
 

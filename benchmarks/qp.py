@@ -40,7 +40,8 @@ def run(options: Options) -> Report:
     runs = run_cases(_measure, inputs, bench="qp", options=options, alone=True)
     cases: list[Case] = [case for run in runs for case in run["answers"]]
     figures = summarise(cases, names)
-    notes = [f"problems: {_problems_file(options.robot)}"]
+    file = _problems_file(options.robot)
+    notes = [f"problems: {file}"] if file.is_file() else []  # none where every case was there already
     if missing:
         notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
     passed = figures[f"{OWN}_solved"] == 1.0
@@ -126,8 +127,9 @@ def plot(report: Report, folder: Path) -> list[Path]:
     for name in dict.fromkeys(case["solver"] for case in report.cases):
         of = [case for case in report.cases if case["solver"] == name]
         times = np.concatenate([np.asarray(case["times"]) for case in of])
-        residual = np.concatenate([np.fmax(np.asarray(case["primal"]), np.asarray(case["dual"])) for case in of])
-        axes.loglog(times, np.fmax(residual, 1e-16), ".", markersize=3, label=name)  # 1e-16: exact answers
+        residual = np.concatenate([np.maximum(case["primal"], case["dual"]) for case in of])
+        # 1e-16: exact answers. What has no answer is infinite, or not a number from a report, and is not drawn.
+        axes.loglog(times, np.maximum(residual, 1e-16), ".", markersize=3, label=name)
     axes.axhline(qp_config().residual_max, color="0.5", linewidth=0.8, linestyle="--")
     axes.set_xlabel("time [us]")
     axes.set_ylabel("larger of primal and dual residual")

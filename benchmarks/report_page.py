@@ -143,15 +143,14 @@ def _verdicts(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list
 
 
 def _figures(reports: Reports) -> list[str]:
-    """The figures that the suite's configuration names, one column a robot."""
+    """The figures that the suite's configuration names, one column a robot; a dash where it was not measured."""
     robots, lines = robots_of(reports), ["## Figures", ""]
     rows = []
     for bench, names in suite_config().figures.items():
         of = {robot: reports[bench, robot].figures for robot in robots if (bench, robot) in reports}
-        for name in names:
-            if any(name in figures for figures in of.values()):
-                values = [_number(of.get(robot, {}).get(name, math.nan)) for robot in robots]
-                rows.append([bench, f"`{name}`", *values])
+        for name in names if of else ():
+            values = [_number(of.get(robot, {}).get(name, math.nan)) for robot in robots]
+            rows.append([bench, f"`{name}`", *values])
     return [*lines, *_table(["bench", "figure", *robots], rows), "All figures are in `reports.jsonl`.", ""]
 
 

@@ -39,7 +39,8 @@ def scenario_of(inputs: Mapping[str, Any]) -> str:
     """What a case is besides its robot and seed, for who reads the file."""
     if "scenario" in inputs:
         return str(inputs["scenario"])
-    return ", ".join(f"{name} {value}" for name, value in inputs.items() if name not in ("robot", "seed"))
+    told = {name: value for name, value in inputs.items() if name not in ("robot", "seed") and value != ""}
+    return ", ".join(f"{name} {value}" for name, value in told.items())
 
 
 def read_lines(path: Path) -> list[Line]:

@@ -27,24 +27,23 @@ def cases(robot: str, seeds: int, scenarios: Sequence[str] = (), contender: str 
         robot: Name of a profile.
         seeds: How many seeds.
         scenarios: Chosen ones; all of the robot's when empty.
-        contender: Controller to test instead of poise's own: of its cases those alone that it can be asked for.
+        contender: Controller to test instead of poise's own; it has ``CONTESTED`` scenarios only.
 
     Raises:
-        ConfigError: There are no scenarios for this robot, or one that is chosen is unknown.
+        ConfigError: There are no scenarios for this robot, or one that is chosen is unknown, or not for a contender.
     """
     config, wanted = walk_config(), robot_walk(robot)
-    names = chosen(f"walk --robot {robot}", scenarios, wanted.names)
+    kinds = {name: "steady" if name in wanted.scenarios else name for name in wanted.names}
+    known = [name for name, kind in kinds.items() if not contender or kind in CONTESTED]
+    names = chosen(f"walk --robot {robot}{' --contender' if contender else ''}", scenarios, known)
     found: list[Case] = []
     for seed in range(seeds):
         for name in names:
-            case: dict[str, Any] = {"kind": name}
+            case: dict[str, Any] = {"kind": kinds[name]}
             if name in wanted.scenarios:
-                case = {"kind": "steady", "command": wanted.scenarios[name], "duration": config.duration}
+                case |= {"command": wanted.scenarios[name], "duration": config.duration}
             case |= {"scenario": name, "robot": robot, "seed": seed}
-            if not contender:
-                found.append(case)
-            elif case["kind"] in CONTESTED:
-                found.append({**case, "contender": contender})
+            found.append({**case, "contender": contender} if contender else case)
     return found
 
 

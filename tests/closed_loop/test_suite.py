@@ -71,7 +71,7 @@ def test_a_folder_without_lines_or_with_a_missing_case_is_refused(tmp_path: Path
     assert refused.exit_code == 2 and "'lost'" in refused.output
 
 
-def test_the_packaged_suites_are_of_benchmarks_robots_and_figures_that_there_are() -> None:
+def test_the_packaged_suites_are_of_benchmarks_and_robots_that_there_are() -> None:
     from models.profile import robot_names
 
     config = suite_config()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import pytest
 
@@ -136,8 +136,12 @@ def test_rows_that_are_finished_are_not_done_again(tmp_path: Path) -> None:
             done.append(left.pop(0))
             yield graph_faults._case(done[-1], seed) | graph_faults._without("rides")
 
+    workers = Mock()
     with patch.object(graph_faults, "_on_graph", on_graph), ResultsFile(tmp_path / "cases.jsonl") as file:
-        graph_faults.run(Options(scenarios=("planner_killed",), sweep=Sweep(None, file)))
-        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=Sweep(None, file)))
+        sweep = Sweep(workers, file)
+        graph_faults.run(Options(scenarios=("planner_killed",), sweep=sweep))
+        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
+        graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
     assert done == ["planner_killed", "bridge_killed"]
+    assert workers.rest.call_count == 2  # nothing else runs beside a graph, and a rerun without cases ends no worker
     assert [case["row"] for case in report.cases] == done

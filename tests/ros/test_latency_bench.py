@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks import latency
+from benchmarks.harness import Case, Options, Sweep, read_json, write_json
 from benchmarks.latency import judge, summarise, verdict
 from benchmarks.latency_config import Scenario, latency_config
 from benchmarks.latency_stages import STAGES, split
 from benchmarks.machine import read_machine
+from benchmarks.results import ResultsFile
 from bridge.ros.stage_probe import LEFT, RIGHT
 
 pytestmark = pytest.mark.ros
@@ -35,10 +39,10 @@ def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
     assert all(use.memory > 5.0 for use in run.use.values())
 
 
-def test_a_scenario_becomes_figures_and_a_verdict() -> None:
-    latency = np.linspace(500.0, 1500.0, 1001)
-    case = {
-        "latency": latency,
+def made_up() -> Case:
+    """What is measured of a scenario, arrays included."""
+    return {
+        "latency": np.linspace(500.0, 1500.0, 1001),
         "late": np.zeros(10),
         "floor": np.full(100, 300.0),
         "missed_fraction": 0.0,
@@ -50,7 +54,10 @@ def test_a_scenario_becomes_figures_and_a_verdict() -> None:
         "memory": {"a": 100.0},
         "others": [{"latency": np.full(3, 2000.0), "missed_fraction": 0.5}],
     }
-    figures = summarise([case], 0.001)
+
+
+def test_a_scenario_becomes_figures_and_a_verdict() -> None:
+    figures = summarise([made_up()], 0.001)
     assert figures["p50_us"] == pytest.approx(1000.0) and figures["ratio_to_floor_p50"] == pytest.approx(10 / 3)
     assert figures["p50_bound_us"] == pytest.approx(1450.0) and figures["p99_bound_us"] == pytest.approx(1750.0)
     assert figures["over_a_tick_fraction"] == pytest.approx(0.5, abs=1e-3)
@@ -62,3 +69,27 @@ def test_a_scenario_becomes_figures_and_a_verdict() -> None:
     assert not held and lines[2].startswith("FAILS: missed_fraction")
     said = verdict({"idle": True, "load": False}, read_machine())
     assert said[0].endswith("real time: idle") and said[1].endswith("real time: load")
+
+
+def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[str] = []
+
+    def measure(robot: str, seed: int, scenario: str) -> Case:
+        measured.append(scenario)
+        noted = {} if scenario == "idle" else {"stages": {}, "cpu": {}, "memory": {}}  # nothing was noted
+        return made_up() | {"scenario": scenario, "seed": seed} | noted
+
+    monkeypatch.setattr(latency, "_measure", measure)
+    monkeypatch.setattr(latency, "cost", lambda: 1e-6)
+    reports = []
+    for scenarios in (("idle",), ("idle", "plain"), ("idle", "plain")):
+        with ResultsFile(tmp_path / "cases.jsonl") as file:
+            reports.append(latency.run(Options(scenarios=scenarios, sweep=Sweep(None, file))))
+    assert measured == ["idle", "plain"]
+    _, first, again = reports
+    assert again.figures == first.figures and again.cases == first.cases and again.passed
+    assert {"stage_qp_p99_us", "single_p50_us", "plain_p50_us"} <= set(again.figures)
+    assert not any(name in case for case in again.cases for name in latency.RAW)
+    write_json(again, tmp_path / "latency.json")
+    for report in (again, read_json(tmp_path / "latency.json")):
+        assert [file.name for file in latency.plot(report, tmp_path)] == ["latency.png", "latency-stages.png"]

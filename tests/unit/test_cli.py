@@ -132,6 +132,11 @@ def test_a_benchmark_that_takes_no_contender_says_so(monkeypatch: pytest.MonkeyP
     assert result.exit_code == 2 and "takes no contender" in result.output and "push, terrain, walk" in result.output
 
 
+def test_a_contender_is_pushed_without_steps_only() -> None:
+    result = RUNNER.invoke(app, ["bench", "push", "--mode", "walk", "--contender", "a:B"])
+    assert result.exit_code == 2 and "in mode 'stand' only" in " ".join(result.output.split())
+
+
 def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(True))
     result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])

@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import qp
+from benchmarks.harness import Options, Sweep, read_json, write_json
 from benchmarks.qp import solve_all, summarise
 from benchmarks.qp_records import RecordedQP, copied, qp_config, read, write
 from benchmarks.qp_solvers import BACKENDS, OWN, available, certify, own_solver, through_qpsolvers
+from benchmarks.results import ResultsFile
 from controllers.balance import BalanceController
 from controllers.qp.build import QP
 from models.errors import ConfigError
@@ -106,6 +109,31 @@ def test_figures_tell_who_solved_what(problems: list[RecordedQP]) -> None:
     assert figures["poise_primal_max"] < qp_config().residual_max
     cases[0]["primal"][0] = np.inf
     assert summarise(cases, [OWN])["poise_solved"] == pytest.approx(0.8)
+
+
+def test_a_rerun_reads_what_was_solved(
+    problems: list[RecordedQP], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[int] = []
+
+    def record(robot: str, seed: int, config: object) -> list[RecordedQP]:
+        recorded.append(seed)
+        return problems
+
+    monkeypatch.setattr(qp, "record", record)
+    monkeypatch.setattr(qp, "available", lambda: ([], []))
+    monkeypatch.setattr(qp, "gettempdir", lambda: str(tmp_path))
+    reports = []
+    for seeds in (1, 2, 2):
+        with ResultsFile(tmp_path / "cases.jsonl") as file:
+            reports.append(qp.run(Options(seeds=seeds, sweep=Sweep(None, file))))
+    assert recorded == [0, 1]
+    first, _, again = reports
+    assert again.figures == reports[1].figures and again.cases[0] == first.cases[0]
+    assert [(case["seed"], case["solver"]) for case in again.cases] == [(0, OWN), (1, OWN)]
+    again.cases[0]["primal"][0] = np.inf  # no answer, which a report has as null
+    write_json(again, tmp_path / "qp.json")
+    assert qp.plot(read_json(tmp_path / "qp.json"), tmp_path)[0].is_file()
 
 
 def test_backends_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

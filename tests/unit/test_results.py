@@ -20,6 +20,8 @@ from benchmarks.results import ResultsFile, case_key, read_lines, scenario_of
 from models.errors import ConfigError
 from tests.sweep_cases import square
 
+BASELINE = "benchmarks.stand_still:StandStill"
+
 LINE = {
     "key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load", "seconds",
     "cpu_seconds", "case",
@@ -68,7 +70,7 @@ def test_another_bench_robot_configuration_or_revision_is_another_case(
     swept(path, [1])
     assert swept(path, [1], bench="cubes")[2] == 1
     assert swept(path, [1], robot="talos")[2] == 1
-    monkeypatch.setattr("benchmarks.harness.configuration", lambda robot: "changed")
+    monkeypatch.setattr("benchmarks.harness.configuration", lambda robot, contender: "changed")
     assert swept(path, [1])[2] == 1
     monkeypatch.setattr("benchmarks.harness.source_state", lambda: "changed")
     monkeypatch.setattr("benchmarks.executors.source_state", lambda: "changed")
@@ -94,6 +96,28 @@ def test_the_configuration_changes_with_the_profile(tmp_path: Path) -> None:
     copy.write_text(text + "\n# another\n")
     assert configuration(str(copy)) != same
     assert configuration("talos") != same
+
+
+def test_a_contender_is_another_configuration_and_its_file_is_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "tried_contender.py"
+    module.write_text("class Tried: ...\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    first = configuration("g1", "tried_contender:Tried")
+    assert first != configuration("g1")
+    assert first == configuration("g1", "tried_contender:Tried")
+    module.write_text("class Tried: gain = 2.0\n")
+    assert configuration("g1", "tried_contender:Tried") != first
+    assert configuration("g1", "no.such.module:Class") == configuration("g1")  # refused when it is loaded
+
+
+def test_cases_of_a_contender_are_not_taken_for_others(path: Path) -> None:
+    with ResultsFile(path) as file:
+        for contender in ("", BASELINE, ""):
+            options = Options(contender=contender, sweep=Sweep(InProcess(), file))
+            run_cases(square, [{"seed": 1}], bench="squares", options=options)
+        assert (file.found, file.added) == (1, 2)
 
 
 def test_what_a_crash_cut_off_is_measured_again(path: Path) -> None:
@@ -141,4 +165,6 @@ def test_numbers_that_json_has_no_word_for_come_back_as_they_were() -> None:
 
 def test_a_scenario_is_its_name_or_its_inputs() -> None:
     assert scenario_of({"robot": "g1", "seed": 0, "scenario": "tiles", "kind": "steady"}) == "tiles"
-    assert scenario_of({"robot": "g1", "seed": 0, "mode": "walk", "angle": 0.5}) == "mode walk, angle 0.5"
+    inputs = {"robot": "g1", "seed": 0, "mode": "walk", "angle": 0.5, "contender": ""}
+    assert scenario_of(inputs) == "mode walk, angle 0.5"
+    assert scenario_of(inputs | {"contender": BASELINE}) == f"mode walk, angle 0.5, contender {BASELINE}"

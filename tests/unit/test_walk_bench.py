@@ -37,6 +37,15 @@ def good() -> list[dict[str, Any]]:
     return [{**case, **outcome[case["kind"]], "velocity": list(case.get("command", ()))} for case in results]
 
 
+def test_a_contender_has_the_scenarios_that_need_no_modes_of_poise() -> None:
+    cases = walk.cases("g1", 2, contender="some.module:Class")
+    assert {case["kind"] for case in cases} == set(walk.CONTESTED)
+    assert all(case["contender"] == "some.module:Class" for case in cases)
+    assert not any("contender" in case for case in walk.cases("g1", 2))
+    with pytest.raises(ConfigError, match="unknown scenario 'stop'"):
+        walk.cases("g1", 1, ("stop",), "some.module:Class")
+
+
 def test_a_perfect_walk_passes() -> None:
     figures, broken = walk.judge("talos", good())
     assert broken == []
