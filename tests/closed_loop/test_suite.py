@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import suite
+from benchmarks import report_page, suite
 from benchmarks.cli import MODULES, app
 from benchmarks.saved_reports import CASES, REPORTS
 from benchmarks.suite import Entry, SuiteConfig, command_of, suite_config
@@ -26,7 +26,9 @@ ROW = "stamp_in_the_future"
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
     entries = (Entry("faults", ("g1",), 1, (ROW,)), Entry("stand", ("nobody",)))
-    monkeypatch.setattr(suite, "suite_config", lambda: SuiteConfig(entries, (), {"faults": ("survived", "total")}))
+    config = SuiteConfig(entries, (), {"faults": ("survived", "total", "nonsense")})
+    for module in (suite, report_page):  # each has the name
+        monkeypatch.setattr(module, "suite_config", lambda: config)
 
 
 def run(folder: Path) -> Any:
@@ -46,6 +48,8 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
     assert (failure["bench"], failure["robot"]) == ("stand", "nobody") and "unknown robot" in failure["error"]
     page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
     for text in ("| faults | g1 | 1 | 1 |", "passed", "stand, nobody", f"--seeds 1 --scenario {ROW}", "0.21 to 1.00"):
+        assert text in page, text
+    for text in ("| faults | `survived` | 1 |", "| faults | `nonsense` | - |"):  # a figure that is none is to be seen
         assert text in page, text
     assert "plots/survival.png" in page and (folder / "plots/survival.png").is_file()
     assert not re.search(r'(src|href)="(?!data:)', whole) and "data:image/png;base64," in whole and "<table>" in whole

@@ -76,7 +76,7 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
 
     def measure(robot: str, seed: int, scenario: str) -> Case:
         measured.append(scenario)
-        noted = {} if scenario == "idle" else {"stages": {}, "cpu": {}, "memory": {}}  # nothing was noted
+        noted: Case = {} if scenario == "idle" else {"stages": {}, "cpu": {}, "memory": {}}  # nothing was noted
         return made_up() | {"scenario": scenario, "seed": seed} | noted
 
     monkeypatch.setattr(latency, "_measure", measure)

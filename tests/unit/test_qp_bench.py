@@ -13,6 +13,7 @@ from benchmarks.qp import solve_all, summarise
 from benchmarks.qp_records import RecordedQP, copied, qp_config, read, write
 from benchmarks.qp_solvers import BACKENDS, OWN, available, certify, own_solver, through_qpsolvers
 from benchmarks.results import ResultsFile
+from bridge.plots import new_figure
 from controllers.balance import BalanceController
 from controllers.qp.build import QP
 from models.errors import ConfigError
@@ -133,7 +134,11 @@ def test_a_rerun_reads_what_was_solved(
     assert [(case["seed"], case["solver"]) for case in again.cases] == [(0, OWN), (1, OWN)]
     again.cases[0]["primal"][0] = np.inf  # no answer, which a report has as null
     write_json(again, tmp_path / "qp.json")
+    figure = new_figure(8.0, 4.5)
+    monkeypatch.setattr(qp, "new_figure", lambda width, height: figure)
     assert qp.plot(read_json(tmp_path / "qp.json"), tmp_path)[0].is_file()
+    residual = np.asarray(figure.axes[0].lines[0].get_ydata())
+    assert np.isnan(residual[0]) and np.isfinite(residual[1:]).all()  # not drawn, instead of exact
 
 
 def test_backends_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
