@@ -23,7 +23,7 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.velocity import velocity_to_twist
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 NAMES = ("robot_1", "robot_2")
 OF_ALL = {"/parameter_events", "/rosout", "/clock"}
@@ -128,7 +128,6 @@ def test_there_is_one_time(pair: Pair) -> None:
         node.destroy_subscription(subscription)
 
 
-@pytest.mark.slow
 def test_what_one_is_told_leaves_the_other_alone(pair: Pair) -> None:
     first, second = pair.graphs
     before = pair.places()["robot_2"]
@@ -179,7 +178,6 @@ def test_a_recording_of_one_is_as_that_of_a_robot_alone(pair: Pair, tmp_path: Pa
     assert base[1] == pytest.approx(pair.places()["robot_2"][1], abs=0.01)
 
 
-@pytest.mark.slow
 def test_both_walk_two_metres_at_velocities_of_their_own(pair: Pair) -> None:
     before = pair.places()
     pair.walk({"robot_1": (0.4, 0.0, 0.0), "robot_2": (0.3, 0.0, 0.05)}, 2.0)
