@@ -24,6 +24,7 @@ from controllers.head import Head
 from controllers.joint_servo import JointServo
 from controllers.supervisor import ACTIVE_MODES
 from controllers.walker import Walker
+from models.applied import Applied
 from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
@@ -154,6 +155,8 @@ class ClosedLoop:
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
         balance = BalanceController(self.robot, head=Head.of(self.robot)) if controller is None else controller
         self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, balance, estimate)
+        told = estimate == "sensors" and isinstance(balance, BalanceController)  # else nothing can be run again
+        applied = Applied() if told and (mcap is not None or black_box is not None) else None
         self._lockstep = Lockstep(
             self.plant,
             balance,
@@ -165,13 +168,14 @@ class ClosedLoop:
             after_tick=self._record,
             calibration=calibration,
             gait=gait,
+            applied=applied,
             recorder=self._recorder,
         )
-        if self._recorder is not None and isinstance(balance, BalanceController):
-            self._recorder.describe(self.estimator, balance, self.walker)
+        if applied is not None and isinstance(balance, BalanceController):
+            _describe(applied, self.estimator, balance, self.walker)
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
-        self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events)
+        self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events, applied)
         self._calibrator = Calibrator(self.robot, self._lockstep)
         self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
         self._text = TextCommands(self.robot, self._lockstep, lambda: self._guard or self.gait)
@@ -410,6 +414,25 @@ class ClosedLoop:
         self.events.append((self.t, text))
         if self._recorder is not None:
             self._recorder.event(text)
+
+
+def _describe(
+    applied: Applied, estimator: StateEstimator, balance: BalanceController, walker: Walker[GaitPlanner]
+) -> None:
+    """Say how the laws are set, and where their state is."""
+    tracker = walker.controller
+    applied.describe("estimator", estimator.given)
+    applied.describe("balance", balance.config)
+    applied.describe("whole_body", balance.whole_body.config)
+    if balance.head is not None:
+        applied.describe("head", balance.head.config)
+    applied.describe("walking", tracker.config)
+    applied.describe("whole_body_walking", tracker.whole_body.config)
+    applied.describe("gait", walker.planner.config)
+    applied.watch("estimator", estimator)
+    applied.watch("balance", balance)
+    applied.watch("walker", walker, (walker.planner,))
+    applied.watch("gait", walker.planner)
 
 
 def _make_recorder(robot: RobotModel, path: Path, controller: Controller, estimate: str) -> LoopRecorder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
@@ -21,7 +22,9 @@ from controllers.sample_assembler import mean_sample
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from controllers.walker import Walker
 from controllers.walking import WalkingController
+from models.applied import Applied
 from models.calibration import Calibration, apply_calibration
+from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.types import (
     ControlResult,
@@ -85,7 +88,8 @@ class Lockstep:
         after_tick: Called at the end of every tick.
         calibration: Corrects the sensors from the next ``start`` on; None for none.
         gait: The gait; that of the robot when None.
-        recorder: Writes what the laws get and give into a file; None for nobody.
+        applied: Notes what the laws are told, for a replay; None for nobody.
+        recorder: Writes what the laws get and give into a file; None for nobody. Needs ``applied``.
 
     Attributes:
         plant: The simulated robot.
@@ -95,7 +99,9 @@ class Lockstep:
         estimator: The state estimator.
         monitor: Fall and slip of the true robot.
         servo: Drivers.
-        sensors: Last sample, as the laws got it.
+        sensors: Last sample, as it was measured.
+        heard: Last sample, as the laws got it.
+        stamp: Of the tick with which they got it [ns].
         state: Last estimate.
         result: Last tick of the controller.
         tick: Ticks since the controller took over.
@@ -117,10 +123,11 @@ class Lockstep:
         after_tick: Callable[[], None],
         calibration: Calibration | None = None,
         gait: GaitConfig | None = None,
+        applied: Applied | None = None,
         recorder: LoopRecorder | None = None,
     ) -> None:
         self.plant, self.controller, self._config = plant, controller, config
-        self._recorder = recorder
+        self._notes, self._recorder = applied, recorder
         self.supervisor = Supervisor(plant.robot, gait=True)
         self.monitor = PlantMonitor(plant, config)
         self.servo = JointServo(plant.robot)
@@ -129,12 +136,13 @@ class Lockstep:
         self.listener: Callable[[SensorData], None] | None = None
         self.hanging = False
         self.sensors: SensorData
+        self.heard: SensorData | None = None
+        self.stamp = 0
         self.state: RobotState
         self.result: ControlResult
         self._gait = gait
         self._walker: Walker[GaitPlanner] | None = None
         monitor = JointMonitor(plant.robot, control_ticks * plant.period)
-        applied = None if recorder is None else recorder.applied
         self._head = controller.head if isinstance(controller, BalanceController) else None
         self.laws = LawSwitch(controller, lambda: self.walker, monitor, applied, self._head)
         self.estimator = StateEstimator(plant.robot)
@@ -165,7 +173,9 @@ class Lockstep:
         self._scheduled = None
         self.state = plant.truth if self._use_truth else state
         if self._recorder is not None:
-            self._recorder.start(sensors)
+            self._recorder.start()
+        if self._notes is not None:
+            self._notes.begin(plant.robot.name, sensors, steps=True)
         self.laws.reset(self.state)
         evidence = Evidence(self._description, joints=sensors.q, base_quaternion=self.state.q[3:7])
         self.supervisor.set_preflight(preflight(plant.robot, self.supervisor.config, evidence, {}))
@@ -211,18 +221,18 @@ class Lockstep:
     def walker(self) -> Walker[GaitPlanner]:
         """Gait planner and walking controller; built when first asked for."""
         if self._walker is None:
-            robot, recorder = self.plant.robot, self._recorder
-            gait = (
-                GaitPlanner(robot, self._gait) if recorder is None else NotedGait(robot, self._gait, recorder.applied)
-            )
+            robot, notes = self.plant.robot, self._notes
+            gait = GaitPlanner(robot, self._gait) if notes is None else NotedGait(robot, self._gait, notes)
             self._walker = Walker(gait, WalkingController(robot), head=self._head)
         return self._walker
 
     def follow(self, trajectory: JointTrajectory) -> None:
         """Have the law in charge follow a motion; see ``BalanceController.follow`` for refusals."""
         self.laws.follow(trajectory)
-        if self._recorder is not None:
-            self._recorder.motion(trajectory)
+        if self._notes is not None:
+            unrecorded = zlib.crc32(trajectory.positions.tobytes())
+            number = unrecorded if self._recorder is None else self._recorder.motion(trajectory)
+            self._notes.follow(number, trajectory, trajectory.times.tolist())
 
     def enter_mode(self) -> None:
         """Hand the robot over between balance controller and walker after a change of mode."""
@@ -281,18 +291,32 @@ class Lockstep:
         else:
             self.state = self.estimator.step(sensors, dt, self._scheduled)
         self._scheduled = None
+        self.heard, self.stamp = sensors, round(self.plant.t * NANOSECONDS)
         if self.supervisor.mode not in ACTIVE_MODES:
-            if self._recorder is not None:
-                self._recorder.tick(self.plant, sensors, dt, self.state, None, self.supervisor.mode)
+            self._tell(sensors, dt, None)
             return
         self.result = self.laws.step(self.state, dt)
-        if self._recorder is not None:
-            self._recorder.tick(self.plant, sensors, dt, self.state, self.result, self.supervisor.mode)
+        self._tell(sensors, dt, self.result)
         self._scheduled = self.laws.reference.contacts
         self._command_t = self.state.t
         if self.result.status is SolveStatus.DAMPED:
             self.servo.damp()
         self._queue.append((self.tick + self._delay_ticks, self.result.command))
+
+    def _tell(self, sensors: SensorData, dt: float, result: ControlResult | None) -> None:
+        """End of a tick: note how long it was [s] and whether a law answered it; have it recorded."""
+        if self._notes is None:
+            return
+        for word, value in (("dt", dt), ("law_dt", dt), ("run", result is not None)):
+            self._notes.note_change(word, value)
+        note = self._notes.take(self.stamp)
+        if self._recorder is not None:
+            self._recorder.tick(self.plant, sensors, self.state, result, self.supervisor.mode, note)
+
+    @property
+    def scheduled(self) -> tuple[bool, bool] | None:
+        """Feet that the last reference has in contact; None where no law moved the joints."""
+        return self._scheduled
 
     def _supervise(self) -> None:
         """Supervisor, scores, and what a mode means for the drivers."""

@@ -10,6 +10,7 @@ from bridge.lockstep import Lockstep
 from controllers.black_box import BlackBox
 from controllers.black_box_file import BlackBoxFolder
 from controllers.supervisor import ACTIVE_MODES
+from models.applied import Applied
 from models.robot_model import RobotModel
 from models.types import Mode
 
@@ -21,17 +22,20 @@ class LoopBlackBox:
         robot: The robot.
         folder: Where the files go.
         events: Stamp and text of what happened; read when a file is written.
+        applied: What the laws are told, so that a file can be run again; None where it cannot.
 
     Attributes:
         box: The ring.
         files: What was written.
     """
 
-    def __init__(self, robot: RobotModel, folder: Path, events: Sequence[tuple[float, str]]) -> None:
-        self.box = BlackBox(robot)
+    def __init__(
+        self, robot: RobotModel, folder: Path, events: Sequence[tuple[float, str]], applied: Applied | None
+    ) -> None:
+        self.box = BlackBox(robot, applied=applied)
         self.files: list[Path] = []
         self._folder = BlackBoxFolder(robot.name, folder, self.box.config.keep)
-        self._events = events
+        self._events, self._applied = events, applied
         self._before = Mode.OFF
         self._due: float | None = None
 
@@ -46,7 +50,11 @@ class LoopBlackBox:
         if lockstep.tick <= 1:  # it starts over
             self.box.clear()
             self._before, self._due = Mode.OFF, None
-        self.box.add(lockstep.state, lockstep.sensors, lockstep.result if mode in ACTIVE_MODES else None, mode)
+        result = lockstep.result if mode in ACTIVE_MODES else None
+        self.box.add(lockstep.state, lockstep.heard, result, mode, lockstep.stamp)
+        told = self._applied is not None and self._applied.pending  # by the supervisor, and the next note says it again
+        if result is not None and lockstep.scheduled is not None and not told:
+            self.box.checkpoint(lockstep.state, lockstep.scheduled, walking=lockstep.laws.walking)
         if self._before in ACTIVE_MODES and mode in (Mode.DAMP, Mode.OFF) and supervisor.faults:
             self._due = t + self.box.config.after
         self._before = mode

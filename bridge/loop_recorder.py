@@ -11,10 +11,6 @@ from std_msgs.msg import String
 from bridge.mcap_log import McapLog
 from bridge.mujoco_plant import MujocoPlant
 from bridge.run_topics import DESCRIPTION, EVENTS, ROBOT, TYPES
-from controllers.balance import BalanceController
-from controllers.estimation.estimator import StateEstimator
-from controllers.walker import Walker
-from models.applied import Applied
 from models.nodes import topics
 from models.nodes.messages import (
     ImuCodec,
@@ -27,7 +23,6 @@ from models.nodes.messages import (
 from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import ControlResult, JointTrajectory, Mode, RobotState, SensorData
-from planners.gait.gait import GaitPlanner
 
 ODOMETRY_PERIOD = 0.01
 """Time between two odometries, estimated and true, as in the graph [s]."""
@@ -43,32 +38,16 @@ class LoopRecorder:
         robot: The robot.
         path: Where the file appears at ``close``.
 
-    Attributes:
-        applied: Collects what the laws are told.
-
     Raises:
         PoiseError: It cannot be written.
     """
 
     def __init__(self, robot: RobotModel, path: Path) -> None:
-        self.applied = Applied()
         self._robot, self._path = robot, path
         self._joints, self._command, self._imu = JointStateCodec(robot), JointCommandCodec(robot), ImuCodec("imu")
         self._feet = [WrenchCodec(frame) for frame in SOLE_FRAMES]
         self._odometry = OdometryCodec()
         self._log: McapLog | None = self._begin()
-
-    def describe(self, estimator: StateEstimator, balance: BalanceController, walker: Walker[GaitPlanner]) -> None:
-        """Say how the laws are set."""
-        tracker = walker.controller
-        self.applied.describe("estimator", estimator.given)
-        self.applied.describe("balance", balance.config)
-        self.applied.describe("whole_body", balance.whole_body.config)
-        if balance.head is not None:
-            self.applied.describe("head", balance.head.config)
-        self.applied.describe("walking", tracker.config)
-        self.applied.describe("whole_body_walking", tracker.whole_body.config)
-        self.applied.describe("gait", walker.planner.config)
 
     def _begin(self) -> McapLog:
         """A file with its topics, and with what it is about."""
@@ -94,20 +73,19 @@ class LoopRecorder:
     def _say(self, topic: str, text: str, stamp: int) -> None:
         self._add(topic, bytes(serialize_message(String(data=text))), stamp)
 
-    def start(self, sample: SensorData) -> None:
-        """The estimator has started from a sample; what was recorded of an earlier run is dropped."""
+    def start(self) -> None:
+        """The estimator has started; what was recorded of an earlier run is dropped."""
         if self._log is None:
             return
         if self._now:
             self._log.discard()
             self._log = self._begin()
-        self.applied.begin(self._robot.name, sample, steps=True)
 
-    def motion(self, trajectory: JointTrajectory) -> None:
-        """A law has begun to follow a motion."""
+    def motion(self, trajectory: JointTrajectory) -> int:
+        """A law has begun to follow a motion; returns the number for its note."""
         data = bytes(serialize_message(trajectory_to_message(trajectory)))
         self._add(topics.MOTION_TRAJECTORY, data, self._now)
-        self.applied.note("follow", zlib.crc32(data), trajectory.times.tolist())
+        return zlib.crc32(data)
 
     def event(self, text: str) -> None:
         """Something happened."""
@@ -117,25 +95,23 @@ class LoopRecorder:
         self,
         plant: MujocoPlant,
         sensors: SensorData,
-        dt: float,
         state: RobotState,
         result: ControlResult | None,
         mode: Mode,
+        note: str,
     ) -> None:
         """A tick of the laws is over.
 
         Args:
             plant: The simulated robot, for the time and for what is true.
             sensors: What the estimator got.
-            dt: Time since its last sample [s].
             state: What it made of it.
             result: What the law in charge answered; None where none is.
             mode: Mode of the robot.
+            note: What the laws were told; empty for nothing.
         """
         if self._log is None:
             return
-        for word, value in (("dt", dt), ("law_dt", dt), ("run", result is not None)):
-            self.applied.note_change(word, value)
         self._now = now = to_ns(plant.t)
         stamp = to_ns(sensors.t)
         self._add(topics.IMU_RAW, self._imu.encode(stamp, sensors.gyro, sensors.accel), now)
@@ -147,8 +123,8 @@ class LoopRecorder:
             self._say(topics.MODE, mode.value, now)
         if result is not None:
             self._add(topics.JOINT_COMMAND, self._command.encode(now, result.command), now)
-        if text := self.applied.take(now):
-            self._say(topics.APPLIED, text, now)
+        if note:
+            self._say(topics.APPLIED, note, now)
         if plant.t >= self._next_odometry:
             self._next_odometry = plant.t + ODOMETRY_PERIOD
             self._add(topics.ODOM, self._odometry.encode(now, state), now)

@@ -61,25 +61,40 @@ def record(
     )
 
 
-def replay(file: File, robot: Robot = "") -> None:
-    """Run the laws again on a recording; exit status 0 only if every command comes out the same to the last bit."""
-    need_ros()
-    from bridge.replay import replay as run_again
-    from bridge.run_file import read_run
-
+def replay(
+    file: Annotated[Path, typer.Argument(help="Recording (MCAP) or file of a black box (npz).")],
+    robot: Robot = "",
+) -> None:
+    """Run the laws again on a recording or a black box; status 0 only if every command is the same to the last bit."""
     with told():
-        report = run_again(read_run(file, robot))
+        report = _replay(file, robot)
     say = Console(soft_wrap=True).print
     for line in _lines(report):
         say(line, markup=False, highlight=False)
     raise typer.Exit(0 if report.identical else 1)
 
 
+def _replay(file: Path, robot: str) -> ReplayReport:
+    """Replay of a black box, which needs no ROS 2, or of a recording."""
+    from controllers.black_box_file import SUFFIX, BlackBoxRecord
+
+    if file.suffix == SUFFIX:
+        from bridge.replay_box import replay_box
+
+        return replay_box(BlackBoxRecord.load(file), robot)
+    need_ros()
+    from bridge.replay import replay as run_again
+    from bridge.run_file import read_run
+
+    return run_again(read_run(file, robot))
+
+
 def _lines(report: ReplayReport) -> list[str]:
     """A replay in words."""
+    since = "" if report.since is None else f", from t={report.since:.3f} s on"
     if report.identical:
-        return [f"identical: {report.compared} commands of {report.ticks} ticks, to the last bit"]
-    lines = [f"not identical: {report.different} of {report.compared} commands differ"]
+        return [f"identical: {report.compared} commands of {report.ticks} ticks, to the last bit{since}"]
+    lines = [f"not identical: {report.different} of {report.compared} commands differ{since}"]
     if report.first is not None:
         q, v, tau = report.largest
         lines.append(f"first difference at {report.first}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +60,7 @@ class ReplayReport:
         largest: Largest difference of each quantity [rad, rad/s, N.m].
         first: The first difference.
         end: Why the replay ended before the recording; empty when it did not.
+        since: Where it began, if that is a checkpoint [s].
     """
 
     ticks: int = 0
@@ -72,6 +73,7 @@ class ReplayReport:
     largest: tuple[float, float, float] = (0.0, 0.0, 0.0)
     first: Difference | None = None
     end: str = ""
+    since: float | None = None
 
     @property
     def identical(self) -> bool:
@@ -116,7 +118,7 @@ def replay(run: RecordedRun) -> ReplayReport:
         begun = stamp if begun is None and laws.begun else begun
         if command is not None:
             given.add(stamp)
-            _compare(run, stamp, command, report)
+            compare(run.robot.joint_names, stamp, run.commands.get(stamp), command, report)
     report.unmatched = len([s for s in run.commands if begun is not None and s >= begun and s not in given])
     return report
 
@@ -185,8 +187,18 @@ def _sample(run: RecordedRun, stamp: int, note: TickNote | None) -> SensorData |
     return None if imu is None else SensorData(own * 1e-9, q, v, tau, *imu, wrenches)
 
 
-def _compare(run: RecordedRun, stamp: int, command: JointCommand, report: ReplayReport) -> None:
-    recorded = run.commands.get(stamp)
+def compare(
+    joints: Sequence[str], stamp: int, recorded: JointCommand | None, command: JointCommand, report: ReplayReport
+) -> None:
+    """Count whether a command is the recorded one.
+
+    Args:
+        joints: Names of the joints.
+        stamp: Of the tick [ns].
+        recorded: What it was; None where it is not known.
+        command: What it is now.
+        report: Is changed.
+    """
     if recorded is None:
         report.unrecorded += 1
         return
@@ -200,9 +212,7 @@ def _compare(run: RecordedRun, stamp: int, command: JointCommand, report: Replay
             continue
         largest[i] = max(largest[i], float(np.abs(new - old).max()))
         j = int(np.flatnonzero(wrong)[0])
-        first = first or Difference(
-            stamp / NANOSECONDS, run.robot.joint_names[j], quantity, float(old[j]), float(new[j])
-        )
+        first = first or Difference(stamp / NANOSECONDS, joints[j], quantity, float(old[j]), float(new[j]))
     if first is not None:
         report.different += 1
         report.largest = (largest[0], largest[1], largest[2])

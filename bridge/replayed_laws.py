@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from controllers.balance import BalanceController
+from controllers.checkpoints import ReplayStart
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.head import Head, HeadConfig
@@ -21,8 +22,10 @@ from models.applied import Entry, TickNote
 from models.calibration import Calibration, apply_calibration
 from models.config import parse_config
 from models.errors import PoiseError
+from models.law_state import LawState
+from models.law_state_file import restore
 from models.robot_model import RobotModel
-from models.types import JointCommand, JointTrajectory, Mode, Reference, RobotState, SensorData
+from models.types import ContactState, JointCommand, JointTrajectory, Mode, Reference, RobotState, SensorData
 from planners.gait.config import GaitConfig
 from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold
@@ -64,7 +67,8 @@ class ReplayedLaws:
     Args:
         model: The robot.
         settings: Of every law, as ``Applied`` notes them.
-        motions: Trajectories by the CRC-32 of their message.
+        motions: Trajectories by the number in their note: the CRC-32 of their message.
+        corrected: Whether the samples have been corrected by the calibration.
 
     Attributes:
         begun: Whether the laws have started over since: from then on their commands are those of the recording.
@@ -74,14 +78,19 @@ class ReplayedLaws:
     """
 
     def __init__(
-        self, model: RobotModel, settings: Mapping[str, dict[str, Any]], motions: Mapping[int, JointTrajectory]
+        self,
+        model: RobotModel,
+        settings: Mapping[str, dict[str, Any]],
+        motions: Mapping[int, JointTrajectory],
+        *,
+        corrected: bool = False,
     ) -> None:
         def given(schema: type[T], law: str) -> T:
             if law not in settings:
                 raise PoiseError(f"the recording does not hold the settings of '{law}'")
             return parse_config(schema, settings[law], f"settings of '{law}' in the recording")
 
-        self._motions = motions
+        self._motions, self._corrected = motions, corrected
         self._estimator = StateEstimator(model, given(EstimatorConfig, "estimator"))
         # Recordings of before there were heads are without its settings; nobody turned one.
         head = Head.of(model, given(HeadConfig, "head") if "head" in settings else None)
@@ -95,12 +104,37 @@ class ReplayedLaws:
         walker = Walker(self._gait, tracker, head=head)
         self._laws = LawSwitch(balance, lambda: walker, head=head)
         self._tuning = Tuning(balance)
+        self._states = {
+            "estimator": LawState(self._estimator),
+            "balance": LawState(balance),
+            "tuning": LawState(self._tuning, (balance,)),
+            "walker": LawState(walker, (self._gait,)),
+            "gait": LawState(self._gait.planner),
+        }
         self._state: RobotState | None = None
         self._scheduled: tuple[bool, bool] | None = None
         self._calibration: Calibration | None = None
         self._dt = self._law_dt = 0.0
         self._running = self._steps = False
         self.begun = False
+
+    def restore(self, start: ReplayStart) -> None:
+        """Go on from a checkpoint of a black box.
+
+        Raises:
+            PoiseError: It is of another version.
+        """
+        told = start.told
+        for law, state in told["laws"].items():
+            begin = state["begin"]
+            restore(self._states[law], start.memory[begin : begin + state["size"]], state)
+        numbers = {name: np.array(told["state"][name], dtype=float) for name in ("q", "v", "tau")}
+        left, right = (ContactState(active, np.array(wrench)) for active, wrench in told["state"]["contacts"])
+        self._state = RobotState(told["state"]["t"], contacts=(left, right), **numbers)
+        self._scheduled = None if told["scheduled"] is None else (told["scheduled"][0], told["scheduled"][1])
+        self._laws.walking = told["walking"]
+        self.begun = self._steps = True
+        self._tell(tuple((word, *values) for word, values in told["in_force"].items()))
 
     def tick(self, sensors: SensorData, note: TickNote | None, dt: float | None = None) -> JointCommand | None:
         """One tick.
@@ -155,7 +189,7 @@ class ReplayedLaws:
         self._state = self._estimator.reset(SensorData(t=start["sample"]["t"], **sample))
         self._scheduled = None
         self._steps = bool(start["steps"])
-        self._calibration = _calibration(start["calibration"])
+        self._calibration = None if self._corrected else _calibration(start["calibration"])
 
     def _on_sample(self, _: object) -> None:
         """Has been heeded when the sample was put together."""

@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 
 from bridge.run_topics import DESCRIPTION, EVENTS, ROBOT
+from controllers.black_box_file import SUFFIX
 from models.applied import TickNote
 from models.errors import PoiseError
 from models.nodes import topics
@@ -28,9 +29,6 @@ from models.nodes.messages import (
 from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import FOOT_NAMES, JointCommand, JointTrajectory, Vector
-
-BLACK_BOX = ".npz"
-"""Suffix of the files of a black box."""
 
 Joints = tuple[int, Vector, Vector, Vector]
 """Own stamp [ns], positions, velocities, torques (nj,)."""
@@ -87,8 +85,8 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
     Raises:
         PoiseError: It is no such file, or a message in it is malformed.
     """
-    if path.suffix == BLACK_BOX:
-        raise PoiseError(f"{path}: a black box cannot be replayed, only a recording; `poise log black-box` draws it")
+    if path.suffix == SUFFIX:
+        raise PoiseError(f"{path}: is a black box, not a recording; `poise log black-box` draws it")
     try:
         with path.open("rb") as file:
             reader = make_reader(file)

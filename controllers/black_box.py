@@ -1,7 +1,7 @@
 """Black box: the last seconds of all that the control process knew, in a ring that is filled at every tick.
 
 ``add`` copies one tick into arrays that were made, and whose pages were touched, before: no allocation, no I/O, some
-5 us. After a fault ``seal`` stops the filling, ``write`` may then run in another thread, and
+7 us. After a fault ``seal`` stops the filling, ``write`` may then run in another thread, and
 ``unseal`` goes on. Between them ``add`` does nothing, so the two never touch the same row.
 """
 
@@ -17,7 +17,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.black_box_file import BlackBoxRecord
+from controllers.checkpoints import Checkpoint, Checkpoints
+from models.applied import Applied
 from models.config import STRICT, default_config
+from models.constants import NANOSECONDS
 from models.robot_model import RobotModel
 from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
 
@@ -45,21 +48,24 @@ class BlackBox:
     Args:
         model: The robot.
         config: The packaged one when None.
+        applied: What the laws are told and where their state is, so that the record can be run again; None without.
 
     Attributes:
         config: Its settings.
     """
 
-    def __init__(self, model: RobotModel, config: BlackBoxConfig | None = None) -> None:
+    def __init__(self, model: RobotModel, config: BlackBoxConfig | None = None, applied: Applied | None = None) -> None:
         self.config = config or default_config(BlackBoxConfig, "controllers", "black_box")
         self._model = model
         self._rows = round((self.config.duration + self.config.after) / self.config.period)
         nq, nv, nj = model.nq, model.nv, model.nj
         self._t = np.zeros(self._rows)
         self._q, self._v = self._column(nq), self._column(nv)
-        self._joint_q, self._joint_v, self._joint_tau = self._column(nj), self._column(nj), self._column(nj)
-        self._gyro, self._accel, self._wrenches = self._column(3), self._column(3), self._column(2, 6)
-        self._command_q, self._command_v, self._command_tau = self._column(nj), self._column(nj), self._column(nj)
+        self._stamp, self._number = np.zeros(self._rows, np.int64), np.zeros(self._rows, np.int64)
+        self._sample_t = self._exact()
+        self._joint_q, self._joint_v, self._joint_tau = self._exact(nj), self._exact(nj), self._exact(nj)
+        self._gyro, self._accel, self._wrenches = self._exact(3), self._exact(3), self._exact(2, 6)
+        self._command_q, self._command_v, self._command_tau = self._exact(nj), self._exact(nj), self._exact(nj)
         self._planned, self._dcm, self._zmp = self._column(2, 6), self._column(2), self._column(2)
         self._residual = self._column()
         self._mode, self._status = np.full(self._rows, -1, np.int8), np.full(self._rows, -1, np.int8)
@@ -68,18 +74,31 @@ class BlackBox:
         )  # fmt: skip
         self._events: deque[tuple[float, str]] = deque(maxlen=_EVENTS)
         self._next = self._count = 0
+        self._ticks = 0
         self._last = -np.inf
         self._least = 0.5 * self.config.period
-        self._sealed = False
+        self._sealed = self._added = False
+        self._checkpoints = None if applied is None else Checkpoints(applied, self.config.duration + self.config.after)
 
     def _column(self, *shape: int) -> NDArray[np.float32]:
         """Values of every row; written to, so that no page is missing when the robot stands."""
         return np.full((self._rows, *shape), np.nan, dtype=np.float32)
 
+    def _exact(self, *shape: int) -> NDArray[np.float64]:
+        """The same in double precision: what the laws are given and what they answer, to the last bit."""
+        return np.full((self._rows, *shape), np.nan)
+
     def __len__(self) -> int:
         return self._count
 
-    def add(self, state: RobotState, sensors: SensorData | None, result: ControlResult | None, mode: Mode) -> None:
+    def add(
+        self,
+        state: RobotState,
+        sensors: SensorData | None,
+        result: ControlResult | None,
+        mode: Mode,
+        stamp: int | None = None,
+    ) -> None:
         """Keep one tick, unless the ring is sealed or the last row is less than half a period away.
 
         Args:
@@ -87,19 +106,26 @@ class BlackBox:
             sensors: What it was made from; None where only the estimate is known: joints and torques are then its.
             result: What the controller answered; None where it did not.
             mode: Mode of the robot.
+            stamp: Of the tick [ns]; that of the estimate when None.
         """
         t = state.t
-        if self._sealed or abs(t - self._last) < self._least:
+        if self._checkpoints is not None and not self._count:
+            self._checkpoints.prepare()
+        self._ticks += t != self._last
+        self._added = not self._sealed and abs(t - self._last) >= self._least
+        if not self._added:
             return
         i = self._next
         self._t[i] = self._last = t
+        self._stamp[i], self._number[i] = round(t * NANOSECONDS) if stamp is None else stamp, self._ticks
         self._q[i], self._v[i] = state.q, state.v
         if sensors is not None:
+            self._sample_t[i] = sensors.t
             self._joint_q[i], self._joint_v[i], self._joint_tau[i] = sensors.q, sensors.v, sensors.tau
             self._gyro[i], self._accel[i], self._wrenches[i] = sensors.gyro, sensors.accel, sensors.wrenches
         else:
             self._joint_q[i], self._joint_v[i], self._joint_tau[i] = state.q[7:], state.v[6:], state.tau
-            self._gyro[i] = self._accel[i] = np.nan
+            self._gyro[i] = self._accel[i] = self._sample_t[i] = np.nan
             self._wrenches[i, 0], self._wrenches[i, 1] = state.contacts[0].wrench, state.contacts[1].wrench
         self._mode[i] = _MODES[mode]
         if result is not None:
@@ -113,6 +139,21 @@ class BlackBox:
             self._status[i] = -1
         self._next = i + 1 if i + 1 < self._rows else 0
         self._count = min(self._count + 1, self._rows)
+
+    def checkpoint(self, state: RobotState, scheduled: tuple[bool, bool] | None, *, walking: bool) -> None:
+        """Copy the state of the laws when that is due; after ``add``, for a tick with which a law moved the joints.
+
+        A tick that ``add`` left out, such as one that is answered again, is passed over.
+
+        Args:
+            state: The estimate of the tick.
+            scheduled: Feet that its reference has in contact.
+            walking: Whether the walker moved the joints.
+        """
+        if self._checkpoints is None or not self._added:
+            return
+        last = self._next - 1
+        self._checkpoints.tick(int(self._stamp[last]), int(self._number[last]), state, scheduled, walking=walking)
 
     def event(self, t: float, text: str) -> None:
         """Note what happened.
@@ -129,6 +170,13 @@ class BlackBox:
         self._events.clear()
         self._next = self._count = 0
         self._last = -np.inf
+        if self._checkpoints is not None:
+            self._checkpoints.clear()
+
+    @property
+    def checkpoints(self) -> deque[Checkpoint]:
+        """States of the laws that are held, the oldest first."""
+        return deque() if self._checkpoints is None else self._checkpoints.ring
 
     def seal(self) -> None:
         """Keep nothing more until ``unseal``, so that another thread may write."""
@@ -153,7 +201,11 @@ class BlackBox:
             reason=reason,
             joint_names=self._model.joint_names,
             events=tuple(event for event in self._events if event[0] >= oldest),
+            replay=None if self._checkpoints is None else self._checkpoints.start(self._number[order]),
             t=t,
+            stamp=self._stamp[order],
+            number=self._number[order],
+            sample_t=self._sample_t[order],
             q=self._q[order],
             v=self._v[order],
             joint_q=self._joint_q[order],

@@ -12,18 +12,32 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.checkpoints import ReplayStart
+from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.state_folder import state_folder
-from models.types import Mode, SolveStatus, Vector
+from models.types import Matrix, Mode, SolveStatus, Vector
 
-FORMAT = 1
-"""Version of the file; another one is refused."""
+FORMAT = 2
+"""Version of the file."""
+
+SINGLE = 1
+"""Version before it: single precision, no numbers of ticks, no state of the laws. Read, but not run again."""
+
+SUFFIX = ".npz"
+"""Of the files."""
+
+_TOLD, _MEMORY = "replay", "replay_memory"
+"""Of a file that can be run again: what the laws were told (JSON), and their state."""
 
 Array = NDArray[np.float32]
 
 
 UNITS = {
     "t": "s",
+    "stamp": "ns",
+    "number": "1",
+    "sample_t": "s",
     "q": "m, quaternion xyzw, rad",
     "v": "m/s, rad/s, rad/s",
     "joint_q": "rad",
@@ -54,7 +68,11 @@ class BlackBoxRecord:
         reason: Why it was written.
         joint_names: Of the columns of joints.
         events: Stamp [s] and text of what happened.
+        replay: Where a replay begins and what it needs; None where it cannot.
         t: Stamps on the robot's clock (n,) [s].
+        stamp: Of the tick (n,) [ns].
+        number: Counts the ticks; where it leaps, rows are missing (n,).
+        sample_t: Stamps of the sensors' sample (n,) [s].
         q: Estimated configuration in Pinocchio's order (n, nq).
         v: Estimated velocity in Pinocchio's order (n, nv).
         joint_q: Measured joint positions (n, nj).
@@ -72,30 +90,36 @@ class BlackBoxRecord:
         residual: Largest KKT residual of the QP (n,).
         status: Place in ``SolveStatus``; -1 without a command (n,).
         mode: Place in ``Mode`` (n,).
+        format: Version of the file that it was read from.
     """
 
     robot: str
     reason: str
     joint_names: tuple[str, ...]
     events: tuple[tuple[float, str], ...]
+    replay: ReplayStart | None
     t: Vector
+    stamp: NDArray[np.int64]
+    number: NDArray[np.int64]
+    sample_t: Vector
     q: Array
     v: Array
-    joint_q: Array
-    joint_v: Array
-    joint_tau: Array
-    gyro: Array
-    accel: Array
-    wrenches: Array
-    command_q: Array
-    command_v: Array
-    command_tau: Array
+    joint_q: Matrix
+    joint_v: Matrix
+    joint_tau: Matrix
+    gyro: Matrix
+    accel: Matrix
+    wrenches: Matrix
+    command_q: Matrix
+    command_v: Matrix
+    command_tau: Matrix
     planned_wrenches: Array
     dcm: Array
     zmp: Array
     residual: Array
     status: NDArray[np.int8]
     mode: NDArray[np.int8]
+    format: int = FORMAT
 
     @property
     def modes(self) -> list[Mode]:
@@ -103,11 +127,12 @@ class BlackBoxRecord:
         return [tuple(Mode)[int(i)] for i in self.mode]
 
     def last(self, duration: float) -> BlackBoxRecord:
-        """The rows of the last so many seconds, and the events among them."""
+        """The rows of the last so many seconds, and the events among them; to look at, not to run again."""
         begin = float(self.t.max(initial=-np.inf)) - duration
         rows = self.t >= begin
         arrays = {name: getattr(self, name)[rows] for name in UNITS}
-        return replace(self, events=tuple(event for event in self.events if event[0] >= begin), **arrays)
+        events = tuple(event for event in self.events if event[0] >= begin)
+        return replace(self, events=events, replay=None, **arrays)
 
     def save(self, path: Path) -> None:
         """Write the record beside its place, see it onto the disk, and rename it: the name never holds half a file.
@@ -121,6 +146,8 @@ class BlackBoxRecord:
             try:
                 with fresh.open("wb") as stream:
                     arrays = {name: getattr(self, name) for name in UNITS}
+                    if self.replay is not None:
+                        arrays |= {_TOLD: np.array(json.dumps(self.replay.told)), _MEMORY: self.replay.memory}
                     np.savez(stream, meta=np.array(json.dumps(self._meta())), **arrays)
                     stream.flush()
                     os.fsync(stream.fileno())
@@ -153,14 +180,22 @@ class BlackBoxRecord:
         try:
             with np.load(path, allow_pickle=False) as data:
                 meta = json.loads(str(data["meta"]))
-                if meta["format"] != FORMAT:
+                if meta["format"] not in (SINGLE, FORMAT):
                     raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")
+                arrays = {name: data[name] for name in UNITS if name in data or meta["format"] == FORMAT}
+                if meta["format"] == SINGLE:
+                    t = arrays["t"]
+                    arrays["stamp"], arrays["number"] = np.round(t * NANOSECONDS).astype(np.int64), np.arange(len(t))
+                    arrays["sample_t"] = np.full(len(t), np.nan)
+                replay = ReplayStart(json.loads(str(data[_TOLD])), data[_MEMORY]) if _TOLD in data else None
                 return cls(
+                    replay=replay,
                     robot=meta["robot"],
                     reason=meta["reason"],
                     joint_names=tuple(meta["joint_names"]),
                     events=tuple((float(t), str(text)) for t, text in meta["events"]),
-                    **{name: data[name] for name in UNITS},
+                    format=meta["format"],
+                    **arrays,
                 )
         except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
             raise PoiseError(f"{path}: not the file of a black box: {error}") from error
@@ -184,7 +219,7 @@ class BlackBoxFolder:
 
     def files(self) -> list[Path]:
         """Files of this robot, the oldest first."""
-        return sorted(self._folder.glob(f"{self._name}-*.npz"))
+        return sorted(self._folder.glob(f"{self._name}-*{SUFFIX}"))
 
     def save(self, record: BlackBoxRecord) -> Path:
         """Write a record under the present time, and remove the oldest files.
@@ -193,7 +228,7 @@ class BlackBoxFolder:
             PoiseError: The disk refuses.
         """
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
-        path = self._folder / f"{self._name}-{stamp}Z.npz"
+        path = self._folder / f"{self._name}-{stamp}Z{SUFFIX}"
         record.save(path)
         others = [file for file in self.files() if file != path]  # a clock set back must not cost the new one
         for file in others[: max(len(others) - self._keep + 1, 0)]:

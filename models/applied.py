@@ -35,6 +35,8 @@ its word first:
 from __future__ import annotations
 
 import json
+from collections import deque
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -42,26 +44,64 @@ import numpy as np
 
 from models.calibration import Calibration
 from models.errors import MessageError
-from models.types import SensorData
+from models.law_state import LawState
+from models.types import JointTrajectory, SensorData
 
 Entry = tuple[Any, ...]
 """Word and values."""
 
 
+KEPT, MOTIONS = 16384, 8
+"""Newest notes and motions that are kept."""
+
+
 class Applied:
-    """Collects what the laws are told until the end of a tick."""
+    """Collects what the laws are told until the end of a tick.
+
+    Attributes:
+        robot: Name of the robot; empty before the first start.
+        settings: How each law is set.
+        laws: Where the state of each law is.
+        kept: The newest notes, stamp [ns] and message.
+        motions: The newest trajectories by the number in their note.
+    """
 
     def __init__(self) -> None:
+        self.robot = ""
+        self.laws: dict[str, LawState] = {}
+        self.kept: deque[tuple[int, str]] = deque(maxlen=KEPT)
+        self.motions: dict[int, JointTrajectory] = {}
         self._before: list[Entry] = []
         self._after: list[Entry] = []
         self._now = self._before
         self._number = 0
-        self._last: dict[str, object] = {}
-        self._settings: dict[str, object] = {}
+        self._last: dict[str, tuple[object, ...]] = {}
+        self.settings: dict[str, object] = {}
 
     def describe(self, law: str, config: Any) -> None:
         """Say how a law is set; config is its dataclass."""
-        self._settings[law] = asdict(config)
+        self.settings[law] = asdict(config)
+
+    def watch(self, law: str, built: object, apart: Collection[object] = ()) -> None:
+        """Have the state of a law, which has just been built, be found; ``apart`` as in ``LawState``."""
+        self.laws[law] = LawState(built, (*apart, self))
+
+    def follow(self, number: int, trajectory: JointTrajectory, *times: list[float]) -> None:
+        """Note that a motion begins, and keep it."""
+        self.note("follow", number, *times)
+        self.motions[number] = trajectory
+        if len(self.motions) > MOTIONS:
+            del self.motions[next(iter(self.motions))]
+
+    @property
+    def pending(self) -> bool:
+        """Whether the laws have been told something that no note holds yet."""
+        return bool(self._before or self._after)
+
+    @property
+    def in_force(self) -> dict[str, tuple[object, ...]]:
+        """What holds until it changes, by its word."""
+        return dict(self._last)
 
     def note(self, word: str, *values: object) -> None:
         """Note something that happened; see the words above."""
@@ -86,8 +126,9 @@ class Applied:
             after: Stamp of its last tick before [ns]; 0 for none.
         """
         self._last.clear()
-        start = {"robot": robot, "settings": self._settings, "sample": _plain(sample), "steps": steps, "after": after}
-        self.note("start", start | {"calibration": None if calibration is None else _plain(calibration)})
+        self.robot = robot
+        start = {"robot": robot, "settings": self.settings, "sample": plain(sample), "steps": steps, "after": after}
+        self.note("start", start | {"calibration": None if calibration is None else plain(calibration)})
 
     def note_change(self, word: str, *values: object) -> None:
         """Note it unless it is what was noted last."""
@@ -106,14 +147,15 @@ class Applied:
             return ""
         told = {"stamp": stamp, "number": self._number, "before": self._before, "after": self._after, "again": again}
         text = json.dumps(told)
+        self.kept.append((stamp, text))
         self._number += 1
         self._before.clear()
         self._after.clear()
         return text
 
 
-def _plain(data: Any) -> dict[str, object]:
-    """A dataclass of arrays for JSON."""
+def plain(data: Any) -> dict[str, object]:
+    """A dataclass of arrays for JSON, exact to the last bit."""
     return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(data).items()}
 
 

@@ -45,7 +45,7 @@ def factories(
     def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
         controllers[0].on_state(state, stamp)
         gaits[0].tell(stamp, state)
-        controllers[0].keep(state, estimators[0].sensors)
+        controllers[0].keep(state, estimators[0].sensors, stamp)
         return controllers[0].scheduled
 
     def estimator() -> StateEstimatorNode:

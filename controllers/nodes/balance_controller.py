@@ -90,7 +90,7 @@ class BalanceControllerNode(PoiseNode):
         self._last_command = b""
         self.scheduled: tuple[bool, bool] | None = None
         self._timer = TickTimer()
-        self._black_box = BlackBoxKeeper(self)
+        self._black_box = BlackBoxKeeper(self, applied)
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
@@ -103,6 +103,7 @@ class BalanceControllerNode(PoiseNode):
             for name in ("balance", "whole_body", "walking", "whole_body_walking"):
                 self._applied.describe(name, getattr(self, f"_{name}"))
             self._applied.describe("head", self._head_config)
+            self._applied.watch("balance", self._law)
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
@@ -118,6 +119,8 @@ class BalanceControllerNode(PoiseNode):
             return None
         self._tracker = WalkingController(self.model, self._walking, self._whole_body_walking)
         walker = Walker(self._gait, self._tracker, head=self._law.head)
+        if self._applied is not None:
+            self._applied.watch("walker", walker, (self._gait,))
         return lambda: walker
 
     def activate(self) -> None:
@@ -136,14 +139,18 @@ class BalanceControllerNode(PoiseNode):
         self.on_state(state, stamp)
         self.keep(state)
 
-    def keep(self, state: RobotState, sensors: SensorData | None = None) -> None:
+    def keep(self, state: RobotState, sensors: SensorData | None = None, stamp: int | None = None) -> None:
         """Have the black box keep a tick, once its command is out.
 
         Args:
             state: Estimated state.
             sensors: What it was made from, where that is known.
+            stamp: Of the tick, where it is known [ns].
         """
-        self._black_box.add(state, sensors, None if self.scheduled is None else self._result, self._mode)
+        result = None if self.scheduled is None else self._result
+        self._black_box.add(state, sensors, result, self._mode, stamp)
+        if result is not None:
+            self._black_box.checkpoint(state, self.scheduled, walking=self._laws.walking)
 
     def on_state(self, state: RobotState, stamp: int) -> None:
         """Answer one state with one command.

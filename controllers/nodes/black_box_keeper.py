@@ -13,6 +13,7 @@ from std_msgs.msg import String
 from controllers.black_box import BlackBox, BlackBoxConfig
 from controllers.black_box_file import BlackBoxFolder
 from controllers.supervisor import ACTIVE_MODES
+from models.applied import Applied
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
@@ -32,10 +33,11 @@ class BlackBoxKeeper:
 
     Args:
         node: Whose parameters, diagnostics and log.
+        applied: What the laws are told, so that a file can be run again; None where the estimator is elsewhere.
     """
 
-    def __init__(self, node: PoiseNode) -> None:
-        self._node = node
+    def __init__(self, node: PoiseNode, applied: Applied | None = None) -> None:
+        self._node, self._applied = node, applied
         self._config = declare_config(node, default_config(BlackBoxConfig, "controllers", "black_box"), "black_box.")
         self._box: BlackBox | None = None
         self._mode = Mode.OFF
@@ -51,18 +53,30 @@ class BlackBoxKeeper:
 
     def configure(self) -> None:
         """Make the ring and listen to the drivers."""
-        self._box = BlackBox(self._node.model, self._config)
+        self._box = BlackBox(self._node.model, self._config, self._applied)
         self._armed, self._due = False, None
         self._node.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
-    def add(self, state: RobotState, sensors: SensorData | None, result: ControlResult | None, mode: Mode) -> None:
+    def add(
+        self,
+        state: RobotState,
+        sensors: SensorData | None,
+        result: ControlResult | None,
+        mode: Mode,
+        stamp: int | None = None,
+    ) -> None:
         """Keep one tick; see ``BlackBox.add``."""
         if self._box is None:
             return
         self._t = state.t
         if mode is not self._mode:
             self._enter(mode)
-        self._box.add(state, sensors, result, mode)
+        self._box.add(state, sensors, result, mode, stamp)
+
+    def checkpoint(self, state: RobotState, scheduled: tuple[bool, bool] | None, *, walking: bool) -> None:
+        """Copy the state of the laws when that is due; see ``BlackBox.checkpoint``."""
+        if self._box is not None:
+            self._box.checkpoint(state, scheduled, walking=walking)
 
     def _enter(self, mode: Mode) -> None:
         """A change of mode."""

@@ -40,6 +40,8 @@ class GainParameters:
         for name in TUNABLE:
             self._tuning.set(name, float(self._node.get_parameter(name).value))
         self._tuning.finish()
+        if self._applied is not None:
+            self._applied.watch("tuning", self._tuning, (law,))
 
     def step(self, dt: float) -> None:
         """Advance by the time of a tick [s]."""

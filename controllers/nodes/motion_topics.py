@@ -77,9 +77,10 @@ class MotionTopics:
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
                 raise PoiseError(f"no motion in mode '{mode.value}'")
-            self._law.follow(trajectory_from_message(message))
+            trajectory = trajectory_from_message(message)
+            self._law.follow(trajectory)
             if self._applied is not None:
-                self._applied.note("follow", zlib.crc32(data))
+                self._applied.follow(zlib.crc32(data), trajectory)
         except PoiseError as error:
             self._node.refuse(topics.MOTION_TRAJECTORY, error)
             if not self._running:

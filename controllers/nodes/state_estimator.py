@@ -69,6 +69,7 @@ class StateEstimatorNode(PoiseNode):
         self._calibration = CalibrationServices(self, self.activate)
         if self._applied is not None:
             self._applied.describe("estimator", self._config)
+            self._applied.watch("estimator", self._law)
             self._notes = self.announce(String, topics.APPLIED, EVENT)
 
     def activate(self) -> None:

@@ -64,6 +64,7 @@ class GaitPlannerNode(PoiseNode):
         else:
             self._law = NotedGait(self.model, self._config, self._applied, held=True)
             self._applied.describe("gait", self._config)
+            self._applied.watch("gait", self._law)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
         self._velocities = VelocityTopics(self, self._command, now, self._law.stop, self._leave)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,19 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import String
+from typer.testing import CliRunner
 
+from bridge.cli import app
+from bridge.launch import Graph
+from bridge.replay_box import replay_box
+from bridge.ros.environment import free_domain
 from controllers.black_box_file import BlackBoxRecord
 from controllers.nodes.balance_controller import BalanceControllerNode
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData
+from tests.ros.parameters import set_parameter
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -44,7 +51,7 @@ class Ticking:
             self.stamp += 1_000_000
             state = replace(self.state, t=1e-9 * self.stamp)
             self.node.on_state(state, self.stamp)
-            self.node.keep(state, self.sensors)
+            self.node.keep(state, self.sensors, self.stamp)
 
     def set_mode(self, mode: str) -> None:
         self.mode.publish(String(data=mode))
@@ -128,3 +135,36 @@ def test_a_node_that_stops_writes_what_is_due(bench: Any, g1: RobotModel, tmp_pa
     robot.set_mode("damp")
     robot.node.trigger_deactivate()
     assert len(list((tmp_path / "boxes").iterdir())) == 1
+
+
+@pytest.mark.slow
+def test_a_fall_of_the_graph_is_run_again(tmp_path: Path) -> None:
+    """It stands with another gain, walks, stands, and is stopped in an emergency while it walks again."""
+    folder = tmp_path / "boxes"
+    os.environ["ROS_LOG_DIR"] = str(tmp_path / "log")
+    parameters: dict[str, dict[str, object]]
+    parameters = {"balance_controller": {"black_box.folder": str(folder), "black_box.after": 0.3}}
+    parameters["supervisor"] = {"clock_timeout": 60.0}  # in lockstep a machine that halts for a while decides nothing
+    with Graph(
+        "g1", domain_id=free_domain(), lockstep=True, log=tmp_path / "graph.log", say=lambda _: None,
+        parameters=parameters,
+    ) as graph:  # fmt: skip
+        graph.wait_standing(120.0)
+        set_parameter(graph, "balance_controller", "whole_body.com.kp", 90.0)
+        graph.spin(1.0)
+        stop, walk = ("stop", "stand"), ("forward", "walk")
+        for word, mode in (("wave", "motion"), stop, walk, stop, walk):
+            graph.send(word)
+            graph.wait_for(lambda mode=mode: graph.mode == mode, 60.0, mode)
+            graph.spin(2.0)
+        assert graph.call("estop")[0]
+        graph.wait_for(lambda: bool(list(folder.glob("*.npz"))), 60.0, "writing its black box")
+    (file,) = folder.glob("*.npz")
+    record = BlackBoxRecord.load(file)
+    assert record.replay is not None and len(record.replay.told["notes"]) > 2
+    result = CliRunner().invoke(app, ["replay", str(file)])
+    assert result.exit_code == 0 and "identical" in result.output, result.output
+    report = replay_box(record)
+    assert report.compared > 2000 and report.ticks > report.compared
+    walks = {mode for mode, t in zip(record.modes, record.t, strict=True) if t > report.since}
+    assert {Mode.WALK, Mode.DAMP} <= walks

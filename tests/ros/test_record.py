@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from typer.testing import CliRunner
@@ -26,6 +24,7 @@ from models.nodes import topics
 from models.nodes.messages import JointStateCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import RobotModel
+from tests.ros.parameters import set_parameter
 
 pytestmark = pytest.mark.ros
 
@@ -126,12 +125,7 @@ def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
         graph.wait_standing(120.0)
         words = graph.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
         graph.wait_for(lambda: words.get_subscription_count() == 2, 10.0, "heard by supervisor and recorder")
-        change = SetParameters.Request(parameters=[Parameter("whole_body.com.kp", value=90.0).to_parameter_msg()])
-        client = graph.node.create_client(SetParameters, "balance_controller/set_parameters")
-        graph.wait_for(client.service_is_ready, 10.0, "taking parameters")
-        answer = client.call_async(change)
-        graph.wait_for(answer.done, 10.0, "answering")
-        assert answer.result().results[0].successful, answer.result()
+        set_parameter(graph, "balance_controller", "whole_body.com.kp", 90.0)
         for word, mode in (("wave", "motion"), ("stop", "stand"), ("forward", "walk")):
             words.publish(String(data=word))
             graph.wait_for(lambda mode=mode: graph.mode == mode, 30.0, mode)
