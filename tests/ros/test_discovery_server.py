@@ -11,7 +11,7 @@ import pytest
 
 from tests.ros.cable import staged
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 SERVER = "fast-discovery-server"
 """Of Fast DDS; in the wheels it is beside the other programs of the environment."""

@@ -162,6 +162,7 @@ def test_a_log_needs_a_file() -> None:
     assert "name a file" in result.output
 
 
+@pytest.mark.slow
 def test_a_silent_robot_leaves_no_files(bench: Any, log: Any, tmp_path: Path) -> None:
     process = log("--seconds", "1")
     bench.wait(lambda: process.poll() is not None, 60.0)

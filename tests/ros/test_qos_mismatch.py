@@ -149,6 +149,7 @@ def test_arming_is_refused_naming_topic_and_policy(
     assert world.call("mode/stand")[0]
 
 
+@pytest.mark.slow
 def test_any_node_may_report_it_and_only_needed_topics_count(bench: Any, damped: tuple[World, SupervisorNode]) -> None:
     law = damped[1]._law
     diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)

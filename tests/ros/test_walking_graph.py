@@ -156,6 +156,7 @@ def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
     walking.graph.node.destroy_subscription(ears)
 
 
+@pytest.mark.slow
 def test_the_command_line_walks_to_a_pose(walking: WalkingGraph) -> None:
     walking.graph.wait_standing()
     here = walking.place.copy()
