@@ -66,7 +66,7 @@ def load(name: str) -> Contender:
     """
     module, _, attribute = name.partition(":")
     try:
-        contender = getattr(import_module(module), attribute)()
+        contender: Contender = getattr(import_module(module), attribute)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ConfigError(
             f"contender '{name}': not a module:Class that can be made without arguments: {error}"
@@ -74,4 +74,4 @@ def load(name: str) -> Contender:
     lacking = [part for part in ("torque_controlled", "reset", "set_velocity", "step") if not hasattr(contender, part)]
     if lacking:
         raise ConfigError(f"contender '{name}' lacks {', '.join(lacking)}")
-    return contender  # type: ignore[no-any-return]  # checked above
+    return contender

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -100,7 +101,7 @@ def draw_times(reports: Reports) -> Figure | None:
     panels: list[tuple[str, Callable[[Axes], None]]] = []
     for bench, subject, title in TIMED:
         if robots_of(reports, bench):
-            panels.append((f"{title} [us]", lambda axes, of=(bench, subject): _draw_ticks(axes, reports, *of)))  # type: ignore[misc]
+            panels.append((f"{title} [us]", partial(_draw_ticks, reports=reports, bench=bench, subject=subject)))
     if any("latency" in case for robot in robots_of(reports, "latency") for case in reports["latency", robot].cases):
         panels.append(("sensors to command over ROS 2 [us]", lambda axes: _draw_latencies(axes, reports)))
     if not panels:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.memory import Block
-from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_cost, fill_rows, recover
+from controllers.qp.kernels_build import CORE, REDUCTION, ROBOT, fill_cost, fill_rows
 from controllers.qp.kernels_cone import ROWS, fill_cone
 from controllers.qp.kernels_feedback import LIMITS
+from controllers.qp.kernels_recover import recover
 from controllers.qp.kernels_stack import ACTIVE, COM_TASK, PLAN, PYTHON_TASK, STACK
 from controllers.qp.terms import Terms
 from controllers.tasks.base import Task
