@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks.fault_acts_commands import COMMANDS
 from benchmarks.fault_acts_trajectories import TRAJECTORIES

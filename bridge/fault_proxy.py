@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 
 from bridge.fault_channels import JOINT_STATES, SCAN, STAMPS, Channels, channels_of
 from bridge.fault_effects import Effect, effect_of
@@ -221,7 +222,7 @@ class FaultProxy:
         self._not_finite |= not np.isfinite(values).all()
         self._unstamped = values[-1] != sensors.t
         q, v, tau = values[:-1].reshape(3, -1)
-        return replace(sensors, t=float(values[-1]), q=q, v=v, tau=tau)
+        return structs.replace(sensors, t=float(values[-1]), q=q, v=v, tau=tau)
 
     def seen(self, tick: int, scan: Scan) -> Scan | None:
         """What the laws get of a scan of a tick: itself when nothing is wrong with it, None when it does not come."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
+from msgspec.structs import replace
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from msgspec.structs import replace
 from pydantic.dataclasses import dataclass
 
 from controllers.kernels_balance import feedback_gains

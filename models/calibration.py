@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 
 from models.robot_model import RobotModel
 from models.types import Matrix, SensorData, Vector
@@ -49,7 +50,7 @@ def correct_encoders(sensors: SensorData, offsets: Vector) -> SensorData:
         sensors: As measured; not changed.
         offsets: Measured minus true joint positions (nj,) [rad].
     """
-    return replace(sensors, q=sensors.q - offsets)
+    return structs.replace(sensors, q=sensors.q - offsets)
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:

@@ -18,6 +18,7 @@ from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from models.robot_model import RobotModel
@@ -212,6 +213,8 @@ def is_ours(value: object) -> bool:
 
 def is_frozen(value: object) -> bool:
     """Whether the attributes of an object cannot change."""
+    if isinstance(value, Struct):
+        return value.__struct_config__.frozen
     parameters = getattr(type(value), "__dataclass_params__", None)
     return parameters is not None and bool(parameters.frozen)
 

@@ -1,4 +1,7 @@
-"""State types shared by every law: frozen, slotted dataclasses of float64 arrays.
+"""State types shared by every law: frozen records of float64 arrays.
+
+Those that every tick makes anew are structs of msgspec, which are made in a fifth of the time that a frozen dataclass
+takes; ``msgspec.structs.replace`` copies one with other values.
 
 Conventions: SI units and radians; quaternions xyzw; W is the world (odom) frame, B the floating base, S a sole.
 Joint vectors follow ``RobotModel.joint_names``; feet follow ``RobotModel.feet`` (left, right). Six-vectors are
@@ -11,6 +14,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
@@ -20,8 +24,7 @@ FOOT_NAMES = ("left", "right")
 """Order of the feet in every array with one row per foot."""
 
 
-@dataclass(frozen=True, slots=True)
-class SensorData:
+class SensorData(Struct, frozen=True):
     """One sample of everything the robot can measure.
 
     Attributes:
@@ -43,8 +46,7 @@ class SensorData:
     wrenches: Matrix
 
 
-@dataclass(frozen=True, slots=True)
-class ContactState:
+class ContactState(Struct, frozen=True):
     """What one foot feels.
 
     Attributes:
@@ -56,8 +58,7 @@ class ContactState:
     wrench: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class RobotState:
+class RobotState(Struct, frozen=True):
     """Configuration, velocity, torque and contacts at one instant.
 
     Attributes:
@@ -106,8 +107,7 @@ class RobotState:
         return self.v[6:]
 
 
-@dataclass(frozen=True, slots=True)
-class PushEstimate:
+class PushEstimate(Struct, frozen=True):
     """What acts on the robot besides gravity and the ground, as the force observer has it.
 
     Attributes:
@@ -124,8 +124,7 @@ class PushEstimate:
     impulse: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class CentroidalState:
+class CentroidalState(Struct, frozen=True):
     """The robot as one body, in W.
 
     Attributes:
@@ -143,8 +142,7 @@ class CentroidalState:
     zmp: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(Struct, frozen=True):
     """What the whole-body controller is to track at one instant.
 
     Good for that tick: the arrays of soles and posture may be its maker's own, which the next tick overwrites.
@@ -195,8 +193,7 @@ class Reference:
     sole_areas: Matrix | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class JointCommand:
+class JointCommand(Struct, frozen=True):
     """Set-point for the joint drivers, which apply kp (q - q_meas) + kd (v - v_meas) + tau.
 
     Attributes:
@@ -224,8 +221,7 @@ class SolveStatus(Enum):
     """No usable answer for too long: damping only."""
 
 
-@dataclass(frozen=True, slots=True)
-class ControlResult:
+class ControlResult(Struct, frozen=True):
     """One tick of the whole-body controller.
 
     Attributes:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from msgspec import structs
 
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.contact import ContactDetector
@@ -104,7 +105,7 @@ class StateEstimator:
         up = np.array([0.0, 0.0, self.config.gravity])
         hanging = SensorData(0.0, np.zeros(nj), np.zeros(nj), np.zeros(nj), np.zeros(3), up, np.zeros((2, 6)))
         self.reset(hanging)
-        self.step(replace(hanging, t=NOMINAL_STEP), NOMINAL_STEP)
+        self.step(structs.replace(hanging, t=NOMINAL_STEP), NOMINAL_STEP)
         self.filter.measure_level()
         self.base_covariance()
         self._ready = False

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from time import perf_counter
 
 import daqp
 import numpy as np
 import quadprog
+from msgspec import Struct
 
 from controllers.qp.build import QP
 from controllers.qp.kernels_check import all_finite, kkt_residual
@@ -27,8 +27,7 @@ _EXACT = 1e-9
 """Largest KKT residual of an answer for few rows; rows that all but depend on each other are left to daqp [-]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
+class Solution(Struct, frozen=True):
     """Answer of one solve.
 
     Attributes:

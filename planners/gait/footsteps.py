@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from models.types import Matrix
 from planners.gait import kernels_steps
@@ -17,8 +18,7 @@ Velocity = tuple[float, float, float]
 """Forward [m/s], left [m/s], turn [rad/s], in the body's frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class Foothold:
+class Foothold(Struct, frozen=True):
     """Pose of a sole on the floor.
 
     Attributes:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple
+
+from msgspec import structs
 
 from models.applied import Applied
 from models.robot_model import RobotModel
@@ -43,9 +44,9 @@ class NotedGait(GaitPlanner):
     def walk_to(self, goal: Foothold) -> None:
         """See ``GaitPlanner``."""
         super().walk_to(goal)
-        self._applied.note("walk_to", *astuple(goal))
+        self._applied.note("walk_to", *structs.astuple(goal))
 
     def take_steps(self, steps: Sequence[Footstep]) -> None:
         """See ``GaitPlanner``."""
         super().take_steps(steps)
-        self._applied.note("take_steps", [[step.foot, *astuple(step.hold)] for step in steps])
+        self._applied.note("take_steps", [[step.foot, *structs.astuple(step.hold)] for step in steps])

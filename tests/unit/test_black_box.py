@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from bridge.replay_box import replay_box
 from controllers.black_box import BlackBox, BlackBoxConfig

@@ -5,11 +5,10 @@ Closed loops with contact dynamics are in ``tests/closed_loop``.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec.structs import replace
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.guard import EstimatorHealth

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec.structs import replace
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.kernels_predict import SIZE, retract

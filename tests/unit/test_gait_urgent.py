@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from controllers.qp.kernels_feedback import foothold_feedback
 from models.config import default_config
@@ -103,10 +104,10 @@ def test_how_far_astride_the_soles_are(g1: RobotModel) -> None:
     soles.reset(measured)
     assert not soles.astride(config.astride)
     off = 0.5 * (config.astride + config.astride_max)
-    soles.holds[0] = replace(soles.holds[0], y=soles.holds[0].y + off)
+    soles.holds[0] = structs.replace(soles.holds[0], y=soles.holds[0].y + off)
     assert soles.astride(config.astride) and not soles.astride(config.astride_max)
     soles.reset(measured)
-    soles.holds[0] = replace(soles.holds[0], x=soles.holds[0].x - off)
+    soles.holds[0] = structs.replace(soles.holds[0], x=soles.holds[0].x - off)
     assert soles.astride(config.astride) and not soles.astride(config.astride_max)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from controllers.head import Head, HeadConfig
 from controllers.law_switch import LawSwitch
@@ -107,7 +108,7 @@ def test_motions_start_below_the_head_or_where_they_have_it(talos: RobotModel) -
     moved, velocity, acceleration = played.head.step(played.posture, played.zero, played.zero, DT)
     from tests.unit.test_upper_body import reference
 
-    tracked = replace(
+    tracked = structs.replace(
         reference(talos, 0.0), posture=moved, posture_velocity=velocity, posture_acceleration=acceleration
     )
     posture, rate = played.head.without(tracked)
@@ -130,7 +131,7 @@ def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: Robo
     played.run(3.0)
     for place in (0.0, 0.8, 0.1):  # set-points, the next before the head is where the last one has it
         point = JointTrajectory(("head_2_joint",), np.array([0.1]), np.array([[place]]))
-        played.posture, _ = played.head.without(replace(tracked, posture=played.posture), point)
+        played.posture, _ = played.head.without(structs.replace(tracked, posture=played.posture), point)
         assert played.posture[pan] == place
         played.head.release(point)
         played.run(0.02)

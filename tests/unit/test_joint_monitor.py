@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from controllers.joint_monitor import JointMonitor
 from models.robot_model import RobotModel

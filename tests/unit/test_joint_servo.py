@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from controllers.joint_servo import JointServo, ServoState
 from models.errors import JointNameError, TrajectoryError

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from controllers.walking import WalkingController
 from controllers.whole_body_config import WholeBodyConfig
@@ -24,7 +25,9 @@ def case() -> tuple[WalkingController, RobotState, Reference]:
     planner.reset(state)
     reference = planner.step(state, 0.001)
     assert reference.dcm is not None
-    ahead = replace(reference, contacts=(True, False), load=(1.0, 0.0), dcm=reference.dcm + np.array([1.0, 0.0]))
+    ahead = structs.replace(
+        reference, contacts=(True, False), load=(1.0, 0.0), dcm=reference.dcm + np.array([1.0, 0.0])
+    )
     controller = WalkingController(model)
     controller.reset(state)
     return controller, state, ahead
@@ -32,7 +35,7 @@ def case() -> tuple[WalkingController, RobotState, Reference]:
 
 def cmp_at(case: tuple[WalkingController, RobotState, Reference], offset: np.ndarray | None) -> np.ndarray:
     controller, state, reference = case
-    zmp = controller.step(state, replace(reference, cmp_offset=offset), 0.001).zmp
+    zmp = controller.step(state, structs.replace(reference, cmp_offset=offset), 0.001).zmp
     assert zmp is not None
     return zmp
 
@@ -69,7 +72,7 @@ def momentum_rate(case: tuple[WalkingController, RobotState, Reference], weight:
     accelerations = np.zeros((2, 6))
     accelerations[1, 0] = 20.0
     gains = replace(controller.whole_body.config.angular_momentum, weight_vertical=weight)
-    swing = replace(ahead, sole_accelerations=accelerations)
+    swing = structs.replace(ahead, sole_accelerations=accelerations)
     a = acceleration(swing, state, angular_momentum=gains)
     terms = controller.whole_body.terms
     return float((terms.momentum_matrix @ a + terms.momentum_drift)[2])
@@ -90,7 +93,7 @@ def with_leg(
         angles[leg[joint] + 1] += angle
         rates[leg[joint]] = rate
     angles[leg[at] + 1] = q
-    near = replace(state, q=angles, v=rates)
+    near = structs.replace(state, q=angles, v=rates)
     controller.whole_body.terms.update(near)
     return near
 
@@ -106,7 +109,7 @@ def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
     velocities, positions, rotations = np.zeros((2, 6)), ahead.sole_positions.copy(), ahead.sole_rotations.copy()
     velocities[1] = (sole.rotation @ sole.twist.reshape(2, 3).T).T.ravel()
     positions[1], rotations[1] = sole.pose[:3, 3], sole.rotation
-    lifting = replace(ahead, sole_velocities=velocities, sole_positions=positions, sole_rotations=rotations)
+    lifting = structs.replace(ahead, sole_velocities=velocities, sole_positions=positions, sole_rotations=rotations)
     tilts = [abs(acceleration(lifting, near, foot_pitch_scale=scale)[3:6]).max() for scale in (1.0, 0.005)]
     assert tilts[1] < 0.5 * tilts[0]
 
@@ -122,7 +125,7 @@ def test_a_foot_rolls_rather_than_fall_short_where_its_ankle_is_at_a_limit(
     velocities, positions = np.zeros((2, 6)), ahead.sole_positions.copy()
     positions[1] = sole.position + np.array([0.0, -0.1, 0.0])
     velocities[1, 1] = -2.0
-    wide = replace(ahead, sole_velocities=velocities, sole_positions=positions)
+    wide = structs.replace(ahead, sole_velocities=velocities, sole_positions=positions)
     jacobian, drift = sole.jacobian.copy(), sole.drift.copy()
     out = [-(jacobian @ acceleration(wide, near, foot_roll_scale=scale) + drift)[1] for scale in (1.0, 0.05)]
     assert out[1] > out[0] + 5.0  # [m/s^2]
@@ -132,13 +135,13 @@ def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingContro
     controller, state, reference = case
     areas = np.array([foot.rectangle for foot in controller.model.feet])
     areas[0, :2] = 0.02, 0.05  # of the stance sole, only a strip across its middle bears
-    result = controller.step(state, replace(reference, cmp_offset=None, sole_areas=areas), 0.001)
+    result = controller.step(state, structs.replace(reference, cmp_offset=None, sole_areas=areas), 0.001)
     assert result.zmp is not None and result.wrenches is not None
     heel = controller.model.feet[0].rectangle[0]
     assert result.zmp[0] - cmp_at(case, None)[0] == pytest.approx(0.02 - heel, abs=1e-6)
     cop = -result.wrenches[0, 4] / result.wrenches[0, 2]
     assert 0.02 - 1e-6 <= cop <= 0.05 + 1e-6
-    whole = controller.step(state, replace(reference, cmp_offset=None, sole_areas=None), 0.001)
+    whole = controller.step(state, structs.replace(reference, cmp_offset=None, sole_areas=None), 0.001)
     assert whole.wrenches is not None and whole.zmp is not None
     assert -whole.wrenches[0, 4] / whole.wrenches[0, 2] < 0.02
     assert whole.zmp[0] - result.zmp[0] == pytest.approx(heel - 0.02, abs=1e-6)
@@ -147,7 +150,7 @@ def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingContro
 def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[WalkingController, RobotState, Reference]) -> None:
     controller, state, reference = case
     areas = np.array([(0.02, 0.06, -0.02, 0.0), (-0.04, 0.0, 0.01, 0.02)])
-    controller.step(state, replace(reference, contacts=(True, True), load=(0.5, 0.5), sole_areas=areas), 0.001)
+    controller.step(state, structs.replace(reference, contacts=(True, True), load=(0.5, 0.5), sole_areas=areas), 0.001)
     target = controller.whole_body.limits.wrench_target
     for foot in range(2):
         x_min, x_max, y_min, y_max = areas[foot]

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import quadprog
+from msgspec import structs
 
 from controllers.balance import BalanceController
 from controllers.qp.build import QP
@@ -44,7 +45,7 @@ def prepare(
     balance.reset(state)
     balance.step(state, 1e-3)
     balance.whole_body.com_task.override = np.array([0.5, -0.3, 0.2])
-    reference = replace(balance.reference, contacts=contacts)
+    reference = structs.replace(balance.reference, contacts=contacts)
     balance.whole_body.step(state, reference)
     return balance.whole_body, reference
 
@@ -263,7 +264,7 @@ def test_state_that_is_not_finite_holds_then_damps_then_recovers(model: RobotMod
     good = balance.step(state, 1e-3)
     values = getattr(state, field).copy()
     values[3] = np.nan
-    broken = replace(state, **{field: values})
+    broken = structs.replace(state, **{field: values})
     held = balance.step(broken, 1e-3)
     assert held.status is SolveStatus.HELD and np.isnan(held.residual)
     np.testing.assert_array_equal(held.command.tau, good.command.tau)
@@ -282,7 +283,7 @@ def test_nothing_of_an_earlier_run_is_held_after_a_reset(model: RobotModel) -> N
     balance.reset(state)
     balance.step(state, 1e-3)
     balance.reset(state)
-    broken = replace(state, v=np.full(model.nv, np.nan))
+    broken = structs.replace(state, v=np.full(model.nv, np.nan))
     assert balance.step(broken, 1e-3).status is SolveStatus.DAMPED
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec.structs import replace
 
 from controllers.qp.kernels_cone import ROWS, fill_cone
 from controllers.qp.kernels_terms import rotation_error
