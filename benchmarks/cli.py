@@ -126,6 +126,7 @@ def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 _add_command("qp", "QPs of real ticks: the tick's own solver beside the back-ends of qpsolvers, with residuals.")
 _add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
+_add_command("loop", "Speed of the whole closed loop on one core, standing and walking, and where its time goes.")
 
 MODULES |= {"push": "push", **{f"push_{mode}": "push_map" for mode in (PushMode.STEP, PushMode.WALK)}}
 
