@@ -1,11 +1,11 @@
 """Speed of a whole closed loop on one core, as a multiple of real time, and where its time goes.
 
 The robot stands, then walks straight ahead, in lockstep (``ClosedLoop``) with sensor noise, estimator and the delay of
-its profile, without a log. Both go second by second, in turn: one of the loop as everybody runs it, around which clocks
-are read and inside of which nothing; one with every tick split by stage (``benchmarks/loop_timing.py``); and the physics
-of that one alone (``bridge/bare_physics.py``), the least that a tick can take. So ratios are of the same run. The process
-is held to one core. Speed is judged by the processor time of the whole process, all threads: what others on a shared
-machine take of the core is not the loop's. That by the clock stands beside it. The garbage collector is off.
+its profile, without a log. Second by second, in turn: the loop as everybody runs it, with clocks read around it and
+none inside; the loop with every tick split by stage (``benchmarks/loop_timing.py``); and the physics of that second
+alone (``bridge/bare_physics.py``), the least that a tick can take. So ratios are of the same run. The process is held
+to one core. Speed is judged by the processor time of the whole process, all threads: what others on a shared machine
+take of the core is not the loop's. That by the clock stands beside it. The garbage collector is off.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ from bridge.bare_physics import BarePhysics
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
-from models.types import Matrix, Vector
 
 PIECE = 1.0
 """Simulated time of a piece [s]."""
@@ -99,9 +98,9 @@ class Pieces:
     plain: list[Span]
     split: list[Span]
     bare: list[Span]
-    ticks: Vector
+    ticks: NDArray[np.floating[Any]]
     kept: NDArray[np.bool_]
-    stages: Matrix
+    stages: NDArray[np.floating[Any]]
 
 
 def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
@@ -151,9 +150,9 @@ def summarise(found: Mapping[str, Pieces], piece: float = PIECE) -> dict[str, fl
         wall, cpu = (np.array([getattr(span, of) for span in pieces.plain]) for of in ("wall", "process"))
         bare = np.array([span.process for span in pieces.bare])
         watched = np.array([span.process for span in pieces.split])
-        figures[f"real_time_{name}"] = float(np.median(piece / (NANO * wall)))
-        figures[f"real_time_{name}_cpu"] = float(np.median(piece / (NANO * cpu)))
-        figures[f"core_share_{name}"] = float(np.median(NANO * cpu / piece))
+        figures[f"core_share_{name}"] = share = float(np.median(cpu)) * NANO / piece
+        figures[f"real_time_{name}_cpu"] = 1.0 / share
+        figures[f"real_time_{name}"] = piece / (float(np.median(wall)) * NANO)
         figures[f"cpu_per_wall_{name}"] = float(cpu.sum() / wall.sum())
         figures[f"ratio_to_physics_{name}"] = float(np.median(cpu / bare))
         figures[f"split_over_plain_{name}"] = float(np.median(watched / cpu))

@@ -20,8 +20,8 @@ from controllers.supervisor import Supervisor
 
 STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
 """Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
-controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line, joint
-monitor and head."""
+controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
+joint monitor and head."""
 
 PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
 

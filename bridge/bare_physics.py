@@ -15,7 +15,8 @@ class BarePhysics:
     """Notes where a stretch of a run begins and what drives it, and steps it again in a state of its own.
 
     The physics of ``MujocoWorld`` are ``mj_step`` in two halves; so ``replay`` goes through the very same states, as
-    long as nothing but the actuators has acted since ``begin``. What it takes is the least that a tick can.
+    long as nothing but the actuators has acted since the tick before ``begin``. What it takes is the least that a tick
+    can.
 
     Args:
         model: The compiled model of the run.
