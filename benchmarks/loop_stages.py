@@ -33,4 +33,4 @@ def draw_stages(axes: Axes, reports: Sequence[Report]) -> None:
         axes.plot([place - 0.4, place + 0.4], [bare, bare], "k--", linewidth=0.8)
     axes.set_xticks(places, [f"{report.robot}\n{scenario}" for report, scenario in bars], fontsize=8)
     axes.set_ylabel("mean of a tick [us]; dashed: MuJoCo alone")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), reverse=True)  # from top to bottom, as drawn
