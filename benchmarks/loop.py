@@ -11,28 +11,22 @@ take of the core is not the loop's. That by the clock stands beside it. The garb
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.commands import advance, demand, keep_upright
+from benchmarks.commands import advance, demand
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.loop_stages import SCENARIOS, draw_stages, stage_figure
-from benchmarks.loop_timing import STAGES, Span, SplitLoop, one_core, spanned
+from benchmarks.loop_timing import PIECE, STAGES, Pieces, one_core, time_pieces
 from benchmarks.timed_run import MICRO, QUANTILES, Positive, collector_off, plot_tails, run_seeds
-from bridge.bare_physics import BarePhysics
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
-
-PIECE = 1.0
-"""Simulated time of a piece [s]."""
 
 NANO = 1e-9
 """Nanoseconds to seconds."""
@@ -56,11 +50,7 @@ def _config() -> LoopBenchConfig:
 
 
 def measure(robot: str, seed: int) -> Case:
-    """Time one robot that stands, then walks.
-
-    Args:
-        robot: Name of the profile.
-        seed: Seed of the sensor noise.
+    """Time a robot, by name of its profile, that stands, then walks; the seed is that of the sensor noise.
 
     Returns:
         ``figures`` of this run, and ``quantiles`` [us] at ``QUANTILES`` of the ticks of each scenario.
@@ -80,59 +70,6 @@ def measure(robot: str, seed: int) -> Case:
             found[scenario] = time_pieces(loop, config.pieces)
     quantiles = {f"tick_{name}": np.percentile(pieces.ticks, QUANTILES).tolist() for name, pieces in found.items()}
     return {"figures": summarise(found), "quantiles": quantiles}
-
-
-@dataclass(frozen=True, slots=True)
-class Pieces:
-    """What was timed of a scenario; every piece is ``PIECE`` long.
-
-    Attributes:
-        plain: The loop as everybody runs it.
-        split: With its ticks split by stage.
-        bare: The physics of that alone.
-        ticks: Of the split ones (n,) [us].
-        kept: Which of these the scheduler did not interrupt (n,).
-        stages: Time of each of ``STAGES`` in them (n, 8) [us].
-    """
-
-    plain: list[Span]
-    split: list[Span]
-    bare: list[Span]
-    ticks: NDArray[np.floating[Any]]
-    kept: NDArray[np.bool_]
-    stages: NDArray[np.floating[Any]]
-
-
-def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
-    """Run a loop and time it.
-
-    Args:
-        loop: The robot, doing what it is timed at.
-        pieces: How many of each kind.
-        piece: Length of each [s].
-
-    Raises:
-        PoiseError: The robot fell.
-    """
-    ticks = round(piece / loop.plant.period)
-    split, bare = SplitLoop(loop, pieces * ticks), BarePhysics(loop.model, ticks)
-    spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
-
-    def split_piece() -> None:
-        for _ in range(ticks):
-            split.step()
-            bare.note(loop.data)
-
-    for _ in range(pieces):
-        spans[0].append(spanned(partial(advance, loop, piece)))
-        bare.begin(loop.data)
-        with split.recording():
-            spans[1].append(spanned(split_piece))
-        keep_upright(loop)
-        bare.rewind()
-        spans[2].append(spanned(bare.replay))
-    wall = split.watch.wall[:, 0] * MICRO
-    return Pieces(*spans, ticks=wall, kept=~split.watch.preempted[:, 0], stages=split.stages * MICRO)
 
 
 def summarise(found: Mapping[str, Pieces], piece: float = PIECE) -> dict[str, float]:
@@ -191,15 +128,7 @@ def run(options: Options) -> Report:
 
 
 def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the stages of a tick, standing and walking, and how long ticks take at every percentile.
-
-    Args:
-        report: What ``run`` found.
-        folder: Where the picture goes.
-
-    Returns:
-        The file written.
-    """
+    """Draw the stages of a tick, and how long ticks take at every percentile; returns the file written."""
     figure = new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1, 2))
     draw_stages(left, [report])

@@ -1,4 +1,4 @@
-"""Times a whole closed loop: seconds of it as they are, and its ticks split by stage."""
+"""Times a whole closed loop: pieces of it as they are, its ticks split by stage, and its physics alone."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter_ns, process_time_ns, thread_time_ns
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
+from benchmarks.commands import advance, keep_upright
 from benchmarks.tick_timing import Stopwatch
+from benchmarks.timed_run import MICRO
+from bridge.bare_physics import BarePhysics
 from bridge.closed_loop import ClosedLoop
 from bridge.monitor import PlantMonitor
 from controllers.supervisor import Supervisor
@@ -24,6 +29,9 @@ controller with its QP; joint drivers; supervisor and fall monitor, every tenth 
 joint monitor and head."""
 
 PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
+
+PIECE = 1.0
+"""Simulated time of a piece [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,3 +149,56 @@ class SplitLoop:
         now[REST] = int(self.watch.wall[row, 0]) - sum(now)
         self.stages[row] = now
         self.count += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """What was timed of a scenario; every piece is ``PIECE`` long.
+
+    Attributes:
+        plain: The loop as everybody runs it.
+        split: With its ticks split by stage.
+        bare: The physics of that alone.
+        ticks: Of the split ones (n,) [us].
+        kept: Which of these the scheduler did not interrupt (n,).
+        stages: Time of each of ``STAGES`` in them (n, 8) [us].
+    """
+
+    plain: list[Span]
+    split: list[Span]
+    bare: list[Span]
+    ticks: NDArray[np.floating[Any]]
+    kept: NDArray[np.bool_]
+    stages: NDArray[np.floating[Any]]
+
+
+def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
+    """Run a loop and time it.
+
+    Args:
+        loop: The robot, doing what it is timed at.
+        pieces: How many of each kind.
+        piece: Length of each [s].
+
+    Raises:
+        PoiseError: The robot fell.
+    """
+    ticks = round(piece / loop.plant.period)
+    split, bare = SplitLoop(loop, pieces * ticks), BarePhysics(loop.model, ticks)
+    spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
+
+    def split_piece() -> None:
+        for _ in range(ticks):
+            split.step()
+            bare.note(loop.data)
+
+    for _ in range(pieces):
+        spans[0].append(spanned(partial(advance, loop, piece)))
+        bare.begin(loop.data)
+        with split.recording():
+            spans[1].append(spanned(split_piece))
+        keep_upright(loop)
+        bare.rewind()
+        spans[2].append(spanned(bare.replay))
+    wall = split.watch.wall[:, 0] * MICRO
+    return Pieces(*spans, ticks=wall, kept=~split.watch.preempted[:, 0], stages=split.stages * MICRO)

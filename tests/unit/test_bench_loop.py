@@ -13,9 +13,9 @@ import pytest
 from benchmarks import loop as bench
 from benchmarks.commands import demand
 from benchmarks.harness import Options, Report
-from benchmarks.loop import LoopBenchConfig, Pieces, limits, plot, summarise, time_pieces
+from benchmarks.loop import LoopBenchConfig, limits, plot, summarise
 from benchmarks.loop_stages import SCENARIOS, stage_figure
-from benchmarks.loop_timing import PLANNER, STAGES, SUPERVISE, Span, SplitLoop, one_core
+from benchmarks.loop_timing import PLANNER, STAGES, SUPERVISE, Pieces, Span, SplitLoop, one_core, time_pieces
 from benchmarks.timed_run import QUANTILES, judge
 from bridge.bare_physics import BarePhysics
 from bridge.closed_loop import ClosedLoop
