@@ -7,7 +7,7 @@ export MUJOCO_GL ?= egl
 BIN := .venv/bin
 ROBOT ?= g1
 OUT ?= out
-BENCHES ?= tick qp gait push stand latency calibrate estimate walk terrain
+BENCHES ?= tick qp gait loop push stand latency calibrate estimate walk terrain
 
 .PHONY: help demo view test test-slow check bench report reference clean distclean
 

@@ -16,9 +16,7 @@ from models.errors import ConfigError, PoiseError
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
-Contender = Annotated[
-    str, typer.Option(help="Test another controller instead of poise's, module:Class; docs/contenders.md.")
-]
+CONTENDER_HELP = "Test another controller instead of poise's, module:Class; docs/contenders.md."
 
 MODULES: dict[str, str] = {}
 """Module in this folder that measures and draws each benchmark, by the name that its reports bear.
@@ -104,7 +102,10 @@ def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
 
 
 def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
-    """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are."""
+    """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are.
+
+    Those that take no contender do not offer one either, but say so to who asks.
+    """
     MODULES[name] = name
 
     @app.command(name, help=help_text)
@@ -117,7 +118,7 @@ def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
         json: JsonFile = None,
         plot: PlotFolder = None,
         scenario: Annotated[list[str] | None, typer.Option(help="Measure only this one; repeatable.")] = None,
-        contender: Contender = "",
+        contender: str = typer.Option("", help=CONTENDER_HELP, hidden=name not in CONTESTED),
     ) -> None:
         chosen = tuple(scenario or ())
         _bench(name, robot, seeds, workers, scheduler, results, json, plot, chosen, contender=contender)
@@ -126,6 +127,7 @@ def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
 _add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
 _add_command("qp", "QPs of real ticks: the tick's own solver beside the back-ends of qpsolvers, with residuals.")
 _add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
+_add_command("loop", "Speed of the whole closed loop on one core, standing and walking, and where its time goes.")
 
 MODULES |= {"push": "push", **{f"push_{mode}": "push_map" for mode in (PushMode.STEP, PushMode.WALK)}}
 
@@ -143,7 +145,7 @@ def push(
         PushMode, typer.Option(help="Standing without a step, standing with steps, or walking.")
     ] = PushMode.STAND,
     direction: Annotated[list[str] | None, typer.Option(help="Push only this way, such as left; repeatable.")] = None,
-    contender: Contender = "",
+    contender: Annotated[str, typer.Option(help=CONTENDER_HELP)] = "",
 ) -> None:
     """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
     module = MODULES["push" if mode is PushMode.STAND else f"push_{mode}"]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.commands import demand
+from benchmarks.commands import advance, demand
 from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.tick_timing import solution_figures
@@ -37,7 +37,6 @@ from benchmarks.timed_run import (
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT, default_config
-from models.errors import PoiseError
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -54,13 +53,6 @@ class GaitBenchConfig(TickBounds):
 @cache
 def _config() -> GaitBenchConfig:
     return default_config(GaitBenchConfig, "benchmarks", "gait")
-
-
-def _walk(loop: ClosedLoop, duration: float) -> None:
-    """Go on for a time [s]; ``PoiseError`` when the robot falls."""
-    loop.run(duration)
-    if loop.fallen:
-        raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
 
 
 def measure(robot: str, seed: int) -> Case:
@@ -80,19 +72,19 @@ def measure(robot: str, seed: int) -> Case:
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     demand(loop, "walk")
     loop.set_velocity(config.forward, 0.0, 0.0)
-    _walk(loop, config.warm_up)
+    advance(loop, config.warm_up)
     timed = TimedWalk(loop.walker, round(config.duration / loop.plant.period) + 1)
     with collector_off(), timed.recording():
         for second in range(round(config.duration)):
             timed.with_placo = second % 2 == 1
-            _walk(loop, 1.0)
+            advance(loop, 1.0)
     blocks: list[int] = []
     settle = 2  # seconds
 
     def walk_alone(time: float) -> None:
         """Nothing beside the robot allocates now."""
         for _ in range(round(time)):
-            _walk(loop, 1.0)
+            advance(loop, 1.0)
             blocks.append(sys.getallocatedblocks())
 
     figures = summarise(timed)

@@ -9,9 +9,11 @@ has them, and their times include what qpsolvers adds in Python. Answers are cer
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from tempfile import gettempdir
+from uuid import uuid4
 
 import numpy as np
 
@@ -37,10 +39,10 @@ def run(options: Options) -> Report:
     load, (backends, missing) = LoadMeter(), available()
     names = [OWN, *backends]
     inputs = [{"robot": options.robot, "seed": seed, "solvers": names} for seed in range(options.seeds)]
-    runs = run_cases(_measure, inputs, bench="qp", options=options, alone=True)
+    file = _problems_file(options.robot)
+    runs = run_cases(partial(_measure, file), inputs, bench="qp", options=options, alone=True)
     cases: list[Case] = [case for run in runs for case in run["answers"]]
     figures = summarise(cases, names)
-    file = _problems_file(options.robot)
     notes = [f"problems: {file}"] if file.is_file() else []  # none where every case was there already
     if missing:
         notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
@@ -49,14 +51,14 @@ def run(options: Options) -> Report:
 
 
 def _problems_file(robot: str) -> Path:
-    """Where the problems of the last seed are left for whoever wants to look at them."""
-    return Path(gettempdir()) / f"qps-{robot}.npz"
+    """Where the problems of the last seed are left for whoever wants to look at them; another place for every run."""
+    return Path(gettempdir()) / f"qps-{robot}-{uuid4().hex}.npz"
 
 
-def _measure(robot: str, seed: int, solvers: list[str]) -> Case:
+def _measure(file: Path, robot: str, seed: int, solvers: list[str]) -> Case:
     """Record the problems of a seed, and solve them."""
     problems = record(robot, seed, qp_config())
-    write(_problems_file(robot), problems)
+    write(file, problems)
     return {"robot": robot, "seed": seed, "answers": solve_all(problems, solvers, seed)}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.commands import demand
+from benchmarks.commands import advance, demand
 from benchmarks.tick import push_forces, tick_config
 from bridge.closed_loop import ClosedLoop
 from controllers.balance import BalanceController
@@ -86,7 +86,7 @@ def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
         raise PoiseError(f"{robot}: the loop has another controller than the whole-body one")
     found: list[RecordedQP] = []
     for _ in range(config.rows):
-        _advance(loop, config.pause)
+        advance(loop, config.pause)
         found += _row("standing", loop, balance.whole_body, config)
     forces, push = push_forces(loop, tick_config()), tick_config()
     for k in range(config.rows):
@@ -94,33 +94,22 @@ def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
             demand(loop, push.motion)
         force = forces[k % len(forces)]
         loop.apply_push((force[0], force[1], force[2]), push.push_duration, push.push_body)
-        _advance(loop, config.pushed_for)
+        advance(loop, config.pushed_for)
         found += _row("pushed", loop, balance.whole_body, config)
-        _advance(loop, push.push_period)
+        advance(loop, push.push_period)
     loop.wait_motion()
     demand(loop, "walk")
     loop.set_velocity(config.walk_speed, 0.0, 0.0)
-    _advance(loop, config.walk_for)
+    advance(loop, config.walk_for)
     for _ in range(config.rows):
         end = loop.t + config.walk_for
         while sum(loop.walker.reference.contacts) != 1:
-            _advance(loop, config.pause)
+            advance(loop, config.pause)
             if loop.t > end:
                 raise PoiseError(f"{robot} does not walk at {config.walk_speed} m/s")
         found += _row("single_support", loop, loop.walker.controller.whole_body, config)
-        _advance(loop, config.pause)
+        advance(loop, config.pause)
     return found
-
-
-def _advance(loop: ClosedLoop, duration: float) -> None:
-    """Run for a time [s].
-
-    Raises:
-        PoiseError: The robot fell.
-    """
-    loop.run(duration)
-    if loop.fallen:
-        raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
 
 
 def _row(scenario: str, loop: ClosedLoop, whole_body: WholeBodyController, config: QPConfig) -> list[RecordedQP]:

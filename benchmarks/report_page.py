@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw_speeds, draw_times
+from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw_loop, draw_speeds, draw_times
 from benchmarks.report_survival import PUSHES, Reports, draw_curves, draw_shares, draw_terrain, robots_of
 from benchmarks.saved_reports import Failure, SavedReport, read_reports
 from benchmarks.suite import suite_config
@@ -30,6 +30,7 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Walking at commanded velocities", "speeds", draw_speeds),
     ("Cost of transport", "cost-of-transport", draw_cost),
     ("Time", "times", draw_times),
+    ("Time of the closed loop", "loop", draw_loop),
     ("State estimation", "estimator", draw_estimator),
     ("Delay margin", "delay-margin", draw_delays),
 )

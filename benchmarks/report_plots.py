@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.estimate_runs import settings
 from benchmarks.fault_rows import config as fault_config
+from benchmarks.loop_stages import draw_stages
 from benchmarks.report_survival import Reports, colour, robots_of
 from benchmarks.timed_run import QUANTILES
 from bridge.plots import new_figure
@@ -18,7 +19,11 @@ from bridge.plots import new_figure
 AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
 """Parts of a velocity, in the robot's frame, and their units."""
 
-TIMED = (("tick", "tick", "whole-body tick, standing"), ("gait", "tick", "whole-body tick, single support"))
+TIMED = (
+    ("tick", "tick", "whole-body tick, standing"),
+    ("gait", "tick", "whole-body tick, single support"),
+    ("loop", "tick_walk", "tick of the whole closed loop, walking"),
+)
 """Bench, subject among its quantiles, and what it is, for what is timed in microseconds by quantiles."""
 
 MILLI = 1e3
@@ -97,7 +102,7 @@ def draw_estimator(reports: Reports) -> Figure | None:
 
 
 def draw_times(reports: Reports) -> Figure | None:
-    """Histograms of the whole-body tick and of the way from the sensors to the command."""
+    """Histograms of the whole-body tick, of the closed loop's, and of the way from the sensors to the command."""
     panels: list[tuple[str, Callable[[Axes], None]]] = []
     for bench, subject, title in TIMED:
         if robots_of(reports, bench):
@@ -114,6 +119,16 @@ def draw_times(reports: Reports) -> Figure | None:
         axes.set_ylabel("share of the samples per bin [-]")
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
+    return figure
+
+
+def draw_loop(reports: Reports) -> Figure | None:
+    """Where a tick of the whole closed loop goes, standing and walking; dashed: MuJoCo's step alone."""
+    robots = robots_of(reports, "loop")
+    if not robots:
+        return None
+    figure = new_figure(4.0 + 2.0 * len(robots), 4.0)
+    draw_stages(figure.add_subplot(), [reports["loop", robot] for robot in robots])
     return figure
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.commands import demand
+from benchmarks.commands import demand, keep_upright
 from benchmarks.harness import Case, Options, Report, percentiles
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound
@@ -44,7 +44,6 @@ from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.support_polygon import distance_along
 from models.config import STRICT, default_config
-from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, Vector
 
@@ -104,8 +103,7 @@ def exercise(loop: ClosedLoop, duration: float, config: TickConfig) -> Iterator[
             loop.apply_push((force[0], force[1], force[2]), config.push_duration, config.push_body)
             pushes += 1
         loop.step()
-        if loop.fallen:
-            raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
+        keep_upright(loop)
         if loop.t >= start + second - 1e-9:
             second += 1
             yield

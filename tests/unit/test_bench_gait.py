@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.gait import GaitBenchConfig, _walk, limits, plot, summarise
+from benchmarks.commands import advance
+from benchmarks.gait import GaitBenchConfig, limits, plot, summarise
 from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
 from benchmarks.harness import Report
 from benchmarks.tick_timing import STATUSES
@@ -128,7 +129,7 @@ def test_a_walk_without_an_adjustment_has_no_figures(model: RobotModel) -> None:
 def test_a_fall_is_no_figure() -> None:
     loop = SimpleNamespace(run=lambda _: None, fallen=True, fall_reason="tilted", robot=SimpleNamespace(name="g1"))
     with pytest.raises(PoiseError, match="g1 fell: tilted"):
-        _walk(loop, 1.0)
+        advance(loop, 1.0)
 
 
 def test_every_limit_is_one_of_a_figure(model: RobotModel) -> None:

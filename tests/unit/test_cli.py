@@ -132,6 +132,12 @@ def test_a_benchmark_that_takes_no_contender_says_so(monkeypatch: pytest.MonkeyP
     assert result.exit_code == 2 and "takes no contender" in result.output and "push, terrain, walk" in result.output
 
 
+@pytest.mark.parametrize("name", [name for name in benchmarks.cli.MODULES if not name.startswith("push_")])
+def test_help_offers_a_contender_where_it_is_taken(name: str) -> None:
+    shown = RUNNER.invoke(app, ["bench", name, "--help"], env={"COLUMNS": "120"}).output
+    assert ("--contender" in shown) is (name in benchmarks.cli.CONTESTED)
+
+
 def test_a_contender_is_pushed_without_steps_only() -> None:
     result = RUNNER.invoke(app, ["bench", "push", "--mode", "walk", "--contender", "a:B"])
     assert result.exit_code == 2 and "in mode 'stand' only" in " ".join(result.output.split())

@@ -129,6 +129,11 @@ def test_a_rerun_reads_what_was_solved(
         with ResultsFile(tmp_path / "cases.jsonl") as file:
             reports.append(qp.run(Options(seeds=seeds, sweep=Sweep(None, file))))
     assert recorded == [0, 1]
+    archives = [report.notes[0].removeprefix("problems: ") for report in reports[:2]]
+    assert sorted(map(str, tmp_path.glob("qps-g1-*.npz"))) == sorted(
+        archives
+    )  # one a run that measured, none in common
+    assert not reports[2].notes
     first, _, again = reports
     assert again.figures == reports[1].figures and again.cases[0] == first.cases[0]
     assert [(case["seed"], case["solver"]) for case in again.cases] == [(0, OWN), (1, OWN)]

@@ -1,0 +1,204 @@
+"""Times a whole closed loop: pieces of it as they are, its ticks split by stage, and its physics alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter_ns, process_time_ns, thread_time_ns
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.commands import advance, keep_upright
+from benchmarks.tick_timing import Stopwatch
+from benchmarks.timed_run import MICRO
+from bridge.bare_physics import BarePhysics
+from bridge.closed_loop import ClosedLoop
+from bridge.monitor import PlantMonitor
+from controllers.supervisor import Supervisor
+
+STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
+"""Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
+controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
+joint monitor and head."""
+
+PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
+
+PIECE = 1.0
+"""Simulated time of a piece [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """How long something took.
+
+    Attributes:
+        wall: By the clock [ns].
+        process: Of processor time, all threads [ns].
+        thread: Of processor time, this thread [ns].
+    """
+
+    wall: int
+    process: int
+    thread: int
+
+
+def spanned(call: Callable[[], object]) -> Span:
+    """Run something and time it."""
+    thread, process, wall = thread_time_ns(), process_time_ns(), perf_counter_ns()
+    call()
+    end = perf_counter_ns()
+    return Span(end - wall, process_time_ns() - process, thread_time_ns() - thread)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Hold every thread of this process, and those that it starts meanwhile, to one core: the last it may use.
+
+    The last, since the kernel tends to give interrupts to the first.
+    """
+    core = max(os.sched_getaffinity(0))
+    before = {thread: os.sched_getaffinity(thread) for thread in _threads()}
+    allowed = os.sched_getaffinity(0)
+    try:
+        for thread in before:
+            _hold(thread, {core})
+        yield
+    finally:
+        for thread in _threads():
+            _hold(thread, before.get(thread, allowed))
+
+
+def _threads() -> list[int]:
+    return [int(entry.name) for entry in Path("/proc/self/task").iterdir()]
+
+
+def _hold(thread: int, cores: set[int]) -> None:
+    try:
+        os.sched_setaffinity(thread, cores)
+    except ProcessLookupError:
+        return  # it has ended
+
+
+class SplitLoop:
+    """Times the ticks of a loop, each of them split by stage; the loop does what it always does.
+
+    Reading the clocks costs some microseconds a tick; they are in the tick's time, and most of them in ``rest``.
+
+    Args:
+        loop: The robot.
+        ticks: Most ticks that are recorded.
+
+    Attributes:
+        watch: Times of the whole ticks (ticks, 1).
+        stages: Wall-clock time of each of ``STAGES``, which add up to the tick (ticks, 8) [ns].
+        count: Ticks recorded.
+    """
+
+    def __init__(self, loop: ClosedLoop, ticks: int) -> None:
+        self._loop = loop
+        self.watch = Stopwatch(ticks, 1)
+        self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
+        self.count = 0
+        self._now = [0] * len(STAGES)
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Split the ticks of ``step`` meanwhile."""
+        loop = self._loop
+        parts: list[tuple[Any, str, int]] = [
+            (loop.plant, "step", PHYSICS),
+            (loop.plant, "read", SENSORS),
+            (loop.estimator, "step", ESTIMATOR),
+            (loop.gait, "step", PLANNER),
+            (loop.controller, "step", WHOLE_BODY),
+            (loop.walker.controller, "step", WHOLE_BODY),
+            (loop.drivers, "command", DRIVERS),
+            (loop.drivers, "step", DRIVERS),
+            (loop.plant, "write", DRIVERS),
+            (PlantMonitor, "update", SUPERVISE),  # of the class: the loop keeps both to itself
+            (Supervisor, "update", SUPERVISE),
+        ]
+        with ExitStack() as stack:
+            for owner, name, stage in parts:
+                stack.enter_context(patch.object(owner, name, self._timed(getattr(owner, name), stage)))
+            yield
+
+    def _timed(self, call: Callable[..., Any], stage: int) -> Callable[..., Any]:
+        now = self._now
+
+        def timed(*arguments: Any) -> Any:
+            start = perf_counter_ns()
+            result = call(*arguments)
+            now[stage] += perf_counter_ns() - start
+            return result
+
+        return timed
+
+    def step(self) -> None:
+        """Run one tick of the loop."""
+        row, now = self.count, self._now
+        now[:] = [0] * len(STAGES)
+        self.watch.measure(row, 0, self._loop.step)
+        now[REST] = int(self.watch.wall[row, 0]) - sum(now)
+        self.stages[row] = now
+        self.count += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """What was timed of a scenario; every piece is ``PIECE`` long.
+
+    Attributes:
+        plain: The loop as everybody runs it.
+        split: With its ticks split by stage.
+        bare: The physics of that alone.
+        ticks: Of the split ones (n,) [us].
+        kept: Which of these the scheduler did not interrupt (n,).
+        stages: Time of each of ``STAGES`` in them (n, 8) [us].
+    """
+
+    plain: list[Span]
+    split: list[Span]
+    bare: list[Span]
+    ticks: NDArray[np.floating[Any]]
+    kept: NDArray[np.bool_]
+    stages: NDArray[np.floating[Any]]
+
+
+def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
+    """Run a loop and time it.
+
+    Args:
+        loop: The robot, doing what it is timed at.
+        pieces: How many of each kind.
+        piece: Length of each [s].
+
+    Raises:
+        PoiseError: The robot fell.
+    """
+    ticks = round(piece / loop.plant.period)
+    split, bare = SplitLoop(loop, pieces * ticks), BarePhysics(loop.model, ticks)
+    spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
+
+    def split_piece() -> None:
+        for _ in range(ticks):
+            split.step()
+            bare.note(loop.data)
+
+    for _ in range(pieces):
+        spans[0].append(spanned(partial(advance, loop, piece)))
+        bare.begin(loop.data)
+        with split.recording():
+            spans[1].append(spanned(split_piece))
+        keep_upright(loop)
+        bare.rewind()
+        spans[2].append(spanned(bare.replay))
+    wall = split.watch.wall[:, 0] * MICRO
+    return Pieces(*spans, ticks=wall, kept=~split.watch.preempted[:, 0], stages=split.stages * MICRO)
