@@ -34,12 +34,12 @@ from controllers.estimation.kernels_predict import (
     predict,
     retract,
 )
-from controllers.estimation.kernels_update import correct, foot_residual
+from controllers.estimation.kernels_update import correct, correct_soles
 from controllers.estimation.kinematics import SoleKinematics
 from models.types import Matrix, Vector
 
 _FOOT_PLUS = np.array([POSITION, POSITION + 1, POSITION + 2, ROTATION, ROTATION + 1, ROTATION + 2])
-_FOOT_MINUS = tuple(np.array([FOOT, FOOT + 1, FOOT + 2, SOLE, SOLE + 1, SOLE + 2]) + 3 * foot for foot in range(2))
+_FOOT_MINUS = np.array([FOOT, FOOT + 1, FOOT + 2, SOLE, SOLE + 1, SOLE + 2]) + 3 * np.arange(2)[:, None]
 _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
 _LEVEL_MINUS = np.full(4, -1)
 _LEVEL_GATE = 3.0
@@ -76,8 +76,6 @@ class InvariantFilter:
         self.covariance = np.eye(SIZE)
         self.innovation = np.zeros(2)
         self._error = np.zeros(SIZE)
-        self._residual = np.zeros(6)
-        self._noise = np.zeros((6, 6))
         self._rest_noise = np.eye(3) * config.rest.velocity**2
         # Both soles stand on the same floor, so its slope is common to them.
         common = np.tile(np.eye(2, dtype=np.float64), (2, 2)) * config.initial.floor**2  # (4, 4)
@@ -204,21 +202,11 @@ class InvariantFilter:
 
     def measure_soles(self, kinematics: SoleKinematics) -> int:
         """Correct with the pose of both soles; returns how many were unusable (0 in a sound filter)."""
-        rejected = 0
-        for foot in range(2):
-            foot_residual(
-                self.rotation, self.vectors, self.soles[foot], foot, kinematics.positions[foot],
-                kinematics.rotations[foot], kinematics.covariances[foot], self._residual, self._noise,
-            )  # fmt: skip
-            squared = correct(
-                self.covariance, _FOOT_PLUS, _FOOT_MINUS[foot], self._residual, self._noise, self._config.gate,
-                self._error,
-            )  # fmt: skip
-            self.innovation[foot] = squared
-            if squared < 0.0:
-                rejected += 1
-            else:
-                retract(self.rotation, self.vectors, self.soles, self.biases, self._error)
+        rejected: int = correct_soles(
+            self.rotation, self.vectors, self.soles, self.biases, self.covariance, kinematics.positions,
+            kinematics.rotations, kinematics.covariances, _FOOT_PLUS, _FOOT_MINUS, self._config.gate, self._error,
+            self.innovation,
+        )  # fmt: skip
         return rejected
 
     def measure_rest(self) -> int:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.estimation.kernels_predict import SIZE
+from controllers.estimation.kernels_predict import SIZE, retract
 from controllers.estimation.so3 import logarithm, multiply, rotate, turn_noise
 from models.compiled import njit
 
@@ -164,3 +164,42 @@ def foot_residual(
     for i in range(3):
         residual[3 + i] = turned[i]
     turn_noise(measured, noise, world_noise)
+
+
+@njit(cache=True)
+def correct_soles(
+    rotation: Array, vectors: Array, soles: Array, biases: Array, covariance: Array, positions: Array,
+    orientations: Array, noises: Array, plus: Index, minus: Index, gate: float, error: Array, innovation: Array,
+) -> int:  # fmt: skip
+    """Correct the state with the pose of each sole, one after the other.
+
+    Args:
+        rotation: R (3, 3), in place.
+        vectors: v, p, d_L, d_R (4, 3), in place.
+        soles: Z of both feet (2, 3, 3), in place.
+        biases: Of gyro and accelerometer (2, 3), in place.
+        covariance: See ``correct``, as ``gate`` and ``error``.
+        positions: Measured sole origins in the inertial unit's frame (2, 3) [m].
+        orientations: Measured rotations of the soles in the same frame (2, 3, 3).
+        noises: Covariance of each measurement in the sole frame (2, 6, 6).
+        plus: Component of each row of a sole's innovation (6,).
+        minus: Component that is subtracted, for each foot (2, 6).
+        gate: Bound on the normalised innovation squared [-].
+        error: Memory (27,).
+        innovation: Out, normalised innovation squared of each foot, -1 where it was unusable (2,) [-].
+
+    Returns:
+        How many were unusable.
+    """
+    residual, noise = np.empty(6), np.empty((6, 6))
+    rejected = 0
+    for foot in range(2):
+        foot_residual(
+            rotation, vectors, soles[foot], foot, positions[foot], orientations[foot], noises[foot], residual, noise
+        )
+        innovation[foot] = correct(covariance, plus, minus[foot], residual, noise, gate, error)
+        if innovation[foot] < 0.0:
+            rejected += 1
+        else:
+            retract(rotation, vectors, soles, biases, error)
+    return rejected

@@ -6,7 +6,7 @@ import math
 
 from models.compiled import njit
 from models.types import Matrix, Vector
-from planners.gait.kernels_steps import wrap
+from planners.gait.kernels_steps import Point, wrap
 
 Place = tuple[float, float, float, float]
 """x, y, z [m] and heading [rad] in W."""
@@ -86,3 +86,78 @@ def place_bodies(
                 s * x + c * y,
                 upright[body, 2, k],
             )
+
+
+@njit(
+    "float64(UniTuple(UniTuple(float64, 2), 2), float64[:, ::1], int64, float64[::1], float64, float64, float64,"
+    " float64)",
+    cache=True,
+)
+def height_in_reach(
+    places: tuple[Point, Point],
+    under: Matrix,
+    swinging: int,
+    com: Vector,
+    lean: float,
+    yaw: float,
+    leg: float,
+    standing: float,
+) -> float:
+    """CoM height at which no leg is longer than when the robot stands [m].
+
+    A planted foot is as far from under its hip as it is measured, and will be as far as ``lean`` of the way between the
+    feet when the swing foot lands.
+
+    Args:
+        places: Of the footholds in W [m].
+        under: Where each sole is from the CoM when the robot stands at heading 0 (2, 2) [m].
+        swinging: The foot in the air; -1 for none.
+        com: Measured CoM (3,) [m].
+        lean: Share of the way between the feet at which the body will be when the swing foot lands [-].
+        yaw: Heading [rad].
+        leg: Length of a leg [m].
+        standing: CoM height of the robot that stands [m].
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    left_x, left_y = (
+        places[0][0] - (c * under[0, 0] - s * under[0, 1]),
+        places[0][1] - (s * under[0, 0] + c * under[0, 1]),
+    )
+    right_x, right_y = (
+        places[1][0] - (c * under[1, 0] - s * under[1, 1]),
+        places[1][1] - (s * under[1, 0] + c * under[1, 1]),
+    )
+    x, y = left_x - right_x, left_y - right_y
+    square = lean * lean * (x * x + y * y)
+    if swinging != 0:
+        x, y = left_x - com[0], left_y - com[1]
+        square = max(square, x * x + y * y)
+    if swinging != 1:
+        x, y = right_x - com[0], right_y - com[1]
+        square = max(square, x * x + y * y)
+    return standing - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
+
+
+@njit(
+    "void(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64, float64[::1], float64[::1])",
+    cache=True,
+)
+def lead_single(
+    point: Vector, end: Vector, rest: Vector, offset: Vector, omega: float, left: float, dcm: Vector, rate: Vector
+) -> None:
+    """DCM reference of a single support, as ``dcm.single_support``, with the reaction of the swing leg.
+
+    Args:
+        point: ZMP point of the stance foot (2,) [m].
+        end: DCM at the touchdown (2,) [m].
+        rest: DCM that the rest of the swing will use up (2,) [m].
+        offset: CMP minus CoP now (2,) [m].
+        omega: [1/s].
+        left: Time to touchdown [s].
+        dcm: Out (2,) [m].
+        rate: Out (2,) [m/s].
+    """
+    decay = math.exp(-omega * left)
+    for i in range(2):
+        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
+        rate[i] = omega * (dcm[i] - point[i] - offset[i])

@@ -11,7 +11,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Reference, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold, middle
-from planners.gait.kernels_reference import place_bodies
+from planners.gait.kernels_reference import height_in_reach, place_bodies
 from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 
@@ -45,7 +45,7 @@ class ReferenceBuilder:
         torso = pin.updateFramePlacement(model.pin, data, model.frame_id("torso"))
         self._standing_height = float(data.com[0][2])
         soles = [pin.updateFramePlacement(model.pin, data, foot.frame_id).translation[:2] for foot in model.feet]
-        self._under = [tuple((sole - data.com[0][:2]).tolist()) for sole in soles]
+        self._under = np.array([sole - data.com[0][:2] for sole in soles])
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
         self._no_motion, self._no_tilt = np.zeros((3, 4)), np.zeros(2)
         self.height = self._standing_height
@@ -138,22 +138,16 @@ class ReferenceBuilder:
         )
 
     def _in_reach(self, footholds: list[Foothold], swinging: int | None, com: Vector, lean: float, yaw: float) -> float:
-        """CoM height at which no leg is longer than in the 'stand' posture [m].
-
-        A planted foot is as far from under its hip as it is measured, and will be as far as ``lean`` of the way
-        between the feet when the swing foot lands.
-        """
-        c, s = math.cos(yaw), math.sin(yaw)
-        hips = [(c * x - s * y, s * x + c * y) for x, y in self._under]
-        left, right = ((hold.x - hip[0], hold.y - hip[1]) for hold, hip in zip(footholds, hips, strict=True))
-        x, y = float(com[0]), float(com[1])
-        square = lean * lean * _square(left[0] - right[0], left[1] - right[1])
-        for foot, place in enumerate((left, right)):
-            if foot != swinging:
-                square = max(square, _square(place[0] - x, place[1] - y))
-        leg = self._config.leg
-        return self._standing_height - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
-
-
-def _square(x: float, y: float) -> float:
-    return x * x + y * y
+        """CoM height at which no leg is longer than in the 'stand' posture [m]; see ``height_in_reach``."""
+        left, right = footholds
+        height: float = height_in_reach(
+            ((left.x, left.y), (right.x, right.y)),
+            self._under,
+            -1 if swinging is None else swinging,
+            com,
+            lean,
+            yaw,
+            self._config.leg,
+            self._standing_height,
+        )
+        return height
