@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from models.errors import PoiseError
 from models.law_state import PACKAGES, Bytes, Captured, Held, LawState, attributes, owner
@@ -159,9 +160,11 @@ class _Reader:
         elif "object" in told:
             name, held = told["object"]
             kind = _kind(name)
-            made = object.__new__(kind)
-            for name, each in held.items():
-                object.__setattr__(made, name, self._read(each))
+            attributes = {name: self._read(each) for name, each in held.items()}
+            made = kind(**attributes) if issubclass(kind, Struct) else object.__new__(kind)
+            if not isinstance(made, Struct):
+                for name, each in attributes.items():
+                    object.__setattr__(made, name, each)
         for name, sequence in _SEQUENCES.items():
             if name in told:
                 made = sequence(self._read(each) for each in told[name])
