@@ -41,6 +41,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from msgspec import Struct, structs
 
 from models.calibration import Calibration
 from models.errors import MessageError
@@ -155,8 +156,9 @@ class Applied:
 
 
 def plain(data: Any) -> dict[str, object]:
-    """A dataclass of arrays for JSON, exact to the last bit."""
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(data).items()}
+    """A record of arrays for JSON, exact to the last bit."""
+    held = structs.asdict(data) if isinstance(data, Struct) else asdict(data)
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in held.items()}
 
 
 @dataclass(frozen=True, slots=True)
