@@ -64,7 +64,7 @@ def draw_rings(axes: PolarAxes, shown: PushMap) -> None:
     axes.set_yticks(ticks, [f"{tick:.2g} m/s\n{tick * mass:.0f} N.s" for tick in ticks], fontsize=7)
     for text in axes.get_yticklabels():
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5})
-    axes.set_rlabel_position(22.5)  # between two directions
+    axes.set_rlabel_position(180.0 / len(angles))  # between two directions
     axes.set_xticks(angles, [direction_name(angle) for angle in angles], fontsize=9)
 
 

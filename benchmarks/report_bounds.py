@@ -64,7 +64,9 @@ def _gait(report: Report) -> dict[str, Bound]:
 
 
 def _latency(report: Report) -> dict[str, Bound]:
-    found = {name: report.figures[f"{name[:3]}_bound_us"] for name in ("p50_us", "p99_us") if name in report.figures}
+    found: dict[str, float] = {
+        name: report.figures[f"{name[:3]}_bound_us"] for name in ("p50_us", "p99_us") if name in report.figures
+    }
     return _most({**found, "missed_fraction": latency_config().missed_bound})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +23,7 @@ LOOKS = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "^"), ("#cc79a7", "D"),
 MAP = "cividis"
 """Colours of a heat map: dark to light for all eyes."""
 
-BOUND = {"color": "k", "linewidth": 1.0, "linestyle": "--"}
+BOUND: dict[str, Any] = {"color": "k", "linewidth": 1.0, "linestyle": "--"}
 """How a bound is drawn."""
 
 DPI = 110

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -10,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-from benchmarks.harness import Case
+from benchmarks.harness import Case, Report
 from benchmarks.report_style import Reports, colour, robots_of
 from benchmarks.timed_run import QUANTILES
 from bridge.plots import new_figure
@@ -19,11 +20,14 @@ from models.types import Vector
 TIMED = (("tick", "whole-body tick, standing, waving, pushed"), ("gait", "whole-body tick, single support, walking"))
 """Bench, and what its tick is, for what is kept by quantiles."""
 
-SUBJECTS = (("tick", "-", ""), ("pinocchio_calls", ":", ", bare Pinocchio calls"))
-"""Among the quantiles of a tick: key, style, label."""
+SUBJECTS = (
+    ("tick", "tick_us_{}", "-", ""),
+    ("pinocchio_calls", "pinocchio_calls_us_{}", ":", ", bare Pinocchio calls"),
+)
+"""Among the quantiles of a tick: key, figures, style, label."""
 
-WAYS = (("latency", "-", ""), ("floor", ":", ", ping-pong floor"))
-"""Of the way over ROS 2: key, style, label."""
+WAYS = (("latency", "{}_us", "-", ""), ("floor", "floor_{}_us", ":", ", ping-pong floor"))
+"""Of the way over ROS 2: key, figures, style, label."""
 
 USUAL = "idle"
 """Scenario of the latency that is drawn: the one that is held to bounds."""
@@ -44,7 +48,8 @@ Part = tuple[Vector, str, str, str]
 def draw_times(reports: Reports) -> Figure | None:
     """Histograms of the whole-body tick and of the way from the sensors to the command, beside what cannot be beaten.
 
-    An axis ends at the 99.9th percentile; median, 99th percentile and largest sample stand in the legend.
+    An axis ends at the 99.9th percentile; median and 99th percentile as in the figures, and the largest sample of all,
+    stand in the legend.
     """
     panels: list[tuple[str, Callable[[], list[Part]]]] = [
         (title, partial(_ticks, reports, bench)) for bench, title in TIMED if robots_of(reports, bench)
@@ -67,10 +72,10 @@ def _ticks(reports: Reports, bench: str) -> list[Part]:
             np.median([case["quantiles"][subject] for case in reports[bench, robot].cases], axis=0),
             colour(reports, robot),
             style,
-            f"{robot}{label}",
+            _label(reports[bench, robot], f"{robot}{label}", name),
         )
         for robot in robots_of(reports, bench)
-        for subject, style, label in SUBJECTS
+        for subject, name, style, label in SUBJECTS
         if all(subject in case["quantiles"] for case in reports[bench, robot].cases)
     ]
 
@@ -85,12 +90,18 @@ def _latencies(reports: Reports) -> list[Part]:
             np.percentile(np.concatenate([np.asarray(case[key]) for case in cases]), QUANTILES),
             colour(reports, robot),
             style,
-            f"{robot}{label}",
+            _label(reports["latency", robot], f"{robot}{label}", name),
         )
         for robot in robots_of(reports, "latency")
         if (cases := _idle(reports, robot))
-        for key, style, label in WAYS
+        for key, name, style, label in WAYS
     ]
+
+
+def _label(report: Report, label: str, name: str) -> str:
+    """Who it is, with median and tail as in the figures."""
+    p50, p99 = (report.figures.get(name.format(part), math.nan) for part in ("p50", "p99"))
+    return f"{label}: p50 {p50:.0f}, p99 {p99:.0f}"
 
 
 def _draw(axes: Axes, parts: list[Part]) -> None:
@@ -101,9 +112,9 @@ def _draw(axes: Axes, parts: list[Part]) -> None:
     edges = np.geomspace(max(low, 1.0), max(high, 1.001 * max(low, 1.0)), BINS + 1)  # 1: nothing is below a microsecond
     for values, shade, style, label in parts:
         held = 100.0 * np.diff(np.interp(edges, values, shares / 100.0))
-        p50, p99 = (values[shares == part][0] for part in (50.0, 99.0))
-        told = f"{label}: p50 {p50:.0f}, p99 {p99:.0f}, largest {values[-1]:.0f} us"
-        axes.stairs(held, edges, color=shade, linestyle=style, label=told, linewidth=1.3)
+        axes.stairs(
+            held, edges, color=shade, linestyle=style, label=f"{label}, largest {values[-1]:.0f} us", linewidth=1.3
+        )
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(FixedLocator([mark for mark in MARKS if edges[0] <= mark <= edges[-1]]))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.0f}"))
