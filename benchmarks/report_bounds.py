@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -113,7 +114,8 @@ def _walk(report: Report) -> dict[str, Bound]:
 def _terrain(report: Report) -> dict[str, Bound]:
     given = default_config(TerrainConfig, "benchmarks", "terrain")
     walks = {name: report.figures.get(f"total_{name}", 0.0) for name in given.conditions}
-    return _least({f"survived_{name}": given.required_share * total for name, total in walks.items()})
+    required = {name: math.ceil(given.required_share * total - ROUNDING) for name, total in walks.items()}
+    return _least({f"survived_{name}": float(count) for name, count in required.items()})
 
 
 def _calibrate(report: Report) -> dict[str, Bound]:

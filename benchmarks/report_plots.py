@@ -68,7 +68,9 @@ def draw_cost(reports: Reports) -> Figure | None:
         }
         for robot, cases in walks.items()
     }
-    figure = _dots(reports, costs, "cost of transport [-]", "Cost of transport, by commanded velocity")
+    figure = _dots(
+        reports, costs, "cost of transport [-]", f"Cost of transport, by commanded velocity: {', '.join(walks)}"
+    )
     if figure is not None:
         labels = [_commands(name, walks) for name in names]
         figure.axes[0].set_xticks(range(len(names)), labels, fontsize=9)
@@ -144,7 +146,7 @@ def draw_delays(reports: Reports) -> Figure | None:
         }
         for robot in robots_of(reports, "faults")
     }
-    figure = _dots(reports, found, "delay [ms]", "Delay margin: joint states late for good")
+    figure = _dots(reports, found, "delay [ms]", f"Delay margin, all joint states late for good: {', '.join(found)}")
     if figure is not None:
         axes = figure.axes[0]
         for place, margin in enumerate(margins.values()):

@@ -29,7 +29,7 @@ BOUND: dict[str, Any] = {"color": "k", "linewidth": 1.0, "linestyle": "--"}
 DPI = 110
 """Of a picture: at 9 inches it fills a page of documentation at its own size."""
 
-PALETTE = 96
+PALETTE = 255
 """Colours of a picture's file: indistinguishable for lines and text, and a third of the size."""
 
 

@@ -125,10 +125,21 @@ def draw_terrain(reports: Reports) -> Figure | None:
         axes.text(column, row, text, ha="center", va="center", fontsize=8, color=shade)
     image = axes.imshow(values, vmin=0.0, vmax=1.0, cmap=MAP, aspect="auto")
     figure.colorbar(image, ax=axes, label="share [-]")
-    labels = [name.removeprefix("terrain: ").replace("_", " ") for name in names]
+    given = default_config(TerrainConfig, "benchmarks", "terrain")
+    labels = [_ground(name.removeprefix("terrain: "), given) for name in names]
     axes.set_xticks(range(len(names)), labels, fontsize=9)
     axes.set_yticks(range(len(robots)), robots)
-    given = default_config(TerrainConfig, "benchmarks", "terrain")
     walk = f"{given.duration:.0f} s at {given.speed:g} m/s"
     axes.set_title(f"Blind walks of {walk} that were survived, {', '.join(robots)}", fontsize=11)
     return figure
+
+
+def _ground(name: str, given: TerrainConfig) -> str:
+    """A condition, and what differs in it."""
+    condition = (given.conditions | given.goals).get(name)
+    words = [name.replace("_", " ")]
+    if condition is not None:
+        words += [f"{condition.friction:g}"] if condition.friction is not None else []
+        words += [f"{100.0 * condition.payload:g} %"] if condition.payload else []
+        words += [f"+{1e3 * condition.delay:g} ms"] if condition.delay else []
+    return "\n".join(words)

@@ -75,7 +75,7 @@ def _keys(report: Report) -> str:
         if name in report.figures and name not in words and not bound.holds(report.figures[name])
     ]
     told = [(words[name], name) for name in words if name in report.figures] + [(f"`{name}`", name) for name in broken]
-    return "; ".join(f"{text} {bounded(report, name)}" for text, name in told) or "-"
+    return "; ".join(f"{text}: {bounded(report, name)}" for text, name in told) or "-"
 
 
 def limits(reports: Reports) -> list[str]:

@@ -49,14 +49,12 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
     assert (failure["bench"], failure["robot"]) == ("stand", "nobody") and "unknown robot" in failure["error"]
     page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
     command = f"poise bench faults --robot g1 --seeds 1 --scenario {ROW}"
-    for text in (f"| faults | g1 | passed | ended as they must 1 (≥ 1) | `{command}` |", "| faults | g1 | 1 | 1 |"):
+    for text in (f"| faults | g1 | passed | ended as they must: 1 (≥ 1) | `{command}` |", "| faults | g1 | 1 | 1 |"):
         assert text in page, text
     for text in ("| stand | nobody | **could not be run** |", "stand, nobody: ", "0.21 to 1.00"):
         assert text in page, text
-    for text in (
-        "| faults | `survived` | 1 (≥ 1) |",
-        "| faults | `nonsense` | - |",
-    ):  # a figure that is none is to be seen
+    # A figure that is none is to be seen.
+    for text in ("| faults | `survived` | 1 (≥ 1) |", "| faults | `nonsense` | - |"):
         assert text in page, text
     assert "plots/survival.png" in page and (folder / "plots/survival.png").is_file()
     assert not re.search(r'(src|href)="(?!data:)', whole) and "data:image/png;base64," in whole and "<table>" in whole
