@@ -76,7 +76,7 @@ def _pushes(robot: str, report: Report) -> Iterator[Limited]:
 
 
 def _limit(case: Case, key: str) -> float:
-    """A limit of a push as impulse over mass [m/s]."""
+    """A limit of a push as impulse over mass [m/s]; cases keep that of the torques as a force."""
     return float(case[key] if key in case else case["bound_dv"] * case["torque_bound"] / case["bound"])
 
 

@@ -89,7 +89,8 @@ def limits(reports: Reports) -> list[str]:
         return []
     text = (
         "Each limit is computed in the same run. Of a push, more is better, and a ratio above 1 is what arms and torso "
-        "add to the pendulum; of a time, less is better, and 1 would be the limit itself."
+        "add to the pendulum; directions whose limit is 0, the DCM being beyond the soles already, are left out. Of a "
+        "time, less is better, and 1 would be the limit itself."
     )
     return ["## Limits", "", text, "", *table(["figure", "robot", "measured", "limit", "its value", "ratio"], rows)]
 
