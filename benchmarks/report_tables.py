@@ -28,9 +28,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 def number(value: float) -> str:
     """Three digits, or a dash where nothing was measured."""
-    return (
-        f"{value:.3g}" if math.isfinite(value) and abs(value) < 1e3 else f"{value:.0f}" if math.isfinite(value) else "-"
-    )
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"  # 1e3: three digits would become an exponent
 
 
 def bounded(report: Report | None, name: str) -> str:
