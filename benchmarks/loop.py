@@ -45,7 +45,8 @@ class LoopBenchConfig:
 
 
 @cache
-def _config() -> LoopBenchConfig:
+def loop_config() -> LoopBenchConfig:
+    """The packaged configuration."""
     return default_config(LoopBenchConfig, "benchmarks", "loop")
 
 
@@ -58,7 +59,7 @@ def measure(robot: str, seed: int) -> Case:
     Raises:
         PoiseError: The robot fell, or would not walk.
     """
-    config = _config()
+    config = loop_config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     found: dict[str, Pieces] = {}
     with one_core(), collector_off():
@@ -118,7 +119,7 @@ def run(options: Options) -> Report:
     Args:
         options: Robot and seeds.
     """
-    report = run_seeds("loop", options, measure, limits(_config()))
+    report = run_seeds("loop", options, measure, limits(loop_config()))
     told = (
         f"{name} {report.figures[f'real_time_{name}_cpu']:.2f}, by the clock {report.figures[f'real_time_{name}']:.2f}"
         for name in SCENARIOS

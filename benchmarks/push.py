@@ -13,7 +13,6 @@ stands the bound that the joints' torques leave of it (``torque_bound.py``).
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,7 +26,7 @@ from benchmarks.fall_plot import FAILED, PASSED
 from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push_bounds import ankle_bound
 from benchmarks.push_directions import angles, direction_name
-from benchmarks.push_plot import draw_map
+from benchmarks.push_plot import PushMap, draw_map
 from benchmarks.push_search import Search, largest
 from benchmarks.torque_bound import torque_bound
 from bridge.closed_loop import ClosedLoop
@@ -218,8 +217,20 @@ def run(options: Options) -> Report:
     )
 
 
+def push_map(report: Report) -> PushMap:
+    """The map of what ``run`` found: impulse over mass against the direction of the push, with the ankle bound."""
+    required = _config().required_ratio
+    lines = (
+        ("bound_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
+        ("required_dv", f"required: {required:g} of it", {"color": FAILED, "linewidth": 1.0}),
+        ("dv", "taken without a step", {"color": PASSED, "marker": "o"}),
+    )
+    cases = [{**case, "required_dv": required * case["bound_dv"]} for case in report.cases]
+    return PushMap(cases, lines, (), "pushed while standing, no step")
+
+
 def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the push map: impulse over mass against the direction of the push, with the ankle bound.
+    """Draw the push map.
 
     Args:
         report: What ``run`` found.
@@ -228,16 +239,9 @@ def plot(report: Report, folder: Path) -> list[Path]:
     Returns:
         The file written.
     """
-    required = _config().required_ratio
-    lines = (
-        ("bound_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
-        ("required_dv", f"required: {required:g} of it", {"color": FAILED, "linewidth": 1.0}),
-        ("dv", "taken without a step", {"color": PASSED, "marker": "o"}),
-    )
-    cases = [{**case, "required_dv": required * case["bound_dv"]} for case in report.cases]
     remarks = [f"{'pushed':<14}{'seed':>5}{'m/s':>7}{'N.s':>6}{'of the ankle bound':>20}"] + [
         f"{direction_name(case['angle']):<14}{case['seed']:>5}{case['dv']:7.2f}{case['dv'] * case['mass']:6.1f}"
         f"{case['ratio']:20.2f}"
-        for case in cases
+        for case in report.cases
     ]
-    return [draw_map(replace(report, cases=cases), lines, (), remarks, folder / f"push-{report.robot}.png")]
+    return [draw_map(report, push_map(report), remarks, folder / f"push-{report.robot}.png")]

@@ -20,7 +20,7 @@ from benchmarks.harness import Case, LoadMeter, Options, Report, run_cases
 from benchmarks.push import stance
 from benchmarks.push_bounds import ankle_bound, step_distance
 from benchmarks.push_directions import angles, direction_name
-from benchmarks.push_plot import draw_map
+from benchmarks.push_plot import PushMap, draw_map
 from benchmarks.push_search import Search, largest
 from benchmarks.push_trial import Trial, map_config, moments, prepare, survives
 from models.constants import GRAVITY
@@ -176,21 +176,28 @@ def run(options: Options) -> Report:
     )
 
 
-def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw the push map, and the smallest push that was not taken; returns the files written."""
-    mode, case = PushMode(report.bench.removeprefix("push_")), weakest(report)
-    config = map_config()
+def push_map(report: Report) -> PushMap:
+    """The map of what ``run`` found."""
+    mode, config = PushMode(report.bench.removeprefix("push_")), map_config()
     lines = (
         ("steps_dv", f"{config.bound_steps}-step capturability bound", {"color": "0.35", "linestyle": ":"}),
         ("ankle_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
         ("dv", "taken in every phase", {"color": PASSED, "marker": "o"}),
     )
     circles = (
-        ("required of the weakest", config.required[mode.value].smallest, FAILED),
-        ("goal for the weakest", config.goals[mode.value].smallest, GOAL),
+        ("required of the weakest", config.required[mode.value].smallest, {"color": FAILED}),
+        ("goal for the weakest", config.goals[mode.value].smallest, {"color": GOAL, "linestyle": "-."}),
     )
+    walking = f"pushed while walking at {config.walk_speed:g} m/s"
+    title = walking if mode is PushMode.WALK else "pushed while standing, steps allowed"
+    return PushMap(report.cases, lines, circles, title)
+
+
+def plot(report: Report, folder: Path) -> list[Path]:
+    """Draw the push map, and the smallest push that was not taken; returns the files written."""
+    mode, case = PushMode(report.bench.removeprefix("push_")), weakest(report)
     name = f"{mode.value}-{report.robot}"
-    files = [draw_map(report, lines, circles, case_lines(report.cases), folder / f"push-map-{name}.png")]
+    files = [draw_map(report, push_map(report), case_lines(report.cases), folder / f"push-map-{name}.png")]
     if case["moments"]:
         title = (
             f"push, {mode.value}, {report.robot}, seed {case['seed']}, phase {case['failed_phase']}: "

@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import base64
-import math
-from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
+import json
+import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw_loop, draw_speeds, draw_times
-from benchmarks.report_survival import PUSHES, Reports, draw_curves, draw_shares, draw_terrain, robots_of
-from benchmarks.saved_reports import Failure, SavedReport, read_reports
-from benchmarks.suite import suite_config
-from benchmarks.survival import shares
+from benchmarks.plain_json import plain, worded
+from benchmarks.provenance import ROOT
+from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw_speeds
+from benchmarks.report_pushes import draw_push_maps
+from benchmarks.report_style import Reports, save
+from benchmarks.report_survival import draw_curves, draw_shares, draw_terrain
+from benchmarks.report_tables import conditions, figures, limits, summary, survival
+from benchmarks.report_times import draw_loop, draw_times
+from benchmarks.saved_reports import REPORTS, SavedReport, latest_lines, read_reports
 from models.errors import PoiseError
 
 PLOTS = "plots"
 """Folder of the pictures, in the folder of the report."""
 
-MOST_NOTES = 12
-"""Lines that the report says of a benchmark that has not passed."""
-
 PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Survival", "survival", draw_shares),
-    ("Survival over time and size", "survival-curves", draw_curves),
+    ("Survival over time and size of push", "survival-curves", draw_curves),
+    ("Push maps", "push-maps", draw_push_maps),
     ("Uneven ground", "terrain", draw_terrain),
-    ("Walking at commanded velocities", "speeds", draw_speeds),
+    ("Speed tracking", "speeds", draw_speeds),
     ("Cost of transport", "cost-of-transport", draw_cost),
     ("Time", "times", draw_times),
     ("Time of the closed loop", "loop", draw_loop),
@@ -36,17 +38,25 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
 )
 """Heading, file and picture, in the order of the report."""
 
+GUIDE = """Simulated in MuJoCo with sensor noise and delay, the laws seeing sensors only. The summary has a row for each
+benchmark and robot: whether all its bounds hold, the figures that tell most with their bounds in parentheses (bold
+where one does not hold), and the command that measures the row again. Under it stands what is broken, in the
+benchmark's own words. Then come the limits that physics or the machine set, as ratios, pictures, and the other figures.
+Times are of one shared machine and change with what else it does (its load stands in the last table); ratios of one run
+and what happens in simulated time change less. Intervals are Wilson's, of 95 %: one seed says little about a share, and
+they show it."""
+"""How to read the report."""
+
 STYLE = """body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #ccc;padding:.2em .6em;text-align:left}
-img{max-width:100%}code{background:#f3f3f3}"""
+td{vertical-align:top}img{max-width:100%}code{background:#f3f3f3}"""
 
 
-def write_report(folder: Path, modules: Mapping[str, str]) -> list[Path]:
+def write_report(folder: Path) -> list[Path]:
     """Build the report from the JSON lines of a suite's folder.
 
     Args:
         folder: Of the suite.
-        modules: Module of each benchmark, by the name that its reports bear.
 
     Returns:
         ``report.md``, ``report.html`` and the pictures.
@@ -55,124 +65,83 @@ def write_report(folder: Path, modules: Mapping[str, str]) -> list[Path]:
         ConfigError: Nothing is finished there, or a line is damaged.
         PoiseError: ``markdown-it-py`` is not installed.
     """
-    saved, failures = read_reports(folder)
-    reports = {(entry.report.bench, entry.report.robot): entry.report for entry in saved}
-    plots = folder / PLOTS
-    plots.mkdir(exist_ok=True)
-    lines = [*_head(saved), *_verdicts(saved, failures), *_figures(reports), *_survival(reports)]
-    pictures: list[Path] = []
-    for heading, name, draw in PICTURES:
-        figure = draw(reports)
-        if figure is not None:
-            pictures.append(plots / f"{name}.png")
-            figure.savefig(pictures[-1], dpi=110)
-            lines += _picture(heading, (draw.__doc__ or "").strip(), [pictures[-1]])
-        if draw is draw_curves:
-            maps = _push_maps(reports, modules, plots)
-            pictures += maps
-            lines += _picture("Push maps", "Impulse over mass that is taken, by direction, beside its bounds.", maps)
-    page = folder / "report.md"
-    page.write_text("\n".join([*lines, *_again(saved)]) + "\n", encoding="utf-8")
+    page, *pictures = _write_page(folder, folder)
     whole = folder / "report.html"
     whole.write_text(_html(page), encoding="utf-8")
     return [page, whole, *pictures]
 
 
-def _push_maps(reports: Reports, modules: Mapping[str, str], plots: Path) -> list[Path]:
-    """The map of every push benchmark, without how the weakest push failed."""
-    found: list[Path] = []
-    for (bench, _), report in reports.items():
-        if bench in PUSHES:
-            first, *others = import_module(f"benchmarks.{modules[bench]}").plot(report, plots)
-            found.append(first)
-            for other in others:
-                other.unlink()
-    return found
+def publish_report(folder: Path, docs: Path) -> list[Path]:
+    """Write what of a report belongs into a repository: the page, its pictures, and the figures without the cases.
+
+    Args:
+        folder: Of the suite.
+        docs: Where they go; pictures of an earlier report there are removed.
+
+    Returns:
+        ``report.md``, the pictures, and ``reports.jsonl`` with one line a bench and robot.
+
+    Raises:
+        ConfigError: Nothing is finished there, or a line is damaged.
+    """
+    files = _write_page(folder, docs)
+    for file in (docs / PLOTS).glob("*.png"):
+        if file not in files:
+            file.unlink()
+    kept = [{name: line[name] for name in line if name not in ("keys", "notes")} for line in latest_lines(folder)]
+    lines = docs / REPORTS
+    lines.write_text(
+        "".join(json.dumps(worded(plain(line)), allow_nan=False) + "\n" for line in kept), encoding="utf-8"
+    )
+    return [*files, lines]
 
 
-def _picture(heading: str, caption: str, files: Sequence[Path]) -> list[str]:
-    if not files:
-        return []
-    return [f"## {heading}", "", caption, "", *(f"![{file.stem}]({PLOTS}/{file.name})\n" for file in files)]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    cells = [head, ["---"] * len(head), *rows]
-    return [f"| {' | '.join(cell.replace('|', '/') for cell in row)} |" for row in cells] + [""]
+def _write_page(folder: Path, out: Path) -> list[Path]:
+    """The page and its pictures of a suite's folder, written into another one or the same."""
+    saved, failures = read_reports(folder)
+    reports = {(entry.report.bench, entry.report.robot): entry.report for entry in saved}
+    plots = out / PLOTS
+    plots.mkdir(parents=True, exist_ok=True)
+    lines = [*_head(saved, out), *summary(saved, failures), *limits(reports)]
+    pictures: list[Path] = []
+    for heading, name, draw in PICTURES:
+        figure = draw(reports)
+        if figure is not None:
+            pictures.append(save(figure, plots / f"{name}.png"))
+            caption = " ".join((draw.__doc__ or "").split())
+            lines += [f"## {heading}", "", caption, "", f"![{heading}]({PLOTS}/{name}.png)", ""]
+    page = out / "report.md"
+    text = "\n".join([*lines, *figures(reports), *survival(reports), *conditions(saved)])
+    page.write_text(text.rstrip() + "\n", encoding="utf-8")
+    return [page, *pictures]
 
 
 def _joined(values: Sequence[str]) -> str:
     return "; ".join(dict.fromkeys(values))
 
 
-def _head(saved: Sequence[SavedReport]) -> list[str]:
-    versions = dict(item for entry in saved for item in entry.versions.items())
+def _head(saved: Sequence[SavedReport], out: Path) -> list[str]:
+    versions = dict(item for entry in saved for item in entry.versions.items() if item[0] != "machine")
     return [
         "# Benchmark report",
+        "",
+        *GUIDE.splitlines(),
+        f"What a figure means: {_doc(out, 'design.md')}. The limits: {_doc(out, 'limits.md')}. How this is made: "
+        f"{_doc(out, 'benchmarks.md')}.",
         "",
         f"- Machine: {_joined([name for entry in saved for name in entry.machines])}",
         f"- Revision: {_joined([entry.revision for entry in saved])}",
         f"- Versions: {', '.join(f'{name} {value}' for name, value in versions.items())}",
         "",
-        "Intervals are Wilson's, of 95 %. What a figure means: docs/design.md. How this is made: docs/benchmarks.md.",
-        "",
     ]
 
 
-def _verdicts(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[str]:
-    rows = [
-        [
-            entry.report.bench,
-            entry.report.robot,
-            str(entry.report.seeds),
-            str(len(entry.report.cases)),
-            f"{entry.seconds:.0f}",
-            f"{entry.report.load['before'][0]:g}, {entry.report.load['after'][0]:g}",
-            "passed" if entry.report.passed else "not passed",
-        ]
-        for entry in saved
-    ]
-    rows += [[failed.bench, failed.robot, "-", "-", "-", "-", "could not be run"] for failed in failures]
-    head = ["bench", "robot", "seeds", "cases", "time of the cases [s]", "load before, after", "bounds"]
-    lines = ["## Verdicts", "", *_table(head, rows)]
-    for entry in saved:
-        if not entry.report.passed:
-            notes = [note for note in entry.report.notes if not note.startswith(("ok", "holds"))]
-            lines += [f"Not passed: {entry.report.bench}, {entry.report.robot}", ""]
-            lines += [*(f"    {note}" for note in notes[:MOST_NOTES]), ""]
-    return lines + [f"- {failed.bench}, {failed.robot}: {failed.error}" for failed in failures] + [""] * bool(failures)
-
-
-def _figures(reports: Reports) -> list[str]:
-    """The figures that the suite's configuration names, one column a robot; a dash where it was not measured."""
-    robots, lines = robots_of(reports), ["## Figures", ""]
-    rows = []
-    for bench, names in suite_config().figures.items():
-        of = {robot: reports[bench, robot].figures for robot in robots if (bench, robot) in reports}
-        for name in names if of else ():
-            values = [_number(of.get(robot, {}).get(name, math.nan)) for robot in robots]
-            rows.append([bench, f"`{name}`", *values])
-    return [*lines, *_table(["bench", "figure", *robots], rows), "All figures are in `reports.jsonl`.", ""]
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "-"
-
-
-def _survival(reports: Reports) -> list[str]:
-    found = shares(reports.values())
-    rows = [
-        [share.name, share.robot, f"{share.survived} of {share.total}", "{:.2f} to {:.2f}".format(*share.interval)]
-        for share in found
-    ]
-    if not rows:
-        return []
-    return ["## Survived", "", *_table(["what", "robot", "survived", "interval of the share"], rows)]
-
-
-def _again(saved: Sequence[SavedReport]) -> list[str]:
-    commands = (f"    {entry.command}" for entry in saved)
-    return ["## Again", "", "Each of these measures its part of this report:", "", *commands]
+def _doc(out: Path, name: str) -> str:
+    """A page of the documentation: a link from a report that lies in it, else its name."""
+    docs = ROOT / "docs"
+    if not out.resolve().is_relative_to(docs):
+        return f"`docs/{name}`"
+    return f"[{name.removesuffix('.md')}]({os.path.relpath(docs / name, out.resolve())})"
 
 
 def _html(page: Path) -> str:

@@ -1,163 +1,143 @@
-"""Pictures of speeds, costs, times, errors and delays, of all robots in one."""
+"""Pictures of speeds, costs, errors and delays, of all robots in one."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.estimate import WALK, drift
 from benchmarks.estimate_runs import settings
 from benchmarks.fault_rows import config as fault_config
-from benchmarks.loop_stages import draw_stages
-from benchmarks.report_survival import Reports, colour, robots_of
-from benchmarks.timed_run import QUANTILES
+from benchmarks.harness import Case
+from benchmarks.report_style import BOUND, Reports, draw_dots, look, robots_of
+from benchmarks.walk_config import walk_config
 from bridge.plots import new_figure
 
-AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
+AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn to the left", "rad/s"))
 """Parts of a velocity, in the robot's frame, and their units."""
 
-TIMED = (
-    ("tick", "tick", "whole-body tick, standing"),
-    ("gait", "tick", "whole-body tick, single support"),
-    ("loop", "tick_walk", "tick of the whole closed loop, walking"),
-)
-"""Bench, subject among its quantiles, and what it is, for what is timed in microseconds by quantiles."""
+MILLI, PERCENT = 1e3, 1e2
 
-MILLI = 1e3
+
+def _walks(reports: Reports) -> dict[str, list[Case]]:
+    """Walks at one velocity, by robot; empty when there is none."""
+    found = {robot: reports["walk", robot].cases for robot in robots_of(reports, "walk")}
+    steady = {robot: [case for case in cases if case["kind"] == "steady"] for robot, cases in found.items()}
+    return steady if any(steady.values()) else {}
 
 
 def draw_speeds(reports: Reports) -> Figure | None:
-    """Mean velocity against the commanded one, of every walk at one velocity."""
-    walks = {robot: [c for c in reports["walk", robot].cases if c["kind"] == "steady"] for robot in _walkers(reports)}
-    if not any(walks.values()):
+    """Mean velocity against the commanded one, a mark for every walk at one velocity; a cross is one that fell.
+
+    Grey is what the mean over the seeds may be off.
+    """
+    walks = _walks(reports)
+    if not walks:
         return None
-    figure = new_figure(12.0, 4.0)
+    figure, off = new_figure(9.0, 3.6), walk_config().speed_error_limit
     for part, (axes, (name, unit)) in enumerate(zip(figure.subplots(1, 3), AXES_OF_WALKING, strict=True)):
         for robot, cases in walks.items():
+            shade, mark = look(reports, robot)
             points = [(case["command"][part], case["velocity"][part], case["fell"]) for case in cases]
-            for fell, marker in ((False, "o"), (True, "x")):
+            for fell, marker in ((False, mark), (True, "x")):
                 chosen = [point for point in points if point[2] == fell]
                 shown = [[x for x, _, _ in chosen], [y for _, y, _ in chosen]]
                 label = f"{robot}, fell" if fell else robot
-                axes.plot(*shown, marker, color=colour(reports, robot), markersize=4, label=label if chosen else None)
+                axes.plot(*shown, marker, color=shade, markersize=5, alpha=0.8, label=label if chosen else None)
         low, high = axes.dataLim.intervalx
-        ends = [low - 0.05, high + 0.05]
-        axes.plot(ends, ends, color="0.6", linewidth=0.8, zorder=0)
+        ends = np.array([low - 0.1, high + 0.1])
+        axes.plot(ends, ends, color="0.5", linewidth=0.8, zorder=0, label="as commanded")
+        axes.fill_between(ends, (1.0 - off) * ends, (1.0 + off) * ends, color="0.9", zorder=-1, linewidth=0.0)
         axes.set_xlabel(f"commanded {name} [{unit}]")
         axes.set_ylabel(f"walked, mean [{unit}]")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
+    figure.axes[0].legend(fontsize=8)
+    figure.suptitle(f"Walks of {walk_config().duration:.0f} s at a commanded velocity: {', '.join(walks)}", fontsize=11)
     return figure
 
 
 def draw_cost(reports: Reports) -> Figure | None:
     """Cost of transport of every walk at one velocity that moves the robot: work of the joints over weight and way."""
-    walks = {robot: [c for c in reports["walk", robot].cases if c["kind"] == "steady"] for robot in _walkers(reports)}
+    walks = _walks(reports)
+    names = list(dict.fromkeys(case["scenario"] for cases in walks.values() for case in cases))
     costs = {
         robot: {
             name: [case["cost_of_transport"] for case in cases if case["scenario"] == name and _moves(case)]
-            for name in dict.fromkeys(case["scenario"] for case in cases)
+            for name in names
         }
         for robot, cases in walks.items()
     }
-    return _dots(reports, costs, "cost of transport [-]")
+    figure = _dots(
+        reports, costs, "cost of transport [-]", f"Cost of transport, by commanded velocity: {', '.join(walks)}"
+    )
+    if figure is not None:
+        labels = [_commands(name, walks) for name in names]
+        figure.axes[0].set_xticks(range(len(names)), labels, fontsize=9)
+    return figure
 
 
-def _moves(case: dict[str, object]) -> bool:
+def _moves(case: Case) -> bool:
     return bool(np.isfinite(np.asarray(case["cost_of_transport"], dtype=float)))
 
 
-def _walkers(reports: Reports) -> list[str]:
-    return robots_of(reports, "walk")
+def _commands(name: str, walks: dict[str, list[Case]]) -> str:
+    """Name of a walk, and how fast each robot is told to go."""
+    lines = [name]
+    for robot, cases in walks.items():
+        command = next((case["command"] for case in cases if case["scenario"] == name), (0.0, 0.0, 0.0))
+        part = int(np.argmax(np.abs(command)))
+        if command[part]:
+            lines.append(f"{robot} {abs(command[part]):g} {AXES_OF_WALKING[part][1]}")
+    return "\n".join(lines)
 
 
 def draw_estimator(reports: Reports) -> Figure | None:
-    """Errors of the estimator by scenario, one dot a run, with the bound where there is one for all but the walk."""
+    """Errors of the estimator against the truth, a mark a run, with the bound of what has one.
+
+    Drift is the growth of the position's error over the way walked.
+    """
     robots = robots_of(reports, "estimate")
     if not robots:
         return None
-    limits = settings()
+    limits, figure = settings(), new_figure(9.0, 6.0)
     parts = (
-        ("velocity_rmse", "velocity, RMS [m/s]", limits.velocity_rmse_max),
-        ("tilt_rmse_deg", "roll and pitch, RMS [deg]", limits.tilt_rmse_max),
-        ("height_rmse", "height, RMS [m]", limits.height_rmse_max),
+        ("velocity_rmse", "velocity, RMS [mm/s]", MILLI, limits.velocity_rmse_max, limits.walk_velocity_rmse_max),
+        ("tilt_rmse_deg", "roll and pitch, RMS [deg]", 1.0, limits.tilt_rmse_max, None),
+        ("height_rmse", "height, RMS [mm]", MILLI, limits.height_rmse_max, None),
     )
-    figure = new_figure(13.0, 4.0)
-    for axes, (key, label, limit) in zip(figure.subplots(1, 3), parts, strict=True):
+    *panels, last = figure.subplots(2, 2).ravel()
+    of = {robot: reports["estimate", robot].cases for robot in robots}
+    names = list(dict.fromkeys(case["scenario"] for cases in of.values() for case in cases))
+    for axes, (key, label, unit, bound, walking) in zip(panels, parts, strict=True):
         values = {
-            robot: {
-                name: [case[key] for case in reports["estimate", robot].cases if case["scenario"] == name]
-                for name in dict.fromkeys(case["scenario"] for case in reports["estimate", robot].cases)
-            }
-            for robot in robots
+            robot: {name: [unit * case[key] for case in cases if case["scenario"] == name] for name in names}
+            for robot, cases in of.items()
         }
-        _draw_dots(axes, reports, values, label)
-        axes.axhline(limit, color="k", linewidth=0.8, linestyle="--", label="bound but for the walk")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(fontsize=7)
+        draw_dots(axes, reports, values, label)
+        for place, name in enumerate(names):
+            _draw_bound(axes, place, walking if name == WALK else bound, unit)
+    drifts = {
+        robot: {WALK: [PERCENT * drift(case) for case in cases if case["scenario"] == WALK]}
+        for robot, cases in of.items()
+    }
+    draw_dots(last, reports, drifts, "drift of the position [% of the way]")
+    _draw_bound(last, 0, limits.drift_max, PERCENT)
+    for axes in (*panels, last):
+        axes.plot([], [], label="bound", **BOUND)
+        axes.set_ylim(0.0, 1.08 * axes.dataLim.y1)
+    panels[0].legend(fontsize=8, loc="upper left")
+    figure.suptitle(f"Error of the state estimate, by what the robot does: {', '.join(robots)}", fontsize=11)
     return figure
 
 
-def draw_times(reports: Reports) -> Figure | None:
-    """Histograms of the whole-body tick, of the closed loop's, and of the way from the sensors to the command."""
-    panels: list[tuple[str, Callable[[Axes], None]]] = []
-    for bench, subject, title in TIMED:
-        if robots_of(reports, bench):
-            panels.append((f"{title} [us]", partial(_draw_ticks, reports=reports, bench=bench, subject=subject)))
-    if any("latency" in case for robot in robots_of(reports, "latency") for case in reports["latency", robot].cases):
-        panels.append(("sensors to command over ROS 2 [us]", lambda axes: _draw_latencies(axes, reports)))
-    if not panels:
-        return None
-    figure = new_figure(5.0 * len(panels), 4.0)
-    for axes, (label, draw) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
-        draw(axes)
-        axes.set_xscale("log")
-        axes.set_xlabel(label)
-        axes.set_ylabel("share of the samples per bin [-]")
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
-    return figure
-
-
-def draw_loop(reports: Reports) -> Figure | None:
-    """Where a tick of the whole closed loop goes, standing and walking; dashed: MuJoCo's step alone."""
-    robots = robots_of(reports, "loop")
-    if not robots:
-        return None
-    figure = new_figure(4.0 + 2.0 * len(robots), 4.0)
-    draw_stages(figure.add_subplot(), [reports["loop", robot] for robot in robots])
-    return figure
-
-
-def _draw_ticks(axes: Axes, reports: Reports, bench: str, subject: str) -> None:
-    """A histogram from quantiles: between two of them lies a known share, evenly spread."""
-    for robot in robots_of(reports, bench):
-        values = np.median([case["quantiles"][subject] for case in reports[bench, robot].cases], axis=0)
-        edges = _log_edges(values[0], values[-1])
-        held = np.diff(np.interp(edges, values, np.array(QUANTILES) / 100.0))
-        axes.stairs(held, edges, color=colour(reports, robot), label=robot)
-
-
-def _draw_latencies(axes: Axes, reports: Reports) -> None:
-    for robot in robots_of(reports, "latency"):
-        cases = [case for case in reports["latency", robot].cases if "latency" in case]
-        for key, style, label in (("latency", "-", robot), ("floor", ":", f"{robot}, ping-pong floor")):
-            if not cases:
-                continue
-            values = np.concatenate([np.asarray(case[key]) for case in cases])
-            counts, edges = np.histogram(values, _log_edges(values.min(), values.max()))
-            axes.stairs(counts / values.size, edges, color=colour(reports, robot), linestyle=style, label=label)
-
-
-def _log_edges(low: float, high: float) -> np.ndarray:
-    return np.geomspace(max(low, 1.0), max(high, 1.001 * max(low, 1.0)), 60)  # 1: no sample is below a microsecond
+def _draw_bound(axes: Axes, place: int, bound: float | None, unit: float) -> None:
+    if bound is not None:
+        axes.plot([place - 0.35, place + 0.35], [unit * bound] * 2, **BOUND)
 
 
 def draw_delays(reports: Reports) -> Figure | None:
-    """Delay of all joint states that the robot rides through, with the bound."""
+    """Delay of all joint states that the robot rides through, found by bisection, with the bound."""
     margins = fault_config().margins
     found = {
         robot: {
@@ -166,36 +146,24 @@ def draw_delays(reports: Reports) -> Figure | None:
         }
         for robot in robots_of(reports, "faults")
     }
-    if not any(any(values) for of in found.values() for values in of.values()):
-        return None
-    figure = _dots(reports, found, "delay margin [ms]")
+    figure = _dots(reports, found, "delay [ms]", f"Delay margin, all joint states late for good: {', '.join(found)}")
     if figure is not None:
+        axes = figure.axes[0]
         for place, margin in enumerate(margins.values()):
-            ends = [place - 0.3, place + 0.3]
-            figure.axes[0].plot(ends, [MILLI * margin.required] * 2, "k--", linewidth=0.8)
+            _draw_bound(axes, place, margin.required, MILLI)
+        axes.plot([], [], label="required", **BOUND)
+        axes.set_xticks(range(len(margins)), ["walking" if margin.walk else "standing" for margin in margins.values()])
+        axes.legend(fontsize=8)
     return figure
 
 
-def _dots(reports: Reports, values: dict[str, dict[str, list[float]]], label: str) -> Figure | None:
+def _dots(reports: Reports, values: dict[str, dict[str, list[float]]], label: str, title: str) -> Figure | None:
     if not any(any(of.values()) for of in values.values()):
         return None
-    figure = new_figure(8.0, 4.0)
+    figure = new_figure(7.0, 3.8)
     axes = figure.add_subplot()
-    _draw_dots(axes, reports, values, label)
-    axes.set_ylim(bottom=0.0)
+    draw_dots(axes, reports, values, label)
+    axes.set_ylim(0.0, 1.15 * axes.dataLim.y1)
+    axes.set_title(title, fontsize=11)
     axes.legend(fontsize=8)
     return figure
-
-
-def _draw_dots(axes: Axes, reports: Reports, values: dict[str, dict[str, list[float]]], label: str) -> None:
-    """One dot a case, by scenario and robot."""
-    names = list(dict.fromkeys(name for of in values.values() for name in of))
-    for k, (robot, of) in enumerate(values.items()):
-        offset = 0.16 * (k - 0.5 * (len(values) - 1))
-        places = [names.index(name) + offset for name, dots in of.items() for _ in dots]
-        dots = [dot for dots in of.values() for dot in dots]
-        axes.plot(places, dots, "o", color=colour(reports, robot), markersize=4, alpha=0.7, label=robot)
-    axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], fontsize=8)
-    axes.set_xlim(-0.5, len(names) - 0.5)
-    axes.set_ylabel(label)
-    axes.grid(axis="y", alpha=0.3)

@@ -86,12 +86,12 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
     Raises:
         ConfigError: Nothing is finished there, a line is damaged, or a case is missing.
     """
-    latest = _latest(folder)
+    latest = latest_lines(folder)
     if not latest:
         raise ConfigError(f"{folder}: no benchmark is finished there; run: poise bench all --quick --out {folder}")
     cases = {line["key"]: line for line in read_lines(folder / CASES)}
     saved, failures = [], []
-    for line in latest.values():
+    for line in latest:
         try:
             if "error" in line:
                 failures.append(Failure(**line))
@@ -105,6 +105,11 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
 def _latest(folder: Path) -> dict[tuple[str, str], Line]:
     """The last line of each bench and robot."""
     return {(line.get("bench", ""), line.get("robot", "")): line for line in read_lines(folder / REPORTS)}
+
+
+def latest_lines(folder: Path) -> list[Line]:
+    """The last line of each bench and robot of a suite's folder, in the order in which they were first measured."""
+    return list(_latest(folder).values())
 
 
 def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:

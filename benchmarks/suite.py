@@ -37,10 +37,18 @@ class Entry:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class SuiteConfig:
-    """The suites, and which figures a report shows; see ``benchmarks/config/suite.yaml``."""
+    """The suites, and which figures a report shows; see ``benchmarks/config/suite.yaml``.
+
+    Attributes:
+        quick: What takes minutes.
+        full: What takes hours.
+        keys: Of each bench, the figures of the report's summary, and what they are in words.
+        figures: Of each bench, the figures of the report's table.
+    """
 
     quick: tuple[Entry, ...]
     full: tuple[Entry, ...]
+    keys: dict[str, dict[str, str]]
     figures: dict[str, tuple[str, ...]]
 
 

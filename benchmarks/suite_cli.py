@@ -40,7 +40,7 @@ def add_suite(app: typer.Typer, modules: Mapping[str, str]) -> None:
         try:
             with sweep_of(workers, scheduler, out / CASES) as sweep:
                 passed = run_suite(suites.quick if quick else suites.full, modules, out, sweep, console)
-            files = write_report(out, modules)
+            files = write_report(out)
         except PoiseError as error:
             console.print(str(error), style="red", markup=False, soft_wrap=True)
             raise typer.Exit(2) from error
@@ -48,13 +48,18 @@ def add_suite(app: typer.Typer, modules: Mapping[str, str]) -> None:
         raise typer.Exit(0 if passed else 1)
 
     @app.command("report")
-    def rebuild(folder: Annotated[Path, typer.Argument(help="What --out of all named.")]) -> None:
+    def rebuild(
+        folder: Annotated[Path, typer.Argument(help="What --out of all named.")],
+        docs: Annotated[
+            Path | None, typer.Option(help="Write page, plots and figures here instead, as a repository keeps them.")
+        ] = None,
+    ) -> None:
         """Build the report of all benchmarks again from their JSON lines, without measuring anything."""
-        from benchmarks.report_page import write_report
+        from benchmarks.report_page import publish_report, write_report
 
         console = Console()
         try:
-            files = write_report(folder, modules)
+            files = write_report(folder) if docs is None else publish_report(folder, docs)
         except PoiseError as error:
             console.print(str(error), style="red", markup=False, soft_wrap=True)
             raise typer.Exit(2) from error

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import report_page, suite
+from benchmarks import report_tables, suite
 from benchmarks.cli import MODULES, app
 from benchmarks.saved_reports import CASES, REPORTS
 from benchmarks.suite import Entry, SuiteConfig, command_of, suite_config
@@ -26,8 +26,9 @@ ROW = "stamp_in_the_future"
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
     entries = (Entry("faults", ("g1",), 1, (ROW,)), Entry("stand", ("nobody",)))
-    config = SuiteConfig(entries, (), {"faults": ("survived", "total", "nonsense")})
-    for module in (suite, report_page):  # each has the name
+    keys = {"faults": {"survived": "ended as they must", "absent": "absent"}}
+    config = SuiteConfig(entries, (), keys, {"faults": ("survived", "total", "nonsense")})
+    for module in (suite, report_tables):  # each has the name
         monkeypatch.setattr(module, "suite_config", lambda: config)
 
 
@@ -47,9 +48,13 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
     })  # fmt: skip
     assert (failure["bench"], failure["robot"]) == ("stand", "nobody") and "unknown robot" in failure["error"]
     page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
-    for text in ("| faults | g1 | 1 | 1 |", "passed", "stand, nobody", f"--seeds 1 --scenario {ROW}", "0.21 to 1.00"):
+    command = f"poise bench faults --robot g1 --seeds 1 --scenario {ROW}"
+    for text in (f"| faults | g1 | passed | ended as they must: 1 (≥ 1) | `{command}` |", "| faults | g1 | 1 | 1 |"):
         assert text in page, text
-    for text in ("| faults | `survived` | 1 |", "| faults | `nonsense` | - |"):  # a figure that is none is to be seen
+    for text in ("| stand | nobody | **could not be run** |", "stand, nobody: ", "0.21 to 1.00"):
+        assert text in page, text
+    # A figure that is none is to be seen.
+    for text in ("| faults | `survived` | 1 (≥ 1) |", "| faults | `nonsense` | - |"):
         assert text in page, text
     assert "plots/survival.png" in page and (folder / "plots/survival.png").is_file()
     assert not re.search(r'(src|href)="(?!data:)', whole) and "data:image/png;base64," in whole and "<table>" in whole
@@ -63,6 +68,18 @@ def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_pat
         file.unlink()
     assert RUNNER.invoke(app, ["report", str(folder)]).exit_code == 0
     assert ((folder / "report.md").read_text(), (folder / "report.html").read_text()) == (page, whole)
+
+    docs = tmp_path / "docs"
+    (docs / "plots").mkdir(parents=True)
+    (docs / "plots/earlier.png").touch()
+    assert RUNNER.invoke(app, ["report", str(folder), "--docs", str(docs)]).exit_code == 0
+    assert {str(file.relative_to(docs)) for file in docs.rglob("*") if file.is_file()} == {
+        "report.md", "reports.jsonl", "plots/survival.png",
+    }  # fmt: skip
+    assert (docs / "report.md").read_text() == page
+    kept, lost = [json.loads(text) for text in (docs / REPORTS).read_text().splitlines()]
+    assert kept == {name: value for name, value in report.items() if name not in ("keys", "notes")}
+    assert lost == failure
 
 
 def test_a_folder_without_lines_or_with_a_missing_case_is_refused(tmp_path: Path) -> None:
@@ -81,7 +98,9 @@ def test_the_packaged_suites_are_of_benchmarks_and_robots_that_there_are() -> No
     config = suite_config()
     for entry in (*config.quick, *config.full):
         assert entry.bench in MODULES and set(entry.robots) <= set(robot_names())
-    assert {entry.bench for entry in config.full} == set(config.figures) == set(MODULES) - {"scaling"}
+    assert (
+        {entry.bench for entry in config.full} == set(config.figures) == set(config.keys) == set(MODULES) - {"scaling"}
+    )
     assert {entry.bench for entry in config.quick} <= set(config.figures)
 
 

@@ -9,15 +9,23 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from benchmarks import report_plots, report_survival
+from benchmarks import report_plots, report_survival, report_times
 from benchmarks.harness import Case, Report
+from benchmarks.push_trial import map_config
+from benchmarks.report_bounds import bounds_of
+from benchmarks.report_limits import limited
 from benchmarks.report_page import PICTURES
+from benchmarks.report_pushes import draw_push_maps
+from benchmarks.report_tables import bounded
+from benchmarks.suite import suite_config
+from benchmarks.survival import wilson
 from benchmarks.timed_run import QUANTILES
 
 LOAD = {"before": [0.0] * 3, "after": [0.0] * 3, "cores": 2}
 
 
 def reports(**cases: list[Case]) -> dict[tuple[str, str], Report]:
+    """Of one robot, by bench."""
     return {(bench, "g1"): Report(bench, "g1", 1, {}, found, True, LOAD) for bench, found in cases.items()}
 
 
@@ -59,22 +67,31 @@ def test_the_cost_of_turning_in_place_is_none() -> None:
 
 def test_a_histogram_from_quantiles_holds_every_sample() -> None:
     values = np.geomspace(80.0, 400.0, len(QUANTILES)).tolist()
-    figure = report_plots.draw_times(reports(tick=[{"quantiles": {"tick": values}}]))
+    slower = (2.0 * np.array(values)).tolist()
+    found = reports(tick=[{"quantiles": {"tick": slower, "pinocchio_calls": values}}])
+    found["tick", "g1"].figures["tick_us_p50"] = 123.0
+    figure = report_times.draw_times(found)
     assert figure is not None
-    stairs = figure.axes[0].patches[0].get_data()  # type: ignore[attr-defined]
-    assert stairs.values.sum() == pytest.approx(1.0)
-    assert (stairs.edges[0], stairs.edges[-1]) == pytest.approx((80.0, 400.0))
+    tick, calls = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(tick.edges, calls.edges)  # the areas can be compared
+    assert tick.edges[0] == 80.0 and tick.edges[-1] == slower[QUANTILES.index(report_times.SHOWN)]
+    assert tick.values.sum() == pytest.approx(report_times.SHOWN) and calls.values.sum() == pytest.approx(100.0)
+    label = figure.axes[0].get_legend_handles_labels()[1][0]
+    assert "p50 123" in label and "largest 800 us" in label
 
 
 def test_the_terrain_map_says_how_many_survived() -> None:
     cases = [{"scenario": "tiles", "survived": k > 1, "fell": k < 2, "time": 5.0 + k} for k in range(20)]
     found = reports(terrain=cases)
     figure = report_survival.draw_terrain(found)
-    assert figure is not None and [text.get_text() for text in figure.axes[0].texts] == ["18/20"]
+    assert figure is not None and [text.get_text() for text in figure.axes[0].texts] == ["18/20\n0.70 to 0.97"]
     assert figure.axes[0].images[0].get_array().tolist() == [[0.9]]  # type: ignore[union-attr]
     curves = report_survival.draw_curves(found)
     assert curves is not None and len(curves.axes) == 1
     assert curves.axes[0].lines[0].get_ydata()[-1] == pytest.approx(0.9)  # type: ignore[index]
+    bars = [bar.get_segments()[0] for bar in curves.axes[0].collections]  # type: ignore[attr-defined]
+    assert len(bars) == report_survival.BARS
+    assert bars[-1][:, 1] == pytest.approx(wilson(18, 20))
 
 
 def test_the_delay_margin_stands_beside_its_bound() -> None:
@@ -83,3 +100,57 @@ def test_the_delay_margin_stands_beside_its_bound() -> None:
     figure = report_plots.draw_delays(reports(faults=rows))
     assert [y for _, y in points(figure)] == pytest.approx([30.0, 12.5])
     assert report_plots.draw_delays(reports(faults=[{"row": "knee_dead", "group": "motors", "ok": True}])) is None
+
+
+def push(angle: float, **values: float) -> Case:
+    given = {"angle": angle, "mass": 30.0, "dv": 0.6, "bound_dv": 0.5, "bound": 100.0, "torque_bound": 80.0}
+    return given | {"ankle_dv": 0.5, "steps_dv": 1.2} | values
+
+
+def test_push_maps_of_standing_and_walking_have_their_bounds() -> None:
+    directions = [0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi]
+    found = reports(push_walk=[push(angle) for angle in directions], push=[push(angle) for angle in directions])
+    figure = draw_push_maps(found)
+    assert figure is not None and len(figure.axes) == 2
+    for axes, doing, words in zip(
+        figure.axes,
+        ("no step", "walking at"),
+        (("ankle bound", "required"), ("step capturability", "ankle bound", "required", "goal")),
+        strict=True,
+    ):
+        labels = " ".join(axes.get_legend_handles_labels()[1])
+        assert doing in axes.get_title() and all(word in labels for word in words)
+
+
+def test_a_push_is_held_against_the_nearest_direction_of_each_limit() -> None:
+    cases = [push(0.0), push(0.5 * np.pi, dv=0.4, bound_dv=0.5)]
+    rows = {row.limit: row for row in limited(reports(push=cases))}
+    assert rows["ankle bound"].ratio == pytest.approx(0.8) and "left" in rows["ankle bound"].what
+    assert rows["torque-limited bound"].value == pytest.approx(0.4)
+    assert rows["torque-limited bound"].ratio == pytest.approx(1.0)
+    beyond = reports(push_walk=[push(0.0, ankle_dv=0.0, steps_dv=1.2)])  # the DCM was beyond the edge already
+    assert {row.limit: row.ratio for row in limited(beyond)} == {"N-step capturability": pytest.approx(0.5)}
+
+
+def test_times_are_held_against_their_floors() -> None:
+    found = reports(tick=[], latency=[])
+    found["tick", "g1"].figures.update(tick_us_p50=80.0, pinocchio_calls_us_p50=32.0)
+    found["latency", "g1"].figures.update(p50_us=600.0, floor_p50_us=200.0)
+    assert [row.ratio for row in limited(found)] == [2.5, 3.0]
+
+
+def test_a_figure_that_breaks_its_bound_is_shown_so() -> None:
+    (report,) = reports(push_walk=[]).values()
+    report.figures.update(dv_min=map_config().required["walk"].smallest - 0.1, dv_median=2.0, legs_touched=1.0)
+    assert bounded(report, "dv_min") == "**0.4** (not ≥ 0.5)"
+    assert bounded(report, "dv_median") == "2 (≥ 0.8)"
+    assert bounded(report, "legs_touched") == "1" and bounded(report, "absent") == bounded(None, "dv_min") == "-"
+
+
+def test_every_benchmark_has_bounds_of_figures_that_it_knows() -> None:
+    """Those of a figure that is never measured would never be shown."""
+    figures = {"stand_total": 1.0, "motions_total": 1.0, "total": 1.0, "p50_bound_us": 1.0, "p99_bound_us": 1.0}
+    figures |= {"p50_us": 2.0, "p99_us": 2.0}
+    for bench, keys in suite_config().keys.items():
+        report = Report(bench, "g1", 1, figures, [], True, LOAD)
+        assert set(bounds_of(report)) & {*keys, *suite_config().figures[bench]}, bench
