@@ -64,6 +64,12 @@ def _gait(report: Report) -> dict[str, Bound]:
     return _most(gait.limits(default_config(gait.GaitBenchConfig, "benchmarks", "gait")))
 
 
+def _loop(report: Report) -> dict[str, Bound]:
+    given = loop.loop_config()
+    times = {f"real_time_{name}_cpu": given.real_time_min for name in loop.SCENARIOS}
+    return _least(times) | _most({"other_threads_share": given.threads_max})
+
+
 def _latency(report: Report) -> dict[str, Bound]:
     found: dict[str, float] = {
         name: report.figures[f"{name[:3]}_bound_us"] for name in ("p50_us", "p99_us") if name in report.figures
@@ -139,7 +145,7 @@ BOUNDS: dict[str, Callable[[Report], dict[str, Bound]]] = {
     "tick": lambda report: _most(tick_limits(tick_config())),
     "qp": lambda report: _least({"poise_solved": 1.0}),
     "gait": _gait,
-    "loop": lambda report: _most(loop.limits(loop.loop_config())),
+    "loop": _loop,
     "latency": _latency,
     "estimate": _estimate,
     "stand": _stand,
