@@ -14,6 +14,7 @@ from benchmarks.estimate_runs import settings
 from benchmarks.fault_rows import config as fault_config
 from benchmarks.harness import Report
 from benchmarks.latency_config import latency_config
+from benchmarks.loop_stages import SCENARIOS
 from benchmarks.push import PushConfig
 from benchmarks.push_trial import map_config
 from benchmarks.stand import StandConfig
@@ -66,7 +67,7 @@ def _gait(report: Report) -> dict[str, Bound]:
 
 def _loop(report: Report) -> dict[str, Bound]:
     given = loop.loop_config()
-    times = {f"real_time_{name}_cpu": given.real_time_min for name in loop.SCENARIOS}
+    times = {f"real_time_{name}_cpu": given.real_time_min for name in SCENARIOS}
     return _least(times) | _most({"other_threads_share": given.threads_max})
 
 
