@@ -35,9 +35,9 @@ from rich.table import Table
 from benchmarks.executors import Case as Case
 from benchmarks.executors import Done, Executor, InProcess, local_executor
 from benchmarks.plain_json import nulled, plain, with_nan
-from benchmarks.provenance import configuration, revision, source_state, usable_cores, versions
+from benchmarks.provenance import configuration, difference, revision, source_state, usable_cores, versions
 from benchmarks.results import ResultsFile, case_key, scenario_of
-from models.errors import ConfigError
+from models.errors import ConfigError, WorkersError
 
 __all__ = ["Case"]  # what every benchmark takes from here
 
@@ -199,7 +199,7 @@ def collect(
         For each case, in the order given, its inputs and what came out, as plain values.
 
     Raises:
-        ConfigError: A worker runs another revision than this process.
+        WorkersError: A worker runs another revision than this process, or has other packages.
     """
     file = options.sweep.results
     config = configuration(options.robot, options.contender) if file else ""
@@ -214,8 +214,8 @@ def collect(
         for index, done in produce([inputs[key] for key in left]):
             key = left[index]
             results[key] = plain({**inputs[key], **done.outcome})
-            if done.revision != source_state():
-                raise ConfigError(f"bench {bench}: a worker runs revision {done.revision}, not {source_state()}")
+            if told := difference((done.revision, done.versions), (source_state(), versions())):
+                raise WorkersError(f"bench {bench}: a worker on {done.host} {told}")
             if file is not None:
                 file.add(_line(key, bench, options.robot, config, inputs[key], results[key], done))
             progress.advance(task)
