@@ -136,7 +136,9 @@ class DaskWorkers:
                     time.sleep(POLL)
                     continue
                 future, done = next(finished)
-                yield indices.pop(future), self._taken(done)
+                index = indices.pop(future)
+                future.release()  # or the death of its worker has the case measured again
+                yield index, self._taken(done)
                 finished.update(submit(1))
         finally:
             if client.status == "running":

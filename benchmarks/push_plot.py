@@ -60,7 +60,7 @@ def draw_map(
     axes.set_xticks(angles, [direction_name(angle) for angle in angles], fontsize=9)
     axes.tick_params(axis="x", pad=12)
     figure.suptitle(
-        f"{report.robot}, {report.bench.replace('_', ', ')}, seeds: {report.seeds}. "
+        f"{report.who}, {report.bench.replace('_', ', ')}, seeds: {report.seeds}. "
         f"Impulse of a push at the pelvis over mass ({mass:.1f} kg), by direction",
         fontsize=10,
     )

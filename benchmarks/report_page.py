@@ -14,8 +14,9 @@ from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw
 from benchmarks.report_survival import PUSHES, Reports, draw_curves, draw_shares, draw_terrain, robots_of
 from benchmarks.saved_reports import Failure, SavedReport, read_reports
 from benchmarks.suite import suite_config
+from benchmarks.suite_plan import Progress, read_progress
 from benchmarks.survival import shares
-from models.errors import PoiseError
+from models.errors import ConfigError, PoiseError
 
 PLOTS = "plots"
 """Folder of the pictures, in the folder of the report."""
@@ -51,14 +52,16 @@ def write_report(folder: Path, modules: Mapping[str, str]) -> list[Path]:
         ``report.md``, ``report.html`` and the pictures.
 
     Raises:
-        ConfigError: Nothing is finished there, or a line is damaged.
+        ConfigError: Nothing was ever started there, or a line is damaged.
         PoiseError: ``markdown-it-py`` is not installed.
     """
-    saved, failures = read_reports(folder)
+    (saved, failures), progress = read_reports(folder), read_progress(folder)
+    if not (saved or failures or progress.missing):
+        raise ConfigError(f"{folder}: no benchmark is finished there; run: poise bench all --quick --out {folder}")
     reports = {(entry.report.bench, entry.report.robot): entry.report for entry in saved}
     plots = folder / PLOTS
     plots.mkdir(exist_ok=True)
-    lines = [*_head(saved), *_verdicts(saved, failures), *_figures(reports), *_survival(reports)]
+    lines = [*_head(saved, progress), *_verdicts(saved, failures), *_figures(reports), *_survival(reports)]
     pictures: list[Path] = []
     for heading, name, draw in PICTURES:
         figure = draw(reports)
@@ -104,11 +107,12 @@ def _joined(values: Sequence[str]) -> str:
     return "; ".join(dict.fromkeys(values))
 
 
-def _head(saved: Sequence[SavedReport]) -> list[str]:
+def _head(saved: Sequence[SavedReport], progress: Progress) -> list[str]:
     versions = dict(item for entry in saved for item in entry.versions.items())
     return [
         "# Benchmark report",
         "",
+        *_missing(progress),
         f"- Machine: {_joined([name for entry in saved for name in entry.machines])}",
         f"- Revision: {_joined([entry.revision for entry in saved])}",
         f"- Versions: {', '.join(f'{name} {value}' for name, value in versions.items())}",
@@ -118,11 +122,21 @@ def _head(saved: Sequence[SavedReport]) -> list[str]:
     ]
 
 
+def _missing(progress: Progress) -> list[str]:
+    """What an unfinished suite lacks; nothing where all is there."""
+    if not progress.missing:
+        return []
+    told = str(progress)
+    rows = [[part.bench, part.robot, part.state] for part in progress.missing]
+    again = f"`poise bench all --{progress.suite}` with the same `--out` goes on."
+    return [f"**{told[0].upper()}{told[1:]}.** {again}", "", *_table(["missing", "robot", "cases"], rows)]
+
+
 def _verdicts(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[str]:
     rows = [
         [
             entry.report.bench,
-            entry.report.robot,
+            entry.report.who,
             str(entry.report.seeds),
             str(len(entry.report.cases)),
             f"{entry.seconds:.0f}",
@@ -137,9 +151,14 @@ def _verdicts(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list
     for entry in saved:
         if not entry.report.passed:
             notes = [note for note in entry.report.notes if not note.startswith(("ok", "holds"))]
-            lines += [f"Not passed: {entry.report.bench}, {entry.report.robot}", ""]
+            lines += [f"Not passed: {entry.report.bench}, {entry.report.who}", ""]
             lines += [*(f"    {note}" for note in notes[:MOST_NOTES]), ""]
-    return lines + [f"- {failed.bench}, {failed.robot}: {failed.error}" for failed in failures] + [""] * bool(failures)
+    lines += [f"- {failed.bench}, {failed.robot}: {failed.error}{_traced(failed)}" for failed in failures]
+    return [*lines, ""] if failures else lines
+
+
+def _traced(failed: Failure) -> str:
+    return f" (`{failed.trace}`)" if failed.trace else ""
 
 
 def _figures(reports: Reports) -> list[str]:
@@ -151,6 +170,8 @@ def _figures(reports: Reports) -> list[str]:
         for name in names if of else ():
             values = [_number(of.get(robot, {}).get(name, math.nan)) for robot in robots]
             rows.append([bench, f"`{name}`", *values])
+    if not rows:
+        return []
     return [*lines, *_table(["bench", "figure", *robots], rows), "All figures are in `reports.jsonl`.", ""]
 
 

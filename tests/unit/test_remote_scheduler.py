@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -20,77 +17,38 @@ from benchmarks.executors import InProcess, make_executor
 from benchmarks.harness import Case, Options, Sweep, run_cases
 from benchmarks.results import ResultsFile, read_lines
 from models.errors import WorkersError
+from tests.dask_cluster import PATIENCE, Cluster
+from tests.ros.cable import staged
 from tests.sweep_cases import slow_square, square
 
 pytest.importorskip("distributed")
 
 CASES = 24
 
+STAGE = '''
+"""Two machines with one cable, a worker on each, a scheduler and the sweep on the first; prints where cases ran."""
+import json
+from contextlib import ExitStack
+from pathlib import Path
 
-PATIENCE = 60.0
-"""Longest wait for a process [s]."""
+from benchmarks.executors import make_executor
+from benchmarks.harness import Options, Sweep, run_cases
+from tests.dask_cluster import Cluster
+from tests.ros.cable import HERE, two_machines
+from tests.sweep_cases import slow_network
+import tests.dask_cluster
 
-
-class Cluster:
-    """Processes of dask, each started as the documentation says, that end with the test.
-
-    Args:
-        folder: For what they say.
-        root: Of the checkout, from which they run.
-        stack: Ends them.
-    """
-
-    def __init__(self, folder: Path, root: Path, stack: ExitStack) -> None:
-        self._folder, self._root, self._stack, self._count = folder, root, stack, 0
-        self.address = ""
-
-    def start(self, *words: str, source: Path | None = None) -> tuple[subprocess.Popen[bytes], Path]:
-        """Start a program of dask; its process, and the file of what it says."""
-        self._count += 1
-        told = self._folder / f"dask-{self._count}.log"
-        environment = dict(os.environ) | {"PYTHONPATH": str(source or self._root)}
-        command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
-        with told.open("wb") as file:
-            process = subprocess.Popen(command, cwd=self._folder, env=environment, stdout=file, stderr=file)
-        self._stack.callback(_end, process)
-        return process, told
-
-    def scheduler(self, source: Path | None = None) -> subprocess.Popen[bytes]:
-        """Start a scheduler on a free port and note its address."""
-        process, told = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", source=source)
-        found = _said(told, r"Scheduler at:\s+(tcp://\S+)")
-        self.address = found.group(1)
-        return process
-
-    def worker(self, source: Path | None = None) -> tuple[subprocess.Popen[bytes], int]:
-        """Start a nanny with one worker, and wait until it is known; the nanny, and the worker's process."""
-        nanny, told = self.start("worker", self.address, "--nworkers", "1", "--nthreads", "1", source=source)
-        _said(told, r"Registered to:")
-        return nanny, _children(nanny.pid)[-1]
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(10.0)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def _said(file: Path, pattern: str) -> re.Match[str]:
-    give_up = time.monotonic() + PATIENCE
-    while time.monotonic() < give_up:
-        if found := re.search(pattern, file.read_text(errors="replace")):
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"'{pattern}' was not said:\n{file.read_text(errors='replace')}")
-
-
-def _children(pid: int) -> list[int]:
-    """Workers of a nanny, the resource tracker of multiprocessing left out."""
-    found = subprocess.run(["pgrep", "-P", str(pid), "-f", "spawn_main"], capture_output=True, text=True, check=True)
-    return [int(word) for word in found.stdout.split()]
+root = Path(tests.dask_cluster.__file__).parents[1]
+with two_machines() as there, ExitStack() as stack:
+    cluster = Cluster(Path.cwd(), root, stack)
+    cluster.scheduler(host=HERE)
+    cluster.worker()
+    cluster.worker(machine=there)
+    with make_executor(1, cluster.address) as executor:
+        cases = [{"seed": seed} for seed in range(16)]
+        found = run_cases(slow_network, cases, bench="networks", options=Options(sweep=Sweep(executor)))
+print(json.dumps({"address": cluster.address, "cases": found}))
+'''
 
 
 @pytest.fixture
@@ -152,6 +110,9 @@ def test_workers_die_and_come_and_every_case_is_there_once(cluster: Cluster, beg
     assert len(read_lines(tmp_path / "cases.jsonl")) == CASES
     pids = {int(path.name.split(".")[0]) for path in begun.iterdir()} - {os.getpid()}
     assert {first, second} < pids and len(pids) >= 3
+    # Each death repeats the case that was being measured, and at most one whose outcome was on its way.
+    repeated = len([path for path in begun.iterdir() if int(path.name.split(".")[0]) != os.getpid()]) - CASES
+    assert repeated <= 4
 
 
 def test_a_scheduler_that_dies_is_named_and_the_same_command_goes_on(
@@ -220,3 +181,11 @@ def test_a_scheduler_needs_no_poise_and_a_worker_does(cluster: Cluster, bare: Pa
         pytest.raises(WorkersError, match=r"a worker has not this poise: No module named 'benchmarks.executors'"),
     ):
         swept(cluster.address, file, [{"seed": 1}], square)
+
+
+@pytest.mark.slow
+def test_a_worker_of_another_machine_measures_over_the_network(tmp_path: Path, root: Path) -> None:
+    found = staged({"stage.py": STAGE}, [], tmp_path, root)
+    assert "127.0.0.1" not in found["address"]
+    assert [case["seed"] for case in found["cases"]] == list(range(16))
+    assert len({case["network"] for case in found["cases"]}) == 2  # both machines have measured
