@@ -6,13 +6,15 @@ so nothing is lost, and it is taken once, whoever measured it. A scheduler that 
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from types import TracebackType
 
-from distributed import Client, Future, LocalCluster, as_completed
+from distributed import Client, Future, LocalCluster, Security, as_completed
+from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 
 from benchmarks.executors import Case, Done
@@ -37,6 +39,12 @@ LOOK = 1.0
 
 POLL = 0.02
 """Time between two looks for finished cases [s]."""
+
+
+async def _ask(address: str) -> None:
+    """Have a scheduler say who it is."""
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+        await scheduler.identity(n_workers=0)
 
 
 class DaskWorkers:
@@ -83,9 +91,12 @@ class DaskWorkers:
                 silence_logs=logging.CRITICAL,
             )
         try:
+            if self._address:  # the client itself would wait for ever for the words of who is no scheduler
+                asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
             self._client = Client(self._cluster or self._address, timeout=CONNECT_TIME)
-        except (OSError, ValueError) as error:
-            raise WorkersError(f"{self._name}: no answer: {error}") from error
+        except Exception as error:  # whoever is there may answer anything
+            told = str(error) or f"silent for {CONNECT_TIME:g} s"
+            raise WorkersError(f"{self._name}: no answer of a scheduler: {told}") from error
         return self._client
 
     @property

@@ -127,9 +127,15 @@ def _missing(progress: Progress) -> list[str]:
     if not progress.missing:
         return []
     told = str(progress)
-    rows = [[part.bench, part.robot, part.state] for part in progress.missing]
+    rows = [[part.bench, part.robot, part.state] for part in progress.missing if part.total or part.earlier]
+    untouched = [f"{part.bench} {part.robot}" for part in progress.missing if not (part.total or part.earlier)]
     again = f"`poise bench all --{progress.suite}` with the same `--out` goes on."
-    return [f"**{told[0].upper()}{told[1:]}.** {again}", "", *_table(["missing", "robot", "cases"], rows)]
+    return [
+        f"**{told[0].upper()}{told[1:]}.** {again}",
+        "",
+        *(_table(["unfinished", "robot", "cases"], rows) if rows else []),
+        *([f"Not begun: {', '.join(untouched)}.", ""] if untouched else []),
+    ]
 
 
 def _verdicts(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[str]:

@@ -146,7 +146,7 @@ def test_a_suite_that_is_killed_goes_on_without_a_case_lost_or_repeated(tmp_path
     begun = f"{kept} of 6 cases of the unfinished that have begun"
     told = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
     assert told in page
-    assert f"| faults | g1 | {kept} of 6 cases |" in page and "| stand | nobody | not begun |" in page
+    assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand nobody." in page
 
     again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert f"{kept} cases were there, {CASES_OF_ALL - kept} measured" in again.stdout, again.stderr

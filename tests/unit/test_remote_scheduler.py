@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -143,6 +144,14 @@ def test_a_scheduler_that_gets_no_worker_is_named(
         pytest.raises(WorkersError, match=f"no worker for 1 s; start some: dask worker {cluster.address}"),
     ):
         swept(cluster.address, file, [{"seed": 1}], square)
+
+
+def test_who_listens_and_is_no_scheduler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.dask_executor.CONNECT_TIME", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as listener, ResultsFile(tmp_path / "cases.jsonl") as file:
+        address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        with pytest.raises(WorkersError, match=rf"{address}: no answer of a scheduler: silent for 0\.5 s"):
+            swept(address, file, [{"seed": 1}], square)
 
 
 def test_a_worker_of_another_revision_measures_nothing(
