@@ -47,6 +47,21 @@ async def _ask(address: str) -> None:
         await scheduler.identity(n_workers=0)
 
 
+def _sent() -> Callable[..., Done]:
+    """What workers are sent, as code, since it is no function of a module.
+
+    A worker that cannot read what it is sent leaves without a word: this one without poise can read, and it says what
+    is lacking. A scheduler needs no poise at all.
+    """
+
+    def measured_there(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
+        from benchmarks.executors import measured_elsewhere
+
+        return measured_elsewhere(module, name, case, asked)
+
+    return measured_there
+
+
 class DaskWorkers:
     """Workers of dask; those started here take one case at a time, with numerical libraries on one thread.
 
@@ -115,20 +130,13 @@ class DaskWorkers:
             return
         client = self.client()
         indices: dict[Future[Done], int] = {}
-        left, asked = iter(enumerate(cases)), (source_state(), versions())
-
-        def by_value(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
-            # Sent as code, being no function of a module: a worker without poise can read it and say what it lacks,
-            # where one that cannot read what it is sent leaves without a word. A scheduler needs no poise at all.
-            from benchmarks.executors import measured_elsewhere
-
-            return measured_elsewhere(module, name, case, asked)
+        left, asked, sent = iter(enumerate(cases)), (source_state(), versions()), _sent()
 
         def submit(count: int) -> list[Future[Done]]:
             futures = []
             for index, case in islice(left, max(count, 0)):
                 named = measure.__module__, measure.__qualname__
-                future = client.submit(by_value, *named, case, asked, pure=False)
+                future = client.submit(sent, *named, case, asked, pure=False)
                 indices[future] = index
                 futures.append(future)
             return futures

@@ -70,7 +70,8 @@ def save_report(folder: Path, report: Report, keys: Sequence[str], command: str)
         keys: Of its cases in ``cases.jsonl``, in their order.
         command: That measures it again.
     """
-    if _latest(folder).get((report.bench, report.robot), {}).get("keys") == list(keys):
+    latest = _latest(folder).get((report.bench, report.robot), {})
+    if (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
     line = {name: value for name, value in report.to_dict().items() if name != "cases"}
     more = {"revision": source_state(), "notes": report.notes, "command": command, "keys": list(keys)}

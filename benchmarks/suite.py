@@ -97,7 +97,8 @@ def run_suite(
     for entry in entries:
         if entry.bench not in modules:
             raise ConfigError(f"suite: unknown benchmark '{entry.bench}'; known: {', '.join(modules)}")
-    save_plan(folder, suite, [(entry.bench, robot) for entry in entries for robot in entry.robots])
+    parts = {(entry.bench, robot): command_of(entry, robot) for entry in entries for robot in entry.robots}
+    save_plan(folder, suite, parts)
     for entry in entries:
         _, mode = _command_and_mode(entry.bench)
         for robot in entry.robots:

@@ -1,13 +1,13 @@
 """What a suite is to measure and how far it has come, so that a report of an unfinished one says what is missing.
 
-``plan.jsonl`` lies beside the cases. A suite that starts adds ``{"suite", "revision", "parts"}``, of each part bench
-and robot; a part of which cases are missing adds ``{"bench", "robot", "revision", "keys", "reports"}`` when it
+``plan.jsonl`` lies beside the cases. A suite that starts adds ``{"suite", "revision", "parts"}``, of each part bench,
+robot and command; a part of which cases are missing adds ``{"bench", "robot", "revision", "keys", "reports"}`` when it
 begins, with the keys of its cases and the number of lines in ``reports.jsonl`` by then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,9 +69,16 @@ class Progress:
         return f"{finished}; {left}" if self.missing else ""
 
 
-def save_plan(folder: Path, suite: str, parts: Sequence[Part]) -> None:
-    """Add what is to be measured to a suite's folder, unless it is known."""
-    line = {"suite": suite, "revision": source_state(), "parts": [list(part) for part in parts]}
+def save_plan(folder: Path, suite: str, commands: Mapping[Part, str]) -> None:
+    """Add what is to be measured to a suite's folder, unless it is known.
+
+    Args:
+        folder: Of the suite.
+        suite: Its name.
+        commands: Command that measures each part, in their order.
+    """
+    parts = [[*part, command] for part, command in commands.items()]
+    line = {"suite": suite, "revision": source_state(), "parts": parts}
     plans = [found for found in read_lines(folder / PLAN) if "parts" in found]
     if plans[-1:] != [line]:
         append_line(folder / PLAN, line)
@@ -105,10 +112,11 @@ def read_progress(folder: Path) -> Progress:
     reported = {_part(line): (number, line) for number, line in enumerate(read_lines(folder / REPORTS))}
     measured = {line["key"] for line in read_lines(folder / CASES) if "key" in line}
     missing = []
-    for bench, robot in plan["parts"]:
+    for bench, robot, command in plan["parts"]:
         number, report = reported.get((bench, robot), (-1, {}))
         start = begun.get((bench, robot), {"keys": [], "reports": 0})
-        if number < start["reports"] or report.get("revision") != plan["revision"]:
+        other = report.get("revision") != plan["revision"] or report.get("command", command) != command
+        if other or number < start["reports"]:
             done = sum(key in measured for key in start["keys"])
             missing.append(Missing(bench, robot, done, len(start["keys"]), "figures" in report))
     return Progress(plan["suite"], len(plan["parts"]), tuple(missing))

@@ -20,7 +20,7 @@ from benchmarks.executors import InProcess
 from benchmarks.harness import Sweep
 from benchmarks.results import ResultsFile, read_lines
 from benchmarks.saved_reports import CASES
-from benchmarks.suite import Entry
+from benchmarks.suite import Entry, command_of
 from benchmarks.suite_plan import PLAN, read_progress, save_begun, save_plan
 from models.errors import WorkersError
 
@@ -96,8 +96,11 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     save_begun(tmp_path, ("square", "g1"), [read_lines(tmp_path / CASES)[0]["key"], "more"])
     (part,) = read_progress(tmp_path).missing
     assert part.state == "1 of 2 cases; reported: an earlier measurement"
+    assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+    save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
+    assert read_progress(tmp_path).missing
     monkeypatch.setattr("benchmarks.suite_plan.source_state", lambda: "later")
-    save_plan(tmp_path, "full", [("square", "g1"), ("stand", "g1")])
+    save_plan(tmp_path, "full", {("square", "g1"): command_of(Entry("square", ("g1",), 2), "g1"), ("stand", "g1"): ""})
     assert [part.state for part in read_progress(tmp_path).missing] == [
         "not begun; reported: an earlier measurement", "not begun",
     ]  # fmt: skip
