@@ -12,13 +12,13 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from multiprocessing import get_context, parent_process
-from threading import Thread
+from multiprocessing import get_context
 from types import TracebackType
 from typing import Any, Protocol
 
 from benchmarks.provenance import difference, machine, source_state, versions
 from models.errors import PoiseError, WorkersError
+from models.nodes.realtime import die_with_parent
 from models.threads import use_one_thread
 
 Case = dict[str, Any]
@@ -128,18 +128,6 @@ class InProcess:
             yield index, measured(measure, case)
 
 
-def _end_with_parent() -> None:
-    """Have this worker end when the process that started it is killed: the pool's own would wait for ever."""
-    parent = parent_process()
-
-    def end() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    Thread(target=end, daemon=True).start()
-
-
 class ProcessPool:
     """Processes of this machine; where one dies, all begin anew with the cases that are left.
 
@@ -166,7 +154,7 @@ class ProcessPool:
     def _submit(self, measure: Callable[..., Case], left: Iterable[tuple[int, Case]]) -> dict[Future[Done], int]:
         if self._pool is None:
             use_one_thread()  # for the workers, which inherit it
-            self._pool = ProcessPoolExecutor(self._workers, get_context("spawn"), _end_with_parent)
+            self._pool = ProcessPoolExecutor(self._workers, get_context("spawn"), die_with_parent)
         return {self._pool.submit(measured, measure, case): index for index, case in left}
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
