@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
+import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from multiprocessing import get_context
 from types import TracebackType
 from typing import Any, Protocol
 
-from benchmarks.provenance import machine, source_state, versions
-from models.errors import PoiseError
+from benchmarks.provenance import difference, machine, source_state, versions
+from models.errors import PoiseError, WorkersError
+from models.nodes.realtime import die_with_parent
 from models.threads import use_one_thread
 
 Case = dict[str, Any]
@@ -37,6 +40,7 @@ class Done:
         machine: Which kind that is, of ``provenance.machine``.
         revision: Of ``provenance.source_state`` there.
         versions: Of the packages there.
+        host: Its name, for messages; no file holds it.
     """
 
     outcome: Case
@@ -46,6 +50,7 @@ class Done:
     machine: str
     revision: str
     versions: dict[str, str]
+    host: str
 
 
 class Clock:
@@ -58,13 +63,31 @@ class Clock:
         """The case, just finished."""
         seconds, cpu = time.monotonic() - self._wall, time.process_time() - self._cpu
         load = round(os.getloadavg()[0], 2)
-        return Done(outcome, round(seconds, 3), round(cpu, 3), load, machine(), source_state(), versions())
+        where = machine(), source_state(), versions(), socket.gethostname()
+        return Done(outcome, round(seconds, 3), round(cpu, 3), load, *where)
 
 
 def measured(measure: Callable[..., Case], case: Case) -> Done:
     """Measure one case in this process."""
     clock = Clock()
     return clock.done(measure(**case))
+
+
+def measured_elsewhere(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
+    """Measure one case for another machine, or refuse before anything is measured.
+
+    Args:
+        module: Where the function is; a name, because a scheduler that reads a function imports all that it needs.
+        name: Of the function.
+        case: What it is called with.
+        asked: ``source_state`` and ``versions`` of the process that asks.
+
+    Raises:
+        WorkersError: Those here are others.
+    """
+    if told := difference((source_state(), versions()), asked):
+        raise WorkersError(f"a worker on {socket.gethostname()} {told}")
+    return measured(getattr(import_module(module), name), case)
 
 
 class Executor(AbstractContextManager["Executor"], Protocol):
@@ -131,7 +154,7 @@ class ProcessPool:
     def _submit(self, measure: Callable[..., Case], left: Iterable[tuple[int, Case]]) -> dict[Future[Done], int]:
         if self._pool is None:
             use_one_thread()  # for the workers, which inherit it
-            self._pool = ProcessPoolExecutor(self._workers, mp_context=get_context("spawn"))
+            self._pool = ProcessPoolExecutor(self._workers, get_context("spawn"), die_with_parent)
         return {self._pool.submit(measured, measure, case): index for index, case in left}
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:

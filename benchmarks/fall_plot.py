@@ -46,7 +46,7 @@ def draw_failures(report: Report, folder: Path) -> list[Path]:
     files = []
     for name in sorted(first):
         case = first[name]
-        title = f"{report.bench}, {report.robot}, {name}, seed {case['seed']}: {case['reason'] or 'did not fall'}"
+        title = f"{report.bench}, {report.who}, {name}, seed {case['seed']}: {case['reason'] or 'did not fall'}"
         files.append(draw_fall(case["moments"], title, folder / f"{report.bench}-{report.robot}-{name}.png"))
     return files
 

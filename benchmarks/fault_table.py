@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import Case, LoadMeter, Options, Report
+from benchmarks.results import NOT_RUN
 from bridge.plots import new_figure
 
 
@@ -25,10 +26,10 @@ def report_rows(bench: str, options: Options, results: list[Case], load: LoadMet
         could not be run here count for neither; ``not_run`` says how many they are.
     """
     lines = [f"{_verdict(case)} {_line(case)}" for case in results]
-    run = [case for case in results if not case.get("not_run")]
+    run = [case for case in results if not case.get(NOT_RUN)]
     figures = {"survived": float(sum(case["ok"] for case in run)), "total": float(len(run))}
     if len(run) < len(results):
-        figures["not_run"] = float(len(results) - len(run))
+        figures[NOT_RUN] = float(len(results) - len(run))
     steps = [case["torque_step"] for case in results if "torque_step" in case]
     if steps:
         figures["torque_step_max"] = max(steps)
@@ -37,7 +38,7 @@ def report_rows(bench: str, options: Options, results: list[Case], load: LoadMet
 
 
 def _verdict(case: Case) -> str:
-    return "------" if case.get("not_run") else "ok    " if case["ok"] else "FAILED"
+    return "------" if case.get(NOT_RUN) else "ok    " if case["ok"] else "FAILED"
 
 
 def _line(case: Case) -> str:

@@ -21,6 +21,7 @@ from benchmarks.harness import Case, LoadMeter, Options, Report, chosen, collect
 from benchmarks.nodes.graph_acts import ACTS
 from benchmarks.nodes.graph_kinds import NotHere, graph_of
 from benchmarks.nodes.graph_stage import BACK_TIME, LOOK, GraphStage
+from benchmarks.results import NOT_RUN
 from controllers.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
@@ -175,7 +176,7 @@ def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[s
                 yield case
                 stage.bring_back()
     except NotHere as error:
-        yield from (_case(other, seed) | _without(f"not run: {error}") | {"not_run": True} for other in left)
+        yield from (_case(other, seed) | _without(f"not run: {error}") | {NOT_RUN: True} for other in left)
         left.clear()
     except PoiseError as error:
         name = name or left.pop(0)

@@ -5,8 +5,9 @@ A benchmark is a module ``benchmarks/<name>.py`` with
     ``run(options: Options) -> Report``        measures and judges
     ``plot(report: Report, folder: Path)``     draws what the report holds; returns the files written
 
-The JSON that ``Report.to_dict`` gives is ``{"bench", "robot", "seeds", "figures", "cases", "versions", "revision",
-"load", "passed"}``; ``figures`` maps flat names to numbers, ``load`` holds the load averages before and after.
+The JSON that ``Report.to_dict`` gives is ``{"bench", "robot", "contender", "seeds", "figures", "cases", "versions",
+"revision", "load", "passed"}``; ``figures`` maps flat names to numbers, ``load`` holds the load averages before and
+after.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ from rich.table import Table
 from benchmarks.executors import Case as Case
 from benchmarks.executors import Done, Executor, InProcess, local_executor
 from benchmarks.plain_json import nulled, plain, with_nan
-from benchmarks.provenance import configuration, revision, source_state, usable_cores, versions
-from benchmarks.results import ResultsFile, case_key, scenario_of
-from models.errors import ConfigError
+from benchmarks.provenance import configuration, difference, revision, source_state, usable_cores, versions
+from benchmarks.results import NOT_RUN, ResultsFile, case_key, line_of
+from models.errors import ConfigError, WorkersError
 
 __all__ = ["Case"]  # what every benchmark takes from here
 
@@ -49,10 +50,12 @@ class Sweep:
     Attributes:
         executor: Measures them; None for workers of the benchmark's own.
         results: Those that are finished; None to keep none.
+        began: Told the keys of the cases that a benchmark asks for, before any of them is measured.
     """
 
     executor: Executor | None = None
     results: ResultsFile | None = None
+    began: Callable[[Sequence[str]], None] = lambda keys: None
 
     def rest(self) -> None:
         """End the workers until they are needed, and the thread that speaks with them, which takes the interpreter."""
@@ -114,6 +117,7 @@ class Report:
         passed: Whether every bound of the benchmark holds.
         load: Load averages before and after, and the number of cores [-].
         notes: Remarks for the reader of the table, such as which bound failed.
+        contender: Controller that was tested instead of poise's own, as ``module:Class``; empty for poise.
     """
 
     bench: str
@@ -124,12 +128,19 @@ class Report:
     passed: bool
     load: dict[str, Any]
     notes: list[str] = field(default_factory=list)
+    contender: str = ""
+
+    @property
+    def who(self) -> str:
+        """Whose figures these are, for titles: the robot, and the contender where it was not poise that moved it."""
+        return f"{self.robot}, contender {self.contender}" if self.contender else self.robot
 
     def to_dict(self) -> dict[str, Any]:
         """The one JSON object that every benchmark writes."""
         return {
             "bench": self.bench,
             "robot": self.robot,
+            "contender": self.contender,
             "seeds": self.seeds,
             "figures": self.figures,
             "cases": self.cases,
@@ -199,7 +210,7 @@ def collect(
         For each case, in the order given, its inputs and what came out, as plain values.
 
     Raises:
-        ConfigError: A worker runs another revision than this process.
+        WorkersError: A worker runs another revision than this process, or has other packages.
     """
     file = options.sweep.results
     config = configuration(options.robot, options.contender) if file else ""
@@ -207,6 +218,7 @@ def collect(
     inputs = {key: dict(case) for key, case in zip(keys, cases, strict=True)}
     known = {key: file.case(key) for key in inputs} if file else {}
     results = {key: case for key, case in known.items() if case is not None}
+    options.sweep.began(keys)
     left = [key for key in inputs if key not in results]
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console or Console(stderr=True), disable=silent) as progress:
@@ -214,33 +226,14 @@ def collect(
         for index, done in produce([inputs[key] for key in left]):
             key = left[index]
             results[key] = plain({**inputs[key], **done.outcome})
-            if done.revision != source_state():
-                raise ConfigError(f"bench {bench}: a worker runs revision {done.revision}, not {source_state()}")
-            if file is not None:
-                file.add(_line(key, bench, options.robot, config, inputs[key], results[key], done))
+            if told := difference((done.revision, done.versions), (source_state(), versions())):
+                raise WorkersError(f"bench {bench}: a worker on {done.host} {told}")
+            if file is not None and not results[key].get(NOT_RUN):
+                file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
             progress.advance(task)
     if file is not None:
-        file.taken.setdefault(bench, []).extend(keys)
+        file.taken.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
     return [dict(results[key]) for key in keys]
-
-
-def _line(key: str, bench: str, robot: str, config: str, inputs: Case, case: Case, done: Done) -> Case:
-    """What the file of finished cases says of one; see ``benchmarks/results.py``."""
-    return {
-        "key": key,
-        "bench": bench,
-        "robot": robot,
-        "seed": inputs.get("seed"),
-        "scenario": scenario_of(inputs),
-        "config": config,
-        "revision": done.revision,
-        "versions": done.versions,
-        "machine": done.machine,
-        "load": done.load,
-        "seconds": done.seconds,
-        "cpu_seconds": done.cpu_seconds,
-        "case": case,
-    }
 
 
 def run_cases(
@@ -298,14 +291,14 @@ def read_json(path: Path) -> Report:
     try:
         found = with_nan(json.loads(path.read_text(encoding="utf-8")))
         kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
-        return Report(**{name: found[name] for name in kept})
+        return Report(**{name: found[name] for name in kept}, contender=found.get("contender", ""))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigError(f"{path}: not a report of a benchmark: {error!r}") from error
 
 
 def print_report(report: Report, console: Console) -> None:
     """Print the figures as a table, with the verdict below."""
-    table = Table(title=f"{report.bench}: {report.robot}, seeds {report.seeds}", title_justify="left")
+    table = Table(title=f"{report.bench}: {report.who}, seeds {report.seeds}", title_justify="left")
     table.add_column("figure")
     table.add_column("value", justify="right")
     for name, value in report.figures.items():

@@ -6,6 +6,7 @@ import hashlib
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -51,6 +52,22 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def difference(theirs: tuple[str, Mapping[str, str]], own: tuple[str, Mapping[str, str]]) -> str:
+    """Why the cases of another process are not those that this one would measure; empty where they are.
+
+    Args:
+        theirs: Its ``source_state`` and ``versions``.
+        own: Those here.
+    """
+    if theirs[0] != own[0]:
+        return f"runs revision {theirs[0]}, not {own[0]}"
+    for name in sorted({*theirs[1], *own[1]}):
+        there, here = theirs[1].get(name, "none"), own[1].get(name, "none")
+        if there != here:
+            return f"has {name} {there}, not {here}"
+    return ""
 
 
 def revision() -> str:

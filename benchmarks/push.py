@@ -209,6 +209,7 @@ def run(options: Options) -> Report:
         },
         cases=results,
         passed=bool(ratio.min() >= config.required_ratio),
+        contender=options.contender,
         load=load.read(),
         notes=[
             f"weakest direction {heading:.0f} deg: {ratio[worst]:.2f} of the ankle bound "

@@ -86,7 +86,7 @@ def draw_map(report: Report, shown: PushMap, remarks: Sequence[str], file: Path)
     draw_rings(axes, shown)
     axes.tick_params(axis="x", pad=12)
     figure.suptitle(
-        f"{report.robot}, {shown.title}, seeds: {report.seeds}. "
+        f"{report.who}, {shown.title}, seeds: {report.seeds}. "
         f"Impulse of a push at the pelvis over mass ({shown.cases[0]['mass']:.1f} kg), by direction",
         fontsize=10,
     )

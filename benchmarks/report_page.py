@@ -16,10 +16,11 @@ from benchmarks.report_plots import draw_cost, draw_delays, draw_estimator, draw
 from benchmarks.report_pushes import draw_push_maps
 from benchmarks.report_style import Reports, save
 from benchmarks.report_survival import draw_curves, draw_shares, draw_terrain
-from benchmarks.report_tables import conditions, figures, limits, summary, survival
+from benchmarks.report_tables import conditions, figures, limits, missing, summary, survival
 from benchmarks.report_times import draw_loop, draw_times
 from benchmarks.saved_reports import REPORTS, SavedReport, latest_lines, read_reports
-from models.errors import PoiseError
+from benchmarks.suite_plan import Progress, read_progress
+from models.errors import ConfigError, PoiseError
 
 PLOTS = "plots"
 """Folder of the pictures, in the folder of the report."""
@@ -62,7 +63,7 @@ def write_report(folder: Path) -> list[Path]:
         ``report.md``, ``report.html`` and the pictures.
 
     Raises:
-        ConfigError: Nothing is finished there, or a line is damaged.
+        ConfigError: Nothing was ever started there, or a line is damaged.
         PoiseError: ``markdown-it-py`` is not installed.
     """
     page, *pictures = _write_page(folder, folder)
@@ -98,11 +99,13 @@ def publish_report(folder: Path, docs: Path) -> list[Path]:
 
 def _write_page(folder: Path, out: Path) -> list[Path]:
     """The page and its pictures of a suite's folder, written into another one or the same."""
-    saved, failures = read_reports(folder)
+    (saved, failures), progress = read_reports(folder), read_progress(folder)
+    if not (saved or failures or progress.missing):
+        raise ConfigError(f"{folder}: no benchmark is finished there; run: poise bench all --quick --out {folder}")
     reports = {(entry.report.bench, entry.report.robot): entry.report for entry in saved}
     plots = out / PLOTS
     plots.mkdir(parents=True, exist_ok=True)
-    lines = [*_head(saved, out), *summary(saved, failures), *limits(reports)]
+    lines = [*_head(saved, progress, out), *summary(saved, failures), *limits(reports)]
     pictures: list[Path] = []
     for heading, name, draw in PICTURES:
         figure = draw(reports)
@@ -120,11 +123,12 @@ def _joined(values: Sequence[str]) -> str:
     return "; ".join(dict.fromkeys(values))
 
 
-def _head(saved: Sequence[SavedReport], out: Path) -> list[str]:
+def _head(saved: Sequence[SavedReport], progress: Progress, out: Path) -> list[str]:
     versions = dict(item for entry in saved for item in entry.versions.items() if item[0] != "machine")
     return [
         "# Benchmark report",
         "",
+        *missing(progress),
         *GUIDE.splitlines(),
         f"What a figure means: {_doc(out, 'design.md')}. The limits: {_doc(out, 'limits.md')}. How this is made: "
         f"{_doc(out, 'benchmarks.md')}.",

@@ -11,6 +11,7 @@ from benchmarks.report_limits import limited
 from benchmarks.report_style import Reports, robots_of
 from benchmarks.saved_reports import Failure, SavedReport
 from benchmarks.suite import suite_config
+from benchmarks.suite_plan import Progress
 from benchmarks.survival import shares
 
 MOST_NOTES = 12
@@ -49,7 +50,7 @@ def summary(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[s
     rows = [
         [
             entry.report.bench.replace("_", " "),
-            entry.report.robot,
+            entry.report.who,
             "passed" if entry.report.passed else "**failed**",
             _keys(entry.report),
             f"`{entry.command}`",
@@ -61,9 +62,30 @@ def summary(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[s
     for entry in saved:
         if not entry.report.passed:
             notes = [note for note in entry.report.notes if not note.startswith(GOOD_NOTES)]
-            lines += [f"Failed: {entry.report.bench.replace('_', ' ')}, {entry.report.robot}", ""]
+            lines += [f"Failed: {entry.report.bench.replace('_', ' ')}, {entry.report.who}", ""]
             lines += [*(f"    {note}" for note in notes[:MOST_NOTES]), ""]
-    return lines + [f"- {failed.bench}, {failed.robot}: {failed.error}" for failed in failures] + [""] * bool(failures)
+    told = (f"- {failed.bench}, {failed.robot}: {failed.error}{_traced(failed)}" for failed in failures)
+    return [*lines, *told] + [""] * bool(failures)
+
+
+def _traced(failed: Failure) -> str:
+    return f" (`{failed.trace}`)" if failed.trace else ""
+
+
+def missing(progress: Progress) -> list[str]:
+    """What an unfinished suite lacks; nothing where all is there."""
+    if not progress.missing:
+        return []
+    told = str(progress)
+    rows = [[part.bench, part.robot, part.state] for part in progress.missing if part.total or part.earlier]
+    untouched = [f"{part.bench} {part.robot}" for part in progress.missing if not (part.total or part.earlier)]
+    again = f"`poise bench all --{progress.suite}` with the same `--out` goes on."
+    return [
+        f"**{told[0].upper()}{told[1:]}.** {again}",
+        "",
+        *(table(["unfinished", "robot", "cases"], rows) if rows else []),
+        *([f"Not begun: {', '.join(untouched)}.", ""] if untouched else []),
+    ]
 
 
 def _keys(report: Report) -> str:
@@ -121,7 +143,7 @@ def conditions(saved: Sequence[SavedReport]) -> list[str]:
     rows = [
         [
             entry.report.bench,
-            entry.report.robot,
+            entry.report.who,
             str(entry.report.seeds),
             str(len(entry.report.cases)),
             f"{entry.seconds:.0f}",

@@ -10,17 +10,21 @@ from __future__ import annotations
 
 import fcntl
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
+from benchmarks.executors import Done
 from benchmarks.plain_json import plain, unworded, worded
 from benchmarks.provenance import digest
 from models.errors import ConfigError
 
 Line = dict[str, Any]
 """What one line holds."""
+
+NOT_RUN = "not_run"
+"""Says of a case that it could not be measured here; it is told, not kept, so that it is tried again."""
 
 
 def case_key(bench: str, config: str, revision: str, inputs: Mapping[str, Any]) -> str:
@@ -41,6 +45,27 @@ def scenario_of(inputs: Mapping[str, Any]) -> str:
         return str(inputs["scenario"])
     told = {name: value for name, value in inputs.items() if name not in ("robot", "seed") and value != ""}
     return ", ".join(f"{name} {value}" for name, value in told.items())
+
+
+def line_of(
+    key: str, bench: str, robot: str, config: str, inputs: Mapping[str, Any], case: Mapping[str, Any], done: Done
+) -> Line:
+    """What the file says of one finished case."""
+    return {
+        "key": key,
+        "bench": bench,
+        "robot": robot,
+        "seed": inputs.get("seed"),
+        "scenario": scenario_of(inputs),
+        "config": config,
+        "revision": done.revision,
+        "versions": done.versions,
+        "machine": done.machine,
+        "load": done.load,
+        "seconds": done.seconds,
+        "cpu_seconds": done.cpu_seconds,
+        "case": case,
+    }
 
 
 def read_lines(path: Path) -> list[Line]:
@@ -66,9 +91,16 @@ def _parsed(text: bytes, where: str) -> Line:
 
 
 def append_line(path: Path, line: Line) -> None:
-    """Add one line to a file of JSON lines."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(_text(line))
+    """Add one line to a file of JSON lines; what was cut off in writing before it is taken away."""
+    with path.open("a+b") as file:
+        _take_away_the_rest(file)
+        file.write(_text(line).encode())
+
+
+def _take_away_the_rest(file: BinaryIO) -> None:
+    """Leave whole lines only."""
+    file.seek(0)
+    file.truncate(file.read().rfind(b"\n") + 1)
 
 
 def _text(line: Line) -> str:
@@ -99,12 +131,12 @@ class ResultsFile:
             self._file.close()
             raise ConfigError(f"{path}: another sweep writes to it") from error
         try:
-            self._lines = {line["key"]: line for line in read_lines(path) if "key" in line}
+            lines = read_lines(path)
         except ConfigError:
             self._file.close()
             raise
-        self._file.seek(0)
-        self._file.truncate(self._file.read().rfind(b"\n") + 1)
+        self._lines = {line["key"]: line for line in lines if "key" in line and not line["case"].get(NOT_RUN)}
+        _take_away_the_rest(self._file)
         self.found = self.added = 0
         self.taken: dict[str, list[str]] = {}
 
@@ -123,6 +155,10 @@ class ResultsFile:
             return None
         self.found += 1
         return dict(line["case"])
+
+    def has(self, keys: Iterable[str]) -> bool:
+        """Whether all these cases are finished."""
+        return all(key in self._lines for key in keys)
 
     def add(self, line: Line) -> None:
         """Write a finished case, unless it is there."""

@@ -1,23 +1,24 @@
 """What a suite found, as JSON lines: ``reports.jsonl`` beside the ``cases.jsonl`` whose cases it names by key.
 
 A line of ``reports.jsonl`` is the one JSON object of a benchmark, with ``keys`` instead of its cases, with its
-``notes`` and the ``command`` that measures it again; of a benchmark that could not be run it is ``bench``, ``robot``
-and ``error``. A later line of the same bench and robot replaces an earlier one.
+``notes`` and the ``command`` that measures it again; of a benchmark that could not be run it is ``bench``, ``robot``,
+``error``, ``trace`` and ``revision``. A later line of the same bench and robot replaces an earlier one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from traceback import format_exception
 
 from benchmarks.harness import Report
 from benchmarks.provenance import source_state
 from benchmarks.results import Line, append_line, read_lines
-from models.errors import ConfigError
+from models.errors import ConfigError, PoiseError
 
-CASES, REPORTS = "cases.jsonl", "reports.jsonl"
-"""Files in a suite's folder."""
+CASES, REPORTS, ERRORS = "cases.jsonl", "reports.jsonl", "errors"
+"""Files in a suite's folder, and the folder of tracebacks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +50,15 @@ class Failure:
         bench: Its name.
         robot: On which robot.
         error: Why.
+        trace: File with where in the source that was, in the suite's folder; empty where poise says so on purpose.
+        revision: Of the source.
     """
 
     bench: str
     robot: str
     error: str
+    trace: str = ""
+    revision: str = ""
 
 
 def save_report(folder: Path, report: Report, keys: Sequence[str], command: str) -> None:
@@ -65,16 +70,24 @@ def save_report(folder: Path, report: Report, keys: Sequence[str], command: str)
         keys: Of its cases in ``cases.jsonl``, in their order.
         command: That measures it again.
     """
-    if _latest(folder).get((report.bench, report.robot), {}).get("keys") == list(keys):
+    latest = _latest(folder).get((report.bench, report.robot), {})
+    if (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
     line = {name: value for name, value in report.to_dict().items() if name != "cases"}
     more = {"revision": source_state(), "notes": report.notes, "command": command, "keys": list(keys)}
     append_line(folder / REPORTS, {**line, **more})
 
 
-def save_failure(folder: Path, failure: Failure) -> None:
-    """Add that a benchmark could not be run to a suite's folder."""
-    append_line(folder / REPORTS, {name.name: getattr(failure, name.name) for name in fields(Failure)})
+def save_failure(folder: Path, bench: str, robot: str, error: Exception) -> Failure:
+    """Add that a benchmark could not be run to a suite's folder, with the traceback of what nobody foresaw."""
+    trace = ""
+    if not isinstance(error, PoiseError):
+        trace = f"{ERRORS}/{bench}-{Path(robot).stem}.txt"
+        (folder / ERRORS).mkdir(exist_ok=True)
+        (folder / trace).write_text("".join(format_exception(error)), encoding="utf-8")
+    failure = Failure(bench, robot, f"{type(error).__name__}: {error}", trace, source_state())
+    append_line(folder / REPORTS, asdict(failure))
+    return failure
 
 
 def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
@@ -84,11 +97,9 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
         folder: Of the suite.
 
     Raises:
-        ConfigError: Nothing is finished there, a line is damaged, or a case is missing.
+        ConfigError: A line is damaged, or a case is missing.
     """
     latest = latest_lines(folder)
-    if not latest:
-        raise ConfigError(f"{folder}: no benchmark is finished there; run: poise bench all --quick --out {folder}")
     cases = {line["key"]: line for line in read_lines(folder / CASES)}
     saved, failures = [], []
     for line in latest:
@@ -113,9 +124,9 @@ def latest_lines(folder: Path) -> list[Line]:
 
 
 def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:
-    kept = {entry.name: line[entry.name] for entry in fields(Report) if entry.name != "cases"}
+    kept = {entry.name: line[entry.name] for entry in fields(Report) if entry.name not in ("cases", "contender")}
     mine = [cases[key] for key in line["keys"]]
-    report = Report(cases=[case["case"] for case in mine], **kept)
+    report = Report(cases=[case["case"] for case in mine], contender=line.get("contender", ""), **kept)
     seconds = sum(case["seconds"] for case in mine)
     machines = tuple(dict.fromkeys(case["machine"] for case in mine))
     return SavedReport(report, line["command"], machines, line["revision"], line["versions"], seconds)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -13,9 +14,11 @@ from pydantic.dataclasses import dataclass as schema
 from rich.console import Console
 
 from benchmarks.harness import Options, Report, Sweep
-from benchmarks.saved_reports import Failure, save_failure, save_report
+from benchmarks.results import ResultsFile
+from benchmarks.saved_reports import save_failure, save_report
+from benchmarks.suite_plan import Part, save_begun, save_plan
 from models.config import STRICT, default_config
-from models.errors import ConfigError, PoiseError
+from models.errors import ConfigError, WorkersError
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -72,7 +75,12 @@ def command_of(entry: Entry, robot: str) -> str:
 
 
 def run_suite(
-    entries: Sequence[Entry], modules: Mapping[str, str], folder: Path, sweep: Sweep, console: Console
+    entries: Sequence[Entry],
+    modules: Mapping[str, str],
+    folder: Path,
+    sweep: Sweep,
+    console: Console,
+    suite: str = "quick",
 ) -> bool:
     """Run every benchmark and keep what it found.
 
@@ -82,12 +90,14 @@ def run_suite(
         folder: Where the lines go; it holds the file of finished cases too.
         sweep: Workers, and the file of finished cases.
         console: Where it is told what is done.
+        suite: Its name, for the report of an unfinished one.
 
     Returns:
-        Whether all of them passed. One that cannot be run here has not, and the next one is run.
+        Whether all of them passed. One that cannot be run here or fails has not, and the next one is run.
 
     Raises:
         ConfigError: A benchmark is unknown, or there is no file of finished cases.
+        WorkersError: There is nobody to measure: the next one would not fare better.
     """
     if sweep.results is None:
         raise ConfigError("a suite needs a file of finished cases")
@@ -95,19 +105,39 @@ def run_suite(
     for entry in entries:
         if entry.bench not in modules:
             raise ConfigError(f"suite: unknown benchmark '{entry.bench}'; known: {', '.join(modules)}")
+    parts = {(entry.bench, robot): command_of(entry, robot) for entry in entries for robot in entry.robots}
+    save_plan(folder, suite, parts)
+    for entry in entries:
         _, mode = _command_and_mode(entry.bench)
         for robot in entry.robots:
             sweep.results.taken.clear()
-            options = Options(robot, entry.seeds, scenarios=entry.scenarios, mode=mode, sweep=sweep)
+            noted = replace(sweep, began=_noting(folder, (entry.bench, robot), sweep.results))
+            options = Options(robot, entry.seeds, scenarios=entry.scenarios, mode=mode, sweep=noted)
             try:
                 report: Report = import_module(f"benchmarks.{modules[entry.bench]}").run(options)
-            except (PoiseError, ImportError) as error:
+            except WorkersError:
+                raise
+            except Exception as error:
                 passed = False
-                console.print(f"{entry.bench} {robot}: could not be run: {error}", style="red", markup=False)
-                save_failure(folder, Failure(entry.bench, robot, f"{type(error).__name__}: {error}"))
+                told = save_failure(folder, entry.bench, robot, error)
+                where = f" ({folder / told.trace})" if told.trace else ""
+                line = f"{entry.bench} {robot}: could not be run: {told.error}{where}"
+                console.print(line, style="red", markup=False, soft_wrap=True)
                 continue
             save_report(folder, report, sweep.results.taken.get(report.bench, []), command_of(entry, robot))
             passed = passed and report.passed
             verdict = "[green]passed[/green]" if report.passed else "[red]not passed[/red]"
             console.print(f"{entry.bench} {robot}: {len(report.cases)} cases, {verdict}")
     return passed
+
+
+def _noting(folder: Path, part: Part, results: ResultsFile) -> Callable[[Sequence[str]], None]:
+    """Notes the cases of a part as it asks for them, unless all of them are there."""
+    asked: list[str] = []
+
+    def began(keys: Sequence[str]) -> None:
+        asked.extend(keys)
+        if not results.has(keys):
+            save_begun(folder, part, asked)
+
+    return began

@@ -37,9 +37,12 @@ def add_suite(app: typer.Typer, modules: Mapping[str, str]) -> None:
         from benchmarks.suite import run_suite, suite_config
 
         console, suites = Console(), suite_config()
+        name, entries = ("quick", suites.quick) if quick else ("full", suites.full)
         try:
             with sweep_of(workers, scheduler, out / CASES) as sweep:
-                passed = run_suite(suites.quick if quick else suites.full, modules, out, sweep, console)
+                passed = run_suite(entries, modules, out, sweep, console, name)
+                if sweep.results is not None:
+                    console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
             files = write_report(out)
         except PoiseError as error:
             console.print(str(error), style="red", markup=False, soft_wrap=True)
@@ -56,12 +59,16 @@ def add_suite(app: typer.Typer, modules: Mapping[str, str]) -> None:
     ) -> None:
         """Build the report of all benchmarks again from their JSON lines, without measuring anything."""
         from benchmarks.report_page import publish_report, write_report
+        from benchmarks.suite_plan import read_progress
 
         console = Console()
         try:
             files = write_report(folder) if docs is None else publish_report(folder, docs)
+            progress = read_progress(folder)
         except PoiseError as error:
             console.print(str(error), style="red", markup=False, soft_wrap=True)
             raise typer.Exit(2) from error
         for file in files:
             console.print(f"written: {file}", soft_wrap=True)
+        if progress.missing:
+            console.print(str(progress), style="yellow", soft_wrap=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from scipy.stats import binomtest
 
 from benchmarks.harness import Case, Report
+from benchmarks.results import NOT_RUN
 
 CONFIDENCE = 0.95
 """Of the two-sided intervals [-]."""
@@ -73,7 +74,7 @@ def _outcome(bench: str, case: Case) -> tuple[str, bool] | None:
     if bench == "calibrate":
         return case["way"], bool(case["ok"])
     if bench in ("faults", "graph_faults"):
-        return None if case.get("not_run") else (case["group"], bool(case["ok"]))
+        return None if case.get(NOT_RUN) else (case["group"], bool(case["ok"]))
     return None
 
 

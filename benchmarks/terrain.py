@@ -175,6 +175,7 @@ def run(options: Options) -> Report:
         figures=figures,
         cases=results,
         passed=passed(figures),
+        contender=options.contender,
         load=load.read(),
         notes=notes,
     )
@@ -215,7 +216,7 @@ def plot(report: Report, folder: Path) -> list[Path]:
     axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
     axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_ylim(bottom=0.0)
-    axes.set_title(f"terrain, {report.robot}, seeds: {report.seeds}", fontsize=10)
+    axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
     files = [folder / f"terrain-{report.robot}.png"]
     figure.savefig(files[0], dpi=110)

@@ -136,6 +136,7 @@ def run(options: Options) -> Report:
         figures=figures,
         cases=results,
         passed=not broken,
+        contender=options.contender,
         load=load.read(),
         notes=broken[:10],
     )

@@ -42,7 +42,7 @@ def plot(report: Report, folder: Path) -> list[Path]:
         for one in axes:
             one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
             one.legend(loc="upper right", fontsize=8, ncols=3)
-        figure.suptitle(f"walk, {report.robot}, seeds: {report.seeds}", fontsize=10)
+        figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
         files.append(folder / f"walk-{report.robot}.png")
         figure.savefig(files[-1], dpi=110)
     return files + draw_failures(report, folder)

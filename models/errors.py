@@ -31,5 +31,9 @@ class UnreachableError(PoiseError):
     """A motion target cannot be reached; the message names the task and what stops it."""
 
 
+class WorkersError(PoiseError):
+    """Nobody is left who could measure, or none who may; the message names the scheduler or the worker."""
+
+
 class CommandError(PoiseError):
     """A command or mode request is refused; the message says why."""

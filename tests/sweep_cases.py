@@ -23,6 +23,12 @@ def slow_square(seed: int, folder: str) -> dict[str, Any]:
     return {"square": seed * seed}
 
 
+def slow_network(seed: int) -> dict[str, Any]:
+    """Takes its time, and tells the network namespace of its worker."""
+    time.sleep(0.2)
+    return {"network": os.readlink("/proc/self/ns/net")}
+
+
 def deadly(seed: int) -> dict[str, Any]:
     """Kills its worker, every time."""
     os.kill(os.getpid(), signal.SIGKILL)

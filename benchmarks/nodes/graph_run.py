@@ -24,6 +24,7 @@ from bridge.ros.layout import CONTROL, REALTIME_NODES, process_specs
 from bridge.ros.processes import ProcessSpec
 from models.nodes import topics
 from models.nodes.qos import COMMAND
+from models.nodes.realtime import die_with_parent
 
 STAGED_CONTROL = ProcessSpec("benchmarks.nodes.staged_control", CONTROL.nodes)
 
@@ -64,7 +65,7 @@ def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig)
     domains = [free_domain() for _ in range(scenario.robots)]
     with (
         TemporaryDirectory(prefix="poise_") as folder,
-        ProcessPoolExecutor(scenario.robots, mp_context=get_context("spawn")) as pool,
+        ProcessPoolExecutor(scenario.robots, mp_context=get_context("spawn"), initializer=die_with_parent) as pool,
     ):
         futures = [
             pool.submit(_run, robot, seed + k, scenario, config, k, domain, Path(folder))

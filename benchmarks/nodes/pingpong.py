@@ -32,7 +32,7 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of
 from models.nodes.messages import ImuCodec, JointCommandCodec, JointStateCodec, WrenchCodec
 from models.nodes.qos import COMMAND, SENSOR
-from models.nodes.realtime import settle, use_fifo
+from models.nodes.realtime import die_with_parent, settle, use_fifo
 from models.nodes.spin import Stop, make_executor, spin
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
@@ -55,6 +55,7 @@ def _sensor_topics() -> list[tuple[type, str]]:
 
 def echo(robot: str, priority: int) -> None:
     """Answer until SIGTERM, scheduled as the graph is."""
+    die_with_parent()
     model = RobotModel.load(robot)
     zero = np.zeros(model.nj)
     answer = bytearray(JointCommandCodec(model).encode(0, JointCommand(zero, zero, zero)))
@@ -113,6 +114,7 @@ def measure(robot: str, duration: float, domain_id: int, period: float = PERIOD)
 
 
 def _measure(robot: str, duration: float, domain_id: int, period: float, answer: Queue[LatencyProbe | str]) -> None:
+    die_with_parent()
     try:
         answer.put(_ping_echo(robot, duration, domain_id, period))
     except PoiseError as error:

@@ -17,7 +17,7 @@ from benchmarks import executors, harness
 from benchmarks.executors import Executor, InProcess, ProcessPool, local_executor, make_executor
 from benchmarks.harness import Options, Sweep, run_cases
 from benchmarks.results import ResultsFile, read_lines
-from models.errors import ConfigError, PoiseError
+from models.errors import PoiseError, WorkersError
 from models.threads import THREAD_VARIABLES
 from tests.sweep_cases import deadly, refused, slow_square, square
 
@@ -111,7 +111,7 @@ def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
         patch.object(executors, "source_state", lambda: "elsewhere"),
         patch.object(harness, "source_state", lambda: "here"),
         ResultsFile(tmp_path / "cases.jsonl") as file,
-        pytest.raises(ConfigError, match="a worker runs revision elsewhere, not here"),
+        pytest.raises(WorkersError, match=r"a worker on \S+ runs revision elsewhere, not here"),
     ):
         run_cases(square, [{"seed": 0}], bench="squares", options=Options(sweep=Sweep(InProcess(), file)))
     assert not read_lines(tmp_path / "cases.jsonl")

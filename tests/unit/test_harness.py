@@ -7,11 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from benchmarks.harness import LoadMeter, Options, Report, percentiles, read_json, run_cases, write_json
+from benchmarks.harness import (
+    LoadMeter,
+    Options,
+    Report,
+    percentiles,
+    print_report,
+    read_json,
+    run_cases,
+    write_json,
+)
 from models.errors import ConfigError
 
-SCHEMA = {"bench", "robot", "seeds", "figures", "cases", "versions", "revision", "load", "passed"}
+SCHEMA = {"bench", "robot", "contender", "seeds", "figures", "cases", "versions", "revision", "load", "passed"}
 
 
 def _square(seed: int) -> dict[str, Any]:
@@ -50,6 +60,21 @@ def test_a_report_is_read_again_and_nothing_else_is(tmp_path: Path) -> None:
         file.write_text(text)
         with pytest.raises(ConfigError, match="not a report"):
             read_json(file)
+
+
+def test_the_contender_is_named_at_the_top_and_in_titles(tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    report = Report("walk", "g1", 1, {}, [], True, LoadMeter().read(), contender="mine:Walker")
+    write_json(report, file)
+    assert json.loads(file.read_text())["contender"] == "mine:Walker"
+    assert read_json(file).who == "g1, contender mine:Walker"
+    found = json.loads(file.read_text())
+    del found["contender"]  # of a file from before there were any
+    file.write_text(json.dumps(found))
+    assert read_json(file).who == "g1"
+    told = Console(record=True, width=100)
+    print_report(report, told)
+    assert "walk: g1, contender mine:Walker" in " ".join(told.export_text().split())
 
 
 def test_cases_come_back_in_order_from_one_process() -> None:

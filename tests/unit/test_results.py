@@ -16,7 +16,7 @@ from benchmarks.executors import Done, InProcess
 from benchmarks.harness import Case, Options, Sweep, collect, run_cases
 from benchmarks.plain_json import nulled, plain, unworded, with_nan, worded
 from benchmarks.provenance import configuration, source_state
-from benchmarks.results import ResultsFile, case_key, read_lines, scenario_of
+from benchmarks.results import NOT_RUN, ResultsFile, append_line, case_key, read_lines, scenario_of
 from models.errors import ConfigError
 from tests.sweep_cases import square
 
@@ -152,6 +152,33 @@ def test_what_is_finished_stays_when_a_later_case_fails(path: Path) -> None:
     with ResultsFile(path) as file, pytest.raises(KeyError):
         collect(breaks, inputs, bench="squares", options=Options(sweep=Sweep(None, file)))
     assert [line["seed"] for line in read_lines(path)] == [0, 1]
+
+
+def lacking(seed: int) -> dict[str, Any]:
+    """Cannot be measured here when its seed is odd."""
+    return {"square": 0, NOT_RUN: True} if seed % 2 else {"square": seed * seed}
+
+
+def test_what_could_not_be_run_here_is_told_and_tried_again(path: Path) -> None:
+    for added in (2, 0):
+        with ResultsFile(path) as file:
+            options = Options(sweep=Sweep(InProcess(), file))
+            results = run_cases(lacking, [{"seed": seed} for seed in range(4)], bench="squares", options=options)
+            assert [bool(case.get(NOT_RUN)) for case in results] == [False, True, False, True]
+            assert file.added == added and len(file.taken["squares"]) == 2
+    assert [line["seed"] for line in read_lines(path)] == [0, 2]
+    first = read_lines(path)[0]
+    append_line(path, first | {"key": "kept", "case": first["case"] | {NOT_RUN: True}})  # as files once did
+    with ResultsFile(path) as file:
+        assert not file.has(["kept"]) and file.has([first["key"]])
+
+
+def test_a_line_is_not_added_to_one_that_was_cut_off(tmp_path: Path) -> None:
+    file = tmp_path / "lines.jsonl"
+    append_line(file, {"a": 1})
+    file.write_bytes(file.read_bytes() + b'{"a": 2, "b')
+    append_line(file, {"a": 3})
+    assert read_lines(file) == [{"a": 1}, {"a": 3}]
 
 
 def test_numbers_that_json_has_no_word_for_come_back_as_they_were() -> None:

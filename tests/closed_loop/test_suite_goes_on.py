@@ -1,0 +1,158 @@
+"""``poise bench all`` that is killed, interrupted or has a benchmark that fails: what is kept, what the report says."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+import benchmarks
+from benchmarks import report_page, suite
+from benchmarks.cli import app
+from benchmarks.executors import InProcess
+from benchmarks.harness import Sweep
+from benchmarks.results import ResultsFile, read_lines
+from benchmarks.saved_reports import CASES
+from benchmarks.suite import Entry, command_of
+from benchmarks.suite_plan import PLAN, read_progress, save_begun, save_plan
+from models.errors import WorkersError
+
+BENCH = """
+from benchmarks.harness import LoadMeter, Options, Report, run_cases
+from tests import sweep_cases
+
+
+def run(options: Options) -> Report:
+    cases = [{{"seed": seed}} for seed in range(options.seeds)]
+    found = run_cases(sweep_cases.{name}, cases, bench="{name}", options=options)
+    return Report("{name}", options.robot, options.seeds, {{}}, found, True, LoadMeter().read())
+"""
+"""A benchmark of a test's own."""
+
+
+def made(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> dict[str, str]:
+    """Benchmarks whose cases are the functions of these names in ``tests/sweep_cases.py``."""
+    for name in names:
+        (folder / f"bench_{name}.py").write_text(BENCH.format(name=name))
+        monkeypatch.delitem(sys.modules, f"benchmarks.bench_{name}", raising=False)
+    monkeypatch.setattr("benchmarks.__path__", [*benchmarks.__path__, str(folder)])
+    return {name: f"bench_{name}" for name in names}
+
+
+def suite_of(folder: Path, modules: dict[str, str], *entries: Entry) -> tuple[bool, str]:
+    """Whether a suite passed, and what it said."""
+    console = Console(record=True, width=200, file=StringIO())
+    with ResultsFile(folder / CASES) as file:
+        passed = suite.run_suite(entries, modules, folder, Sweep(InProcess(), file), console, "full")
+    return passed, console.export_text()
+
+
+def test_whatever_a_benchmark_raises_is_told_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("markdown_it")
+    modules = made(monkeypatch, tmp_path, "refused", "square")
+    passed, said = suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
+    assert not passed and "refused g1: could not be run: KeyError: 0" in said and "square g1: 1 cases, passed" in said
+    trace = tmp_path / "errors/refused-g1.txt"
+    assert "in refused" in trace.read_text() and str(trace) in said
+    report_page.write_report(tmp_path)
+    page = (tmp_path / "report.md").read_text()
+    assert "refused, g1: KeyError: 0 (`errors/refused-g1.txt`)" in page and "Partial" not in page
+    assert "| square | g1 | 1 | 1 |" in page
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, WorkersError])
+def test_who_interrupts_and_who_has_no_workers_ends_the_suite(
+    error: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ends(seed: int) -> None:
+        raise error
+
+    modules = made(monkeypatch, tmp_path, "refused", "square")
+    monkeypatch.setattr("tests.sweep_cases.refused", ends)
+    with pytest.raises(error):
+        suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
+    assert str(read_progress(tmp_path)) == (
+        "partial: 0 of 2 parts of --full are finished; 0 of 1 cases of the unfinished that have begun, 1 not begun"
+    )
+
+
+def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    modules = made(monkeypatch, tmp_path, "square")
+    assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+    assert not read_progress(tmp_path).missing
+    suite_of(tmp_path, modules, Entry("square", ("g1",), 2))  # has all, and begins nothing
+    assert not read_progress(tmp_path).missing and len(read_lines(tmp_path / PLAN)) == 2
+    save_begun(tmp_path, ("square", "g1"), [read_lines(tmp_path / CASES)[0]["key"], "more"])
+    (part,) = read_progress(tmp_path).missing
+    assert part.state == "1 of 2 cases; reported: an earlier measurement"
+    assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+    save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
+    assert read_progress(tmp_path).missing
+    monkeypatch.setattr("benchmarks.suite_plan.source_state", lambda: "later")
+    save_plan(tmp_path, "full", {("square", "g1"): command_of(Entry("square", ("g1",), 2), "g1"), ("stand", "g1"): ""})
+    assert [part.state for part in read_progress(tmp_path).missing] == [
+        "not begun; reported: an earlier measurement", "not begun",
+    ]  # fmt: skip
+
+
+CASES_OF_ALL = 6
+
+COMMAND = """
+import sys
+from benchmarks import report_page, suite
+from benchmarks.cli import app
+from benchmarks.suite import Entry, SuiteConfig
+
+entries = (Entry("faults", ("g1",), 6, ("stamp_in_the_future",)), Entry("stand", ("nobody",)))
+for module in (suite, report_page):
+    module.suite_config = lambda: SuiteConfig((), entries, {"faults": ("survived",)})
+app(["all", "--full", "--out", sys.argv[1], "--workers", "2"])
+"""
+"""``poise bench all`` with a tiny suite."""
+
+
+@pytest.mark.slow
+def test_a_suite_that_is_killed_goes_on_without_a_case_lost_or_repeated(tmp_path: Path, root: Path) -> None:
+    pytest.importorskip("markdown_it")
+    folder = tmp_path / "bench"
+    cases, plan = folder / CASES, folder / PLAN
+    command = [sys.executable, "-c", COMMAND, str(folder)]
+    environment = dict(os.environ) | {"PYTHONPATH": str(root)}
+    give_up = time.monotonic() + 120.0
+    with subprocess.Popen(command, cwd=tmp_path, env=environment) as killed:
+        while (not cases.is_file() or cases.read_bytes().count(b"\n") < 2) and time.monotonic() < give_up:
+            time.sleep(0.02)
+        found = subprocess.run(["pgrep", "-P", str(killed.pid)], stdout=subprocess.PIPE, text=True, check=True)
+        killed.kill()
+    workers = [Path(f"/proc/{pid}") for pid in found.stdout.split()]
+    while any(worker.exists() for worker in workers) and time.monotonic() < give_up:
+        time.sleep(0.05)
+    assert workers and not any(worker.exists() for worker in workers)  # or they would measure beside the next ones
+    whole, kept = cases.read_bytes(), len(read_lines(cases))
+    assert 2 <= kept < CASES_OF_ALL
+    for file in (cases, plan):
+        file.write_bytes(file.read_bytes() + b'{"key": "cut o')
+
+    assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
+    page = (folder / "report.md").read_text()
+    begun = f"{kept} of 6 cases of the unfinished that have begun"
+    told = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
+    assert told in page
+    assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand nobody." in page
+
+    again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert f"{kept} cases were there, {CASES_OF_ALL - kept} measured" in again.stdout, again.stderr
+    assert cases.read_bytes().startswith(whole[: whole.rfind(b"\n") + 1])
+    assert sorted(line["seed"] for line in read_lines(cases)) == list(range(CASES_OF_ALL))
+    assert "Partial" not in (folder / "report.md").read_text()
