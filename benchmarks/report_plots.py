@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +13,10 @@ from matplotlib.figure import Figure
 from benchmarks.estimate_runs import settings
 from benchmarks.fault_rows import config as fault_config
 from benchmarks.report_survival import Reports, colour, robots_of
+from benchmarks.spread import percentiles_of, spread_of
 from benchmarks.timed_run import QUANTILES
 from bridge.plots import new_figure
+from models.types import Vector
 
 AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn", "rad/s"))
 """Parts of a velocity, in the robot's frame, and their units."""
@@ -102,7 +105,8 @@ def draw_times(reports: Reports) -> Figure | None:
     for bench, subject, title in TIMED:
         if robots_of(reports, bench):
             panels.append((f"{title} [us]", partial(_draw_ticks, reports=reports, bench=bench, subject=subject)))
-    if any("latency" in case for robot in robots_of(reports, "latency") for case in reports["latency", robot].cases):
+    cases = [case for robot in robots_of(reports, "latency") for case in reports["latency", robot].cases]
+    if any(spread_of(case, "latency") for case in cases):
         panels.append(("sensors to command over ROS 2 [us]", lambda axes: _draw_latencies(axes, reports)))
     if not panels:
         return None
@@ -118,23 +122,25 @@ def draw_times(reports: Reports) -> Figure | None:
 
 
 def _draw_ticks(axes: Axes, reports: Reports, bench: str, subject: str) -> None:
-    """A histogram from quantiles: between two of them lies a known share, evenly spread."""
     for robot in robots_of(reports, bench):
         values = np.median([case["quantiles"][subject] for case in reports[bench, robot].cases], axis=0)
-        edges = _log_edges(values[0], values[-1])
-        held = np.diff(np.interp(edges, values, np.array(QUANTILES) / 100.0))
-        axes.stairs(held, edges, color=colour(reports, robot), label=robot)
+        _draw_histogram(axes, values, color=colour(reports, robot), label=robot)
 
 
 def _draw_latencies(axes: Axes, reports: Reports) -> None:
     for robot in robots_of(reports, "latency"):
-        cases = [case for case in reports["latency", robot].cases if "latency" in case]
-        for key, style, label in (("latency", "-", robot), ("floor", ":", f"{robot}, ping-pong floor")):
-            if not cases:
-                continue
-            values = np.concatenate([np.asarray(case[key]) for case in cases])
-            counts, edges = np.histogram(values, _log_edges(values.min(), values.max()))
-            axes.stairs(counts / values.size, edges, color=colour(reports, robot), linestyle=style, label=label)
+        for name, style, label in (("latency", "-", robot), ("floor", ":", f"{robot}, ping-pong floor")):
+            spreads = [spread_of(case, name) for case in reports["latency", robot].cases]
+            held = [each for each in spreads if each is not None]
+            if held:
+                values = percentiles_of(held)
+                _draw_histogram(axes, values, color=colour(reports, robot), linestyle=style, label=label)
+
+
+def _draw_histogram(axes: Axes, values: Vector, **style: Any) -> None:
+    """A histogram from the values at ``QUANTILES``: between two of them lies a known share, evenly spread."""
+    edges = _log_edges(values[0], values[-1])
+    axes.stairs(np.diff(np.interp(edges, values, np.array(QUANTILES) / 100.0)), edges, **style)
 
 
 def _log_edges(low: float, high: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks import report_plots, report_survival
 from benchmarks.harness import Case, Report
 from benchmarks.report_page import PICTURES
+from benchmarks.spread import spread
 from benchmarks.timed_run import QUANTILES
 
 LOAD = {"before": [0.0] * 3, "after": [0.0] * 3, "cores": 2}
@@ -64,6 +65,18 @@ def test_a_histogram_from_quantiles_holds_every_sample() -> None:
     stairs = figure.axes[0].patches[0].get_data()  # type: ignore[attr-defined]
     assert stairs.values.sum() == pytest.approx(1.0)
     assert (stairs.edges[0], stairs.edges[-1]) == pytest.approx((80.0, 400.0))
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_latencies_are_drawn_from_what_a_case_keeps_and_from_samples_of_reports_before(kept: bool) -> None:
+    samples = {"latency": np.geomspace(400.0, 1600.0, 5000), "floor": np.geomspace(200.0, 300.0, 5000)}
+    case = {"spreads": {name: spread(values) for name, values in samples.items()}}
+    figure = report_plots.draw_times(reports(latency=[case if kept else samples, {"failure": "did not stand"}]))
+    assert figure is not None
+    drawn = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
+    assert [stairs.values.sum() for stairs in drawn] == pytest.approx([1.0, 1.0])
+    assert [stairs.edges[0] for stairs in drawn] == pytest.approx([400.0, 200.0])
+    assert drawn[0].values == pytest.approx(np.full(59, 1.0 / 59.0), rel=0.2)  # evenly spread over the logarithm
 
 
 def test_the_terrain_map_says_how_many_survived() -> None:
