@@ -22,7 +22,7 @@ def spread(samples: ArrayLike) -> Spread:
     return {"count": int(values.size), "quantiles": found.tolist()}
 
 
-def percentiles_of(spreads: Sequence[Spread], percents: ArrayLike = QUANTILES) -> Vector:
+def percentiles_of(spreads: Sequence[Spread], percents: Sequence[float] = QUANTILES) -> Vector:
     """Percentiles of all the samples together.
 
     Exact at ``QUANTILES`` for one spread. The samples of several are taken for evenly spread between two quantiles of
@@ -37,7 +37,7 @@ def percentiles_of(spreads: Sequence[Spread], percents: ArrayLike = QUANTILES) -
     """
     held = [each for each in spreads if each["count"]]
     if not held:
-        return np.full(np.shape(percents), np.nan)
+        return np.full(len(percents), np.nan)
     if len(held) == 1:
         return np.asarray(np.interp(percents, QUANTILES, held[0]["quantiles"]))
     values = np.unique(np.concatenate([each["quantiles"] for each in held]))
@@ -47,7 +47,7 @@ def percentiles_of(spreads: Sequence[Spread], percents: ArrayLike = QUANTILES) -
 
 def spread_of(case: dict[str, Any], name: str) -> Spread | None:
     """What a case keeps of some samples; reports from before spreads hold the samples themselves. None for nothing."""
-    kept = case.get("spreads", {}).get(name)
+    kept: Spread | None = case.get("spreads", {}).get(name)
     if kept is None and name in case:
         kept = spread(case[name])
     return kept
