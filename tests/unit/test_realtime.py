@@ -59,6 +59,17 @@ def test_each_process_has_a_core_of_its_own_until_it_ends(tmp_path: Path) -> Non
         assert process.returncode == 0
 
 
+def test_the_second_thread_of_a_core_and_slow_cores_come_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(realtime, "_CORE", str(tmp_path / "cpu{}"))
+    said = {0: ("0-1", 900), 1: ("0-1", 900), 2: ("2,5", 1000), 3: ("3", 400), 4: ("4", 400), 5: ("2,5", 1000)}
+    for core, (siblings, speed) in said.items():
+        (tmp_path / f"cpu{core}" / "topology").mkdir(parents=True)
+        (tmp_path / f"cpu{core}" / "topology/thread_siblings_list").write_text(siblings + "\n")
+        (tmp_path / f"cpu{core}" / "cpu_capacity").write_text(f"{speed}\n")
+    assert realtime.best_first(range(6)) == [2, 0, 4, 3, 5, 1]
+    assert realtime.best_first([7, 9, 8]) == [9, 8, 7]  # nothing is known of them
+
+
 def test_a_thread_that_has_nothing_to_do_with_the_tick_may_run_anywhere_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(realtime, "_cores", set())
     found: list[set[int]] = []
