@@ -91,6 +91,8 @@ def _measure(robot: str, seed: int, scenario: str) -> Case:
         runs = run_graphs(robot, seed, given, config)
     except PoiseError as error:
         return case | {"failure": str(error)}
+    if (stood := _active_time(runs[0])) < config.duration:
+        return case | {"failure": f"the drivers were active for {stood:.1f} s of {config.duration:g} s"}
     after = pingpong.measure(robot, length, domain, period)
     floors = [_latencies(probe, skip) for probe in (before, after)]
     first, *others = (_case(run, skip, period) for run in runs)
@@ -108,6 +110,12 @@ def _latencies(probe: LatencyProbe, skip: int) -> tuple[Vector, float]:
     rows = probe.rows()
     ticks, _, missed = answered(rows, skip)
     return (rows["received"][ticks] - rows["published"][ticks]) * 1e-3, missed
+
+
+def _active_time(run: Run) -> float:
+    """Time from the first tick to the last at which the drivers executed commands [s]."""
+    times = run.bridge["published"][run.bridge["active"]]
+    return float(np.ptp(times)) / NANOSECONDS if len(times) else 0.0
 
 
 def _case(run: Run, skip: int, tick: float) -> Case:

@@ -90,9 +90,16 @@ def test_a_run_becomes_a_case_that_keeps_no_tick() -> None:
     assert len(json.dumps(case)) < 40_000  # however long it was measured
 
 
-def test_a_graph_that_does_not_come_up_is_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("failure", ["not standing after 180 s", "the drivers were active for 3.0 s of 20 s"])
+def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
+    monkeypatch: pytest.MonkeyPatch, failure: str
+) -> None:
+    ticks = np.arange(20_000)
+
     def fail(*arguments: object) -> list[Run]:
-        raise PoiseError("not standing after 180 s")
+        if failure.startswith("not standing"):
+            raise PoiseError(failure)
+        return [Run({"published": 1 + ticks * 1_000_000, "active": ticks <= 3000}, {}, {})] * 4
 
     monkeypatch.setattr(latency, "run_graphs", fail)
     monkeypatch.setattr(latency, "free_domain", lambda: 0)
@@ -100,7 +107,7 @@ def test_a_graph_that_does_not_come_up_is_a_result(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(latency, "cost", lambda: 1e-6)
     report = latency.run(Options(scenarios=("robots_4",)))
     assert report.figures["robots_4_stood_fraction"] == 0.0 and "robots_4_p50_us" not in report.figures
-    assert "robots_4: seed 0: not standing after 180 s" in report.notes
+    assert f"robots_4: seed 0: {failure}" in report.notes
     assert any(note.endswith("does NOT keep real time: robots_4 at 0.25 of real time") for note in report.notes)
 
 
