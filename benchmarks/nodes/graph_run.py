@@ -114,6 +114,9 @@ def _stand_and_measure(
     if scenario.stages:
         specs[specs.index(CONTROL)] = STAGED_CONTROL
         parameters["state_estimator"] = {"latency_file": str(files["laws"])}
+    if scenario.own_core:
+        for name in REALTIME_NODES:
+            parameters[name] = {**parameters.get(name, {}), "realtime.own_core": True}
     if index:  # two graphs of real-time processes would stop both for 50 ms every second
         for name in REALTIME_NODES:
             parameters[name] = {**parameters.get(name, {}), "realtime.priority": 0}

@@ -32,7 +32,7 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of
 from models.nodes.messages import ImuCodec, JointCommandCodec, JointStateCodec, WrenchCodec
 from models.nodes.qos import COMMAND, SENSOR
-from models.nodes.realtime import settle, take_core, use_fifo
+from models.nodes.realtime import settle, use_fifo
 from models.nodes.spin import Stop, make_executor, spin
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
@@ -74,8 +74,7 @@ def echo(robot: str, priority: int) -> None:
     executor = make_executor()
     executor.add_node(node)
     settle()
-    if use_fifo(priority, _ignore):
-        take_core(_ignore)
+    use_fifo(priority, _ignore)
     spin(executor, [node], stop)
     executor.remove_node(node)
     node.destroy_node()
@@ -165,8 +164,7 @@ def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, tick_length: 
         if time.monotonic() > end:
             raise PoiseError(f"the echo does not answer within {START_TIMEOUT:.0f} s")
     settle()
-    if use_fifo(priority, _ignore):
-        take_core(_ignore)
+    use_fifo(priority, _ignore)
     pacer = Pacer(tick_length, backlog=0, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
     late = 0.0
     for tick in range(ticks):

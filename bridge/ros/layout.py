@@ -19,12 +19,8 @@ ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional
 CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
 
 REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
-REALTIME: Mapping[str, object] = {
-    "realtime.priority": 40,
-    "realtime.lock_memory": True,
-    "realtime.own_core": True,
-}
-"""Where permitted, the processes of the tick run before everything else, keep their memory and have a core each."""
+REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
+"""Where permitted, the processes of the tick run before everything else and keep their memory."""
 
 CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
 """Nodes with the parameter ``calibration_dir``."""

@@ -101,7 +101,8 @@ def take_core(log: Callable[[str], object]) -> bool:
     What the middleware's thread receives, the thread of the laws then goes on with where it is, in the same caches;
     waking a thread on a core that sleeps costs more than the rest of the hand-over. Where processes that take a core
     outnumber the cores, the kernel goes on placing the last ones. Only for processes scheduled before all others:
-    whatever else runs on that core would delay any other.
+    whatever else runs on that core would delay any other. And only where little else runs: the kernel keeps a share of
+    each core for ordinary processes, up to 50 ms at a time, and who is bound to the core cannot evade.
 
     Args:
         log: Takes the sentence that says what happened.
