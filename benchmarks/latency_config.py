@@ -26,6 +26,8 @@ class Scenario:
         view: Whether ``poise view`` serves its page; no browser looks at it.
         walk: Whether the robot walks instead of standing.
         robots: Graphs at a time, each in a ROS domain of its own; the first one alone runs SCHED_FIFO.
+        speed: Simulated over real time: more robots than the cores can carry otherwise [-].
+        own_core: Whether bridge and control keep to a core each.
         stages: Whether the process of the laws notes when each stage ends.
     """
 
@@ -36,6 +38,8 @@ class Scenario:
     view: bool = False
     walk: bool = False
     robots: Annotated[int, Field(ge=1)] = 1
+    speed: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    own_core: bool = False
     stages: bool = True
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.spread import Spread, percentiles_of
 from bridge.ros.stage_probe import ARRIVED, COMMANDED, ESTIMATED, PLANNED, SOLVED, STAMP
 from models.types import Matrix, Vector
 
@@ -109,9 +110,8 @@ def split(bridge: Mapping[str, NDArray[Any]], laws: Mapping[str, NDArray[Any]], 
     return Ticks((end - begin) * MICRO, np.diff(moments, axis=1) * MICRO, laws["contacts"][of_tick[ticks]])
 
 
-def tails(values: Vector, prefix: str) -> dict[str, float]:
+def tails(spreads: Sequence[Spread], prefix: str) -> dict[str, float]:
     """Median, 99th and 99.9th percentile and largest of some times, as figures ``<prefix>p50_us`` and so on [us]."""
     percents = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
-    if len(values) == 0:
-        return dict.fromkeys((f"{prefix}{label}_us" for label in percents), float("nan"))
-    return {f"{prefix}{label}_us": float(np.percentile(values, percent)) for label, percent in percents.items()}
+    found = percentiles_of(spreads, list(percents.values()))
+    return {f"{prefix}{label}_us": float(value) for label, value in zip(percents, found, strict=True)}

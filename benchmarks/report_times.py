@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from benchmarks.harness import Case, Report
 from benchmarks.loop_stages import draw_stages
 from benchmarks.report_style import Reports, colour, robots_of
+from benchmarks.spread import percentiles_of, spread_of
 from benchmarks.timed_run import QUANTILES
 from bridge.plots import new_figure
 from models.types import Vector
@@ -98,13 +99,14 @@ def _ticks(reports: Reports, bench: str, subjects: Sequence[tuple[str, str, str,
 
 
 def _idle(reports: Reports, robot: str) -> list[Case]:
-    return [case for case in reports["latency", robot].cases if case.get("scenario", USUAL) == USUAL]
+    cases = [case for case in reports["latency", robot].cases if case.get("scenario", USUAL) == USUAL]
+    return [case for case in cases if spread_of(case, "latency") is not None]
 
 
 def _latencies(reports: Reports) -> list[Part]:
     return [
         (
-            np.percentile(np.concatenate([np.asarray(case[key]) for case in cases]), QUANTILES),
+            percentiles_of([held for case in cases if (held := spread_of(case, key)) is not None]),
             colour(reports, robot),
             style,
             _label(reports["latency", robot], f"{robot}{label}", name),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from bridge.launch import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import CONTROL, REALTIME_NODES, process_specs
 from bridge.ros.processes import ProcessSpec
+from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import COMMAND
 from models.nodes.realtime import die_with_parent
@@ -33,6 +35,13 @@ VELOCITY_PERIOD = 0.05
 
 COMPANION_START = 3.0
 """In which companions import what they need and find the topics [s]."""
+
+
+FAILED = "failed"
+"""File that tells the graphs of a scenario why one of them has failed."""
+
+LOOK_PERIOD = 0.1
+"""Time between two looks at the other graphs [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,18 +86,38 @@ def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig)
 def _run(
     robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
 ) -> Run:
-    """One graph; all of a scenario begin to be measured when each of them stands."""
+    """One graph; it starts when the one before stands, and is measured from when all of them do."""
+    try:
+        return _stand_and_measure(robot, seed, scenario, config, index, domain, shared)
+    except BaseException as error:
+        (shared / FAILED).write_text(str(error), encoding="utf-8")  # nobody is to wait for it
+        raise
+
+
+def _stand_and_measure(
+    robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
+) -> Run:
+    """See ``_run``."""
+    _wait_for_others(shared, index, index * config.start_limit, time.sleep)
     folder = shared / str(index)
     folder.mkdir()
     files = {name: folder / f"{name}.npz" for name in ("bridge", "laws")}
     parameters: dict[str, dict[str, object]] = {
-        "mujoco_bridge": {"latency_file": str(files["bridge"]), "seed": seed, "sensor_rate": scenario.rate},
+        "mujoco_bridge": {
+            "latency_file": str(files["bridge"]),
+            "seed": seed,
+            "sensor_rate": scenario.rate,
+            "speed": scenario.speed,
+        },
         "supervisor": {"sensor_rate": scenario.rate},
     }
     specs = process_specs(merged=True)
     if scenario.stages:
         specs[specs.index(CONTROL)] = STAGED_CONTROL
         parameters["state_estimator"] = {"latency_file": str(files["laws"])}
+    if scenario.own_core:
+        for name in REALTIME_NODES:
+            parameters[name] = {**parameters.get(name, {}), "realtime.own_core": True}
     if index:  # two graphs of real-time processes would stop both for 50 ms every second
         for name in REALTIME_NODES:
             parameters[name] = {**parameters.get(name, {}), "realtime.priority": 0}
@@ -105,16 +134,27 @@ def _run(
         if scenario.walk:
             graph.call("mode/walk")
         (shared / f"stands_{index}").touch()
-        graph.wait_for(
-            lambda: len(list(shared.glob("stands_*"))) == scenario.robots,
-            config.start_limit,
-            "measured beside the others",
-        )
+        _wait_for_others(shared, scenario.robots, scenario.robots * config.start_limit, graph.spin)
         meter = UseMeter({**{name.rpartition(".")[2]: pid for name, pid in graph.pids.items()}, **others})
         _drive(graph, scenario, config)
         use = meter.read()
     rows = [dict(np.load(files[name])) if files[name].exists() else {} for name in ("bridge", "laws")]
     return Run(rows[0], rows[1], use)
+
+
+def _wait_for_others(shared: Path, count: int, timeout: float, spin: Callable[[float], None]) -> None:
+    """Wait until so many graphs stand, and serve callbacks meanwhile.
+
+    Raises:
+        PoiseError: They do not within a time [s], or one of them has failed.
+    """
+    end = time.monotonic() + timeout
+    while (stand := len(list(shared.glob("stands_*")))) < count:
+        if (shared / FAILED).exists():
+            raise PoiseError((shared / FAILED).read_text(encoding="utf-8"))
+        if time.monotonic() > end:
+            raise PoiseError(f"{stand} of {count} graphs stand after {timeout:.0f} s")
+        spin(LOOK_PERIOD)
 
 
 def _drive(graph: Graph, scenario: Scenario, config: LatencyConfig) -> None:

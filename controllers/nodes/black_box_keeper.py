@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from typing import Any
@@ -16,7 +15,7 @@ from controllers.supervisor import ACTIVE_MODES
 from models.applied import Applied
 from models.config import default_config
 from models.errors import PoiseError
-from models.nodes import topics
+from models.nodes import realtime, topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT, LATCHED
@@ -146,7 +145,7 @@ class BlackBoxKeeper:
     def _write(self, box: BlackBox, reason: str) -> None:
         """In the thread: touches nothing of the node but the outcome."""
         try:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread only: a disk has no deadline
+            realtime.be_ordinary()  # this thread only: a disk has no deadline
             name = ".".join([self._node.model.name, *filter(None, self._node.get_namespace().split("/"))])
             folder = BlackBoxFolder(name, self._config.folder, self._config.keep)
             self._outcome = True, str(folder.save(box.record(reason)))

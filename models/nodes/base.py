@@ -258,11 +258,17 @@ class PoiseNode(LifecycleNode):
         self.declare_parameter("realtime.priority", 0, describe("SCHED_FIFO priority, 0 for none", integer=(0, 99)))
         self.declare_parameter("realtime.lock_memory", False, describe("Whether to lock the memory of the process"))
         self.declare_parameter("realtime.cores", [-1], describe("Cores to run on; [-1] for any"))
+        text = describe("Whether to keep to one core that no other such process has; only with a priority in force")
+        self.declare_parameter("realtime.own_core", False, text)
 
     def _set_up_realtime(self) -> None:
         log = self.get_logger().info
-        realtime.use_fifo(int(self.get_parameter("realtime.priority").value), log)
+        first = realtime.use_fifo(int(self.get_parameter("realtime.priority").value), log)
         if self.get_parameter("realtime.lock_memory").value:
             realtime.lock_memory(log)
-        realtime.pin_to([int(c) for c in self.get_parameter("realtime.cores").value if c >= 0], log)
+        cores = [int(c) for c in self.get_parameter("realtime.cores").value if c >= 0]
+        if cores:
+            realtime.pin_to(cores, log)
+        elif first and self.get_parameter("realtime.own_core").value:
+            realtime.take_core(log)
         realtime.settle()

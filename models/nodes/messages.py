@@ -70,7 +70,7 @@ def require_finite(field: str, values: Vector, names: tuple[str, ...] | None = N
         MessageError: Names the field and, where given, the joint.
     """
     finite = np.isfinite(values)
-    if not finite.all():
+    if b"\0" in finite.tobytes():  # every tick: ``finite.all()`` takes twice as long
         i = int(np.flatnonzero(~finite)[0])
         raise MessageError(f"{field} of {names[i] if names else f'element {i}'} is {values[i]}")
 

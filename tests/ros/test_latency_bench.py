@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,15 @@ from benchmarks import latency
 from benchmarks.harness import Case, Options, Sweep, read_json, write_json
 from benchmarks.latency import judge, summarise, verdict
 from benchmarks.latency_config import Scenario, latency_config
-from benchmarks.latency_stages import STAGES, split
+from benchmarks.latency_stages import STAGES, split, tails
 from benchmarks.machine import read_machine
+from benchmarks.nodes.graph_run import Run
+from benchmarks.process_use import Use
 from benchmarks.results import ResultsFile
+from benchmarks.spread import spread
+from bridge.ros.latency_probe import LatencyProbe
 from bridge.ros.stage_probe import LEFT, RIGHT
+from models.errors import PoiseError
 
 pytestmark = pytest.mark.ros
 
@@ -40,20 +46,69 @@ def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
 
 
 def made_up() -> Case:
-    """What is measured of a scenario, arrays included."""
-    return {
+    """What is measured of a scenario."""
+    samples = {
         "latency": np.linspace(500.0, 1500.0, 1001),
         "late": np.zeros(10),
         "floor": np.full(100, 300.0),
+        **{f"stage_{stage}": np.full(4, 10.0) for stage in STAGES},
+        "single": np.array([70.0, 80.0]),
+        "double": np.array([90.0, 100.0]),
+    }
+    return {
+        "spreads": {name: spread(values) for name, values in samples.items()},
         "missed_fraction": 0.0,
         "floor_missed_fraction": 0.0,
-        "stages": {stage: np.full(4, 10.0) for stage in STAGES},
-        "whole": np.array([70.0, 80.0, 90.0, 100.0]),
-        "contacts": np.array([LEFT, RIGHT, LEFT | RIGHT, LEFT | RIGHT], dtype=np.uint8),
+        "over_a_tick_fraction": 0.5,
         "cpu": {"a": 0.5},
         "memory": {"a": 100.0},
-        "others": [{"latency": np.full(3, 2000.0), "missed_fraction": 0.5}],
+        "others": [{"missed_fraction": 0.5, **spread(np.full(3, 2000.0))}],
     }
+
+
+def test_a_run_becomes_a_case_that_keeps_no_tick() -> None:
+    ticks = np.arange(2002)
+    begin = ticks * 1_000_000 + 1
+    bridge = {
+        "published": begin,
+        "sent": begin + 10_000,
+        "arrived": begin + 70_000,
+        "received": begin + np.where(ticks % 2, 500_000, 1_500_000),
+        "late": np.zeros(2002),
+        "skipped": np.zeros(2002, dtype=np.int64),
+        "active": np.ones(2002, dtype=bool),
+    }
+    stages = np.column_stack([ticks * 1_000_000, *(begin + k * 10_000 for k in range(2, 7))])
+    laws = {"stages": stages, "contacts": np.where(ticks % 2, LEFT, LEFT | RIGHT).astype(np.uint8)}
+    case = latency._case(Run(bridge, laws, {"a": Use(0.5, 100.0)}), 1, 0.001)
+    assert case["over_a_tick_fraction"] == pytest.approx(0.5) and case["missed_fraction"] == 0.0
+    names = {"latency", "late", "single", "double", "single_stage_qp", "double_stage_qp"}
+    assert set(case["spreads"]) == names | {f"stage_{stage}" for stage in STAGES}
+    figures = tails([case["spreads"]["single"]], "") | tails([case["spreads"]["double"]], "double_")
+    assert (figures["p50_us"], figures["double_p50_us"]) == (500.0, 1500.0)
+    assert case["spreads"]["latency"]["count"] == 2000
+    assert len(json.dumps(case)) < 40_000  # however long it was measured
+
+
+@pytest.mark.parametrize("failure", ["not standing after 180 s", "the drivers were active for 3.0 s of 20 s"])
+def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
+    monkeypatch: pytest.MonkeyPatch, failure: str
+) -> None:
+    ticks = np.arange(20_000)
+
+    def fail(*arguments: object) -> list[Run]:
+        if failure.startswith("not standing"):
+            raise PoiseError(failure)
+        return [Run({"published": 1 + ticks * 1_000_000, "active": ticks <= 3000}, {}, {})] * 4
+
+    monkeypatch.setattr(latency, "run_graphs", fail)
+    monkeypatch.setattr(latency, "free_domain", lambda: 0)
+    monkeypatch.setattr(latency.pingpong, "measure", lambda *arguments: LatencyProbe())
+    monkeypatch.setattr(latency, "cost", lambda: 1e-6)
+    report = latency.run(Options(scenarios=("robots_4",)))
+    assert report.figures["robots_4_stood_fraction"] == 0.0 and "robots_4_p50_us" not in report.figures
+    assert f"robots_4: seed 0: {failure}" in report.notes
+    assert any(note.endswith("does NOT keep real time: robots_4 at 0.25 of real time") for note in report.notes)
 
 
 def test_a_scenario_becomes_figures_and_a_verdict() -> None:
@@ -62,6 +117,7 @@ def test_a_scenario_becomes_figures_and_a_verdict() -> None:
     assert figures["p50_bound_us"] == pytest.approx(1450.0) and figures["p99_bound_us"] == pytest.approx(1750.0)
     assert figures["over_a_tick_fraction"] == pytest.approx(0.5, abs=1e-3)
     assert (figures["single_p50_us"], figures["double_p50_us"]) == (75.0, 95.0)
+    assert figures["stood_fraction"] == 1.0
     assert figures["stage_qp_p99_us"] == 10.0 and figures["cpu_a_cores"] == 0.5
     assert figures["others_missed_fraction"] == 0.5 and figures["others_p50_us"] == 2000.0
     assert judge(figures)[0]
@@ -76,8 +132,11 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
 
     def measure(robot: str, seed: int, scenario: str) -> Case:
         measured.append(scenario)
-        noted: Case = {} if scenario == "idle" else {"stages": {}, "cpu": {}, "memory": {}}  # nothing was noted
-        return made_up() | {"scenario": scenario, "seed": seed} | noted
+        case: Case = made_up() | {"scenario": scenario, "seed": seed}
+        if scenario != "idle":  # nothing was noted
+            kept = {name: case["spreads"][name] for name in ("latency", "late", "floor")}
+            case |= {"spreads": kept, "cpu": {}, "memory": {}}
+        return case
 
     monkeypatch.setattr(latency, "_measure", measure)
     monkeypatch.setattr(latency, "cost", lambda: 1e-6)
@@ -89,7 +148,7 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
     _, first, again = reports
     assert again.figures == first.figures and again.cases == first.cases and again.passed
     assert {"stage_qp_p99_us", "single_p50_us", "plain_p50_us"} <= set(again.figures)
-    assert not any(name in case for case in again.cases for name in latency.RAW)
+    assert max(len(line) for line in (tmp_path / "cases.jsonl").read_text().splitlines()) < 100_000
     write_json(again, tmp_path / "latency.json")
     for report in (again, read_json(tmp_path / "latency.json")):
         assert [file.name for file in latency.plot(report, tmp_path)] == ["latency.png", "latency-stages.png"]

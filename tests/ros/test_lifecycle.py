@@ -16,6 +16,7 @@ from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
 from models.errors import ConfigError, PoiseError
+from models.nodes import realtime
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT
@@ -130,3 +131,28 @@ def test_every_integer_parameter_has_a_range(bench: Any, kind: type[PoiseNode]) 
     for name, parameter in node._parameters.items():
         if type(parameter.value) is int:
             assert node.describe_parameter(name).integer_range, name
+
+
+@pytest.mark.parametrize(
+    ("fifo", "cores", "done"),
+    [(True, "[-1]", ["own"]), (False, "[-1]", []), (True, "[0]", [[0]]), (False, "[0]", [[0]])],
+)
+def test_a_core_of_its_own_is_only_for_who_runs_before_all_others(
+    bench: Any, monkeypatch: pytest.MonkeyPatch, fifo: bool, cores: str, done: list[object]
+) -> None:
+    found: list[object] = []
+    monkeypatch.setattr(realtime, "use_fifo", lambda priority, log: fifo)
+    monkeypatch.setattr(realtime, "take_core", lambda log: found.append("own"))
+    monkeypatch.setattr(realtime, "pin_to", lambda cores, log: found.append(cores))
+    bench.add(PoiseNodeOfItsOwn, **{"realtime.own_core": True, "realtime.cores": cores})
+    assert found == done
+    found.clear()
+    bench.add(PoiseNodeOfItsOwn)
+    assert found == []
+
+
+class PoiseNodeOfItsOwn(PoiseNode):
+    """Node without a law."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("plain", **kwargs)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.latency_stages import STAGES, answered, split, tails
+from benchmarks.spread import spread
 from bridge.ros.latency_probe import LatencyProbe
 from bridge.ros.stage_probe import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, StageProbe, cost
 
@@ -92,11 +93,11 @@ def test_a_robot_that_never_stood_has_missed_everything() -> None:
     bridge["active"][:] = False
     ticks, _, missed = answered(bridge, 0)
     assert len(ticks) == 0 and missed == 1.0
-    assert all(np.isnan(value) for value in tails(np.zeros(0), "a_").values())
+    assert all(np.isnan(value) for value in tails([spread(np.zeros(0))], "a_").values())
 
 
 def test_percentiles_have_the_names_that_others_rely_on() -> None:
-    found = tails(np.arange(1001.0), "")
+    found = tails([spread(np.arange(1001.0))], "")
     assert found == pytest.approx({"p50_us": 500.0, "p99_us": 990.0, "p999_us": 999.0, "max_us": 1000.0})
 
 

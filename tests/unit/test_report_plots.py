@@ -17,6 +17,7 @@ from benchmarks.report_limits import limited
 from benchmarks.report_page import PICTURES
 from benchmarks.report_pushes import draw_push_maps
 from benchmarks.report_tables import bounded
+from benchmarks.spread import spread
 from benchmarks.suite import suite_config
 from benchmarks.survival import wilson
 from benchmarks.timed_run import QUANTILES
@@ -78,6 +79,20 @@ def test_a_histogram_from_quantiles_holds_every_sample() -> None:
     assert tick.values.sum() == pytest.approx(report_times.SHOWN) and calls.values.sum() == pytest.approx(100.0)
     label = figure.axes[0].get_legend_handles_labels()[1][0]
     assert "p50 123" in label and "largest 800 us" in label
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_latencies_are_drawn_from_what_a_case_keeps_and_from_samples_of_reports_before(kept: bool) -> None:
+    samples = {"latency": np.geomspace(400.0, 1600.0, 5000), "floor": np.geomspace(200.0, 300.0, 5000)}
+    case = {"spreads": {name: spread(values) for name, values in samples.items()}}
+    figure = report_times.draw_times(reports(latency=[case if kept else samples, {"failure": "did not stand"}]))
+    assert figure is not None
+    way, floor = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
+    assert [way.values.sum(), floor.values.sum()] == pytest.approx([report_times.SHOWN, 100.0])
+    assert way.edges[0] == 200.0 and way.edges[-1] == pytest.approx(
+        np.percentile(samples["latency"], report_times.SHOWN)
+    )
+    assert not way.values[way.edges[1:] < 400.0].any() and not floor.values[floor.edges[:-1] > 300.0].any()
 
 
 def test_the_terrain_map_says_how_many_survived() -> None:
