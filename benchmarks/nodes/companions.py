@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks.latency_config import Scenario
 from bridge.ros.environment import graph_environment
 from models.errors import PoiseError
+from models.nodes.realtime import die_with_parent
 
 STOP_LIMIT = 15.0
 """Longest wait for one of them to end; a recording completes its file [s]."""
@@ -56,6 +57,7 @@ def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dic
                     stdout=log,
                     stderr=log,
                     start_new_session=True,
+                    preexec_fn=die_with_parent,  # a command that is killed leaves none of them behind
                 )
                 if name.startswith("stress"):
                     os.sched_setaffinity(started[name].pid, {max(os.sched_getaffinity(0))})
