@@ -63,7 +63,7 @@ def _bench(
             if sweep.results is not None:
                 console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")
     except PoiseError as error:
-        console.print(f"[red]{error}[/red]")
+        console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(2) from error
     if contender:
         report.notes.insert(0, f"contender: {contender}")
@@ -167,7 +167,7 @@ def draw(
         if found.bench not in MODULES:
             raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(MODULES)}")
     except PoiseError as error:
-        console.print(f"[red]{error}[/red]")
+        console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(2) from error
     folder.mkdir(parents=True, exist_ok=True)
     for file in import_module(f"benchmarks.{MODULES[found.bench]}").plot(found, folder):

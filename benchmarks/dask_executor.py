@@ -179,8 +179,8 @@ class DaskWorkers:
     def _refuse_to_wait(self, alone: float) -> None:
         """Raise when the scheduler has had no worker for too long [s]."""
         if alone > ALONE_TIME:
-            start = f"dask worker {self._address} --nworkers 2 --nthreads 1"
-            raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s; start some: {start}")
+            start = f"; start some: dask worker {self._address} --nworkers 2 --nthreads 1" if self._address else ""
+            raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s{start}")
 
     def _taken(self, done: object) -> Done:
         """What came of a case: the outcome, or (type, error, traceback), or that the connection was lost meanwhile."""

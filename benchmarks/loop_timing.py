@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -63,27 +63,28 @@ def one_core() -> Iterator[None]:
 
     The last, since the kernel tends to give interrupts to the first.
     """
-    core = max(os.sched_getaffinity(0))
-    before = {thread: os.sched_getaffinity(thread) for thread in _threads()}
-    allowed = os.sched_getaffinity(0)
+    allowed, before = os.sched_getaffinity(0), _affinities()
     try:
         for thread in before:
-            _hold(thread, {core})
+            _hold(thread, {max(allowed)})
         yield
     finally:
-        for thread in _threads():
+        for thread in _affinities():
             _hold(thread, before.get(thread, allowed))
 
 
-def _threads() -> list[int]:
-    return [int(entry.name) for entry in Path("/proc/self/task").iterdir()]
+def _affinities() -> dict[int, set[int]]:
+    """Cores that each thread of this process may use."""
+    found: dict[int, set[int]] = {}
+    for thread in [int(entry.name) for entry in Path("/proc/self/task").iterdir()]:
+        with suppress(ProcessLookupError):  # it has ended
+            found[thread] = os.sched_getaffinity(thread)
+    return found
 
 
 def _hold(thread: int, cores: set[int]) -> None:
-    try:
+    with suppress(ProcessLookupError):  # it has ended
         os.sched_setaffinity(thread, cores)
-    except ProcessLookupError:
-        return  # it has ended
 
 
 class SplitLoop:

@@ -44,7 +44,15 @@ def machine() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of every package that decides a figure; packages that are absent are left out."""
+    """Versions of Python and of every package that decides a figure; packages that are absent are left out.
+
+    They are those of the first call, as in ``source_state``: every case asks, and reading them takes longer than some.
+    """
+    return dict(_versions())
+
+
+@cache
+def _versions() -> Mapping[str, str]:
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for name in MEASURED_PACKAGES:
         try:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from benchmarks import gait, loop
 from benchmarks.calibrate import CalibrateConfig
-from benchmarks.cli import PushMode
 from benchmarks.endurance import EnduranceConfig
 from benchmarks.estimate_runs import settings
 from benchmarks.fault_rows import config as fault_config
@@ -107,7 +106,7 @@ def _push(report: Report) -> dict[str, Bound]:
 
 
 def _push_map(report: Report) -> dict[str, Bound]:
-    required = map_config().required[PushMode(report.bench.removeprefix("push_")).value]
+    required = map_config().required[report.bench.removeprefix("push_")]
     return _least({"dv_min": required.smallest, "dv_median": required.median})
 
 

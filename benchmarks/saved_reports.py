@@ -61,7 +61,7 @@ class Failure:
     revision: str = ""
 
 
-def save_report(folder: Path, report: Report, keys: Sequence[str], command: str) -> None:
+def save_report(folder: Path, report: Report, keys: Sequence[str], command: str, *, anew: bool) -> None:
     """Add what a benchmark found to a suite's folder, unless the same cases said it before: the load was that of then.
 
     Args:
@@ -69,9 +69,10 @@ def save_report(folder: Path, report: Report, keys: Sequence[str], command: str)
         report: What it found.
         keys: Of its cases in ``cases.jsonl``, in their order.
         command: That measures it again.
+        anew: Whether any case was measured, or tried, since the last report.
     """
     latest = _latest(folder).get((report.bench, report.robot), {})
-    if (latest.get("keys"), latest.get("command")) == (list(keys), command):
+    if not anew and (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
     line = {name: value for name, value in report.to_dict().items() if name != "cases"}
     more = {"revision": source_state(), "notes": report.notes, "command": command, "keys": list(keys)}

@@ -16,7 +16,7 @@ from rich.console import Console
 from benchmarks.harness import Options, Report, Sweep
 from benchmarks.results import ResultsFile
 from benchmarks.saved_reports import save_failure, save_report
-from benchmarks.suite_plan import Part, save_begun, save_plan
+from benchmarks.suite_plan import Part, read_progress, save_begun, save_plan
 from models.config import STRICT, default_config
 from models.errors import ConfigError, WorkersError
 
@@ -124,7 +124,9 @@ def run_suite(
                 line = f"{entry.bench} {robot}: could not be run: {told.error}{where}"
                 console.print(line, style="red", markup=False, soft_wrap=True)
                 continue
-            save_report(folder, report, sweep.results.taken.get(report.bench, []), command_of(entry, robot))
+            keys = sweep.results.taken.get(report.bench, [])
+            anew = (entry.bench, robot) in [(part.bench, part.robot) for part in read_progress(folder).missing]
+            save_report(folder, report, keys, command_of(entry, robot), anew=anew)
             passed = passed and report.passed
             verdict = "[green]passed[/green]" if report.passed else "[red]not passed[/red]"
             console.print(f"{entry.bench} {robot}: {len(report.cases)} cases, {verdict}")

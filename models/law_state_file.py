@@ -160,10 +160,12 @@ class _Reader:
         elif "object" in told:
             name, held = told["object"]
             kind = _kind(name)
-            attributes = {name: self._read(each) for name, each in held.items()}
-            made = kind(**attributes) if issubclass(kind, Struct) else object.__new__(kind)
-            if not isinstance(made, Struct):
-                for name, each in attributes.items():
+            values = {name: self._read(each) for name, each in held.items()}
+            if issubclass(kind, Struct):
+                made = kind(**values)
+            else:
+                made = object.__new__(kind)
+                for name, each in values.items():
                     object.__setattr__(made, name, each)
         for name, sequence in _SEQUENCES.items():
             if name in told:

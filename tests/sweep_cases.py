@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import NOT_RUN
 from models.threads import THREAD_VARIABLES
 
 
@@ -21,6 +22,11 @@ def slow_square(seed: int, folder: str) -> dict[str, Any]:
     (Path(folder) / f"{os.getpid()}.{seed}").touch()
     time.sleep(0.2)
     return {"square": seed * seed}
+
+
+def lacking(seed: int) -> dict[str, Any]:
+    """Cannot be measured here when its seed is odd."""
+    return {"square": 0, NOT_RUN: True} if seed % 2 else {"square": seed * seed}
 
 
 def slow_network(seed: int) -> dict[str, Any]:

@@ -132,6 +132,12 @@ def test_a_benchmark_that_takes_no_contender_says_so(monkeypatch: pytest.MonkeyP
     assert result.exit_code == 2 and "takes no contender" in result.output and "push, terrain, walk" in result.output
 
 
+def test_words_in_brackets_are_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.executors.find_spec", lambda name: None)
+    result = RUNNER.invoke(app, ["bench", "stand", "--scheduler", "tcp://127.0.0.1:1"])
+    assert result.exit_code == 2 and "pip install 'poise[bench]'" in result.output
+
+
 @pytest.mark.parametrize("name", [name for name in benchmarks.cli.MODULES if not name.startswith("push_")])
 def test_help_offers_a_contender_where_it_is_taken(name: str) -> None:
     shown = RUNNER.invoke(app, ["bench", name, "--help"], env={"COLUMNS": "120"}).output

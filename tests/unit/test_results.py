@@ -18,7 +18,7 @@ from benchmarks.plain_json import nulled, plain, unworded, with_nan, worded
 from benchmarks.provenance import configuration, source_state
 from benchmarks.results import NOT_RUN, ResultsFile, append_line, case_key, read_lines, scenario_of
 from models.errors import ConfigError
-from tests.sweep_cases import square
+from tests.sweep_cases import lacking, square
 
 BASELINE = "benchmarks.stand_still:StandStill"
 
@@ -152,11 +152,6 @@ def test_what_is_finished_stays_when_a_later_case_fails(path: Path) -> None:
     with ResultsFile(path) as file, pytest.raises(KeyError):
         collect(breaks, inputs, bench="squares", options=Options(sweep=Sweep(None, file)))
     assert [line["seed"] for line in read_lines(path)] == [0, 1]
-
-
-def lacking(seed: int) -> dict[str, Any]:
-    """Cannot be measured here when its seed is odd."""
-    return {"square": 0, NOT_RUN: True} if seed % 2 else {"square": seed * seed}
 
 
 def test_what_could_not_be_run_here_is_told_and_tried_again(path: Path) -> None:
