@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
+from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.closed_loop import ClosedLoop
@@ -107,7 +106,7 @@ def test_controller_sees_estimates_that_share_no_memory_with_the_plant(g1: Robot
     loop = ClosedLoop(g1, controller=controller)
     state = controller.states[-1]
     assert type(state) is RobotState
-    arrays = [getattr(state, f.name) for f in fields(state)] + [c.wrench for c in state.contacts]
+    arrays = [*structs.asdict(state).values()] + [c.wrench for c in state.contacts]
     plant = [loop.data.qpos, loop.data.qvel, loop.data.sensordata, loop.data.xpos, loop.data.actuator_force]
     for array in arrays:
         if isinstance(array, np.ndarray):
