@@ -14,8 +14,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from models.compiled import njit
 from models.types import Matrix, Vector
+
+NOTHING: Vector = np.zeros(2)
+"""No reaction of the swing leg (2,) [m]."""
 
 
 @njit("float64(float64, float64)", cache=True)
@@ -66,10 +71,31 @@ def touchdown_offset(
     return x, y
 
 
-def single_support(point: Vector, end: Vector, omega: float, left: float) -> tuple[Vector, Vector]:
-    """DCM and its rate, ``left`` seconds before it is to be at ``end``, with the ZMP on ``point``; all (2,)."""
-    dcm = point + math.exp(-omega * left) * (end - point)
-    return dcm, omega * (dcm - point)
+def single_support(
+    point: Vector, end: Vector, omega: float, left: float, rest: Vector = NOTHING, offset: Vector = NOTHING
+) -> tuple[Vector, Vector]:
+    """DCM and its rate, ``left`` seconds before it is to be at ``end``, with the ZMP on ``point``; all (2,).
+
+    ``rest`` is the DCM that the rest of the swing will use up [m], ``offset`` CMP minus CoP now [m]; see
+    ``reaction.py``.
+    """
+    dcm, rate = np.empty(2), np.empty(2)
+    _single_support(point, end, omega, left, rest, offset, dcm, rate)
+    return dcm, rate
+
+
+@njit(
+    "void(float64[::1], float64[::1], float64, float64, float64[::1], float64[::1], float64[::1], float64[::1])",
+    cache=True,
+)
+def _single_support(
+    point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector, dcm: Vector, rate: Vector
+) -> None:
+    """See ``single_support``; the last two are what it returns."""
+    decay = math.exp(-omega * left)
+    for i in range(2):
+        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
+        rate[i] = omega * (dcm[i] - point[i] - offset[i])
 
 
 def double_support(

@@ -7,7 +7,6 @@ import numpy as np
 from models.types import Vector
 from planners.gait import dcm
 from planners.gait.footsteps import Foothold
-from planners.gait.kernels_reference import lead_single
 from planners.gait.reaction import SwingReaction
 from planners.gait.swing import SwingFoot
 
@@ -65,8 +64,8 @@ class DcmReference:
         """
         self._old = point
         rest = self._reaction.rest(omega, left, swing, (target.x, target.y))
-        self.dcm, self.rate = np.empty(2), np.empty(2)
-        lead_single(point, end, rest, self._reaction.cmp_offset(swing), omega, max(left, 0.0), self.dcm, self.rate)
+        offset = self._reaction.cmp_offset(swing)
+        self.dcm, self.rate = dcm.single_support(point, end, omega, max(left, 0.0), rest, offset)
 
     def double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> None:
         """Double support, from the foot of the last single support to the new stance foot.

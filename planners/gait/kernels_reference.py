@@ -136,28 +136,3 @@ def height_in_reach(
         x, y = right_x - com[0], right_y - com[1]
         square = max(square, x * x + y * y)
     return standing - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))
-
-
-@njit(
-    "void(float64[::1], float64[::1], float64[::1], float64[::1], float64, float64, float64[::1], float64[::1])",
-    cache=True,
-)
-def lead_single(
-    point: Vector, end: Vector, rest: Vector, offset: Vector, omega: float, left: float, dcm: Vector, rate: Vector
-) -> None:
-    """DCM reference of a single support, as ``dcm.single_support``, with the reaction of the swing leg.
-
-    Args:
-        point: ZMP point of the stance foot (2,) [m].
-        end: DCM at the touchdown (2,) [m].
-        rest: DCM that the rest of the swing will use up (2,) [m].
-        offset: CMP minus CoP now (2,) [m].
-        omega: [1/s].
-        left: Time to touchdown [s].
-        dcm: Out (2,) [m].
-        rate: Out (2,) [m/s].
-    """
-    decay = math.exp(-omega * left)
-    for i in range(2):
-        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
-        rate[i] = omega * (dcm[i] - point[i] - offset[i])
