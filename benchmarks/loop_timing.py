@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from time import perf_counter_ns, process_time_ns, thread_time_ns
 from typing import Any
 from unittest.mock import patch
@@ -22,6 +21,7 @@ from bridge.bare_physics import BarePhysics
 from bridge.closed_loop import ClosedLoop
 from bridge.monitor import PlantMonitor
 from controllers.supervisor import Supervisor
+from models.nodes.realtime import each_thread
 
 STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
 """Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
@@ -63,28 +63,14 @@ def one_core() -> Iterator[None]:
 
     The last, since the kernel tends to give interrupts to the first.
     """
-    allowed, before = os.sched_getaffinity(0), _affinities()
+    allowed = os.sched_getaffinity(0)
+    before: dict[int, set[int]] = {}
+    each_thread(lambda thread: before.update({thread: os.sched_getaffinity(thread)}))
     try:
-        for thread in before:
-            _hold(thread, {max(allowed)})
+        each_thread(lambda thread: os.sched_setaffinity(thread, {max(allowed)}))
         yield
     finally:
-        for thread in _affinities():
-            _hold(thread, before.get(thread, allowed))
-
-
-def _affinities() -> dict[int, set[int]]:
-    """Cores that each thread of this process may use."""
-    found: dict[int, set[int]] = {}
-    for thread in [int(entry.name) for entry in Path("/proc/self/task").iterdir()]:
-        with suppress(ProcessLookupError):  # it has ended
-            found[thread] = os.sched_getaffinity(thread)
-    return found
-
-
-def _hold(thread: int, cores: set[int]) -> None:
-    with suppress(ProcessLookupError):  # it has ended
-        os.sched_setaffinity(thread, cores)
+        each_thread(lambda thread: os.sched_setaffinity(thread, before.get(thread, allowed)))
 
 
 class SplitLoop:

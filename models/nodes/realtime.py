@@ -55,7 +55,7 @@ def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
     if priority <= 0 or f"fifo {priority}" in _done:
         return priority > 0
     try:
-        _to_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority)))
+        each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority)))
     except OSError as error:
         log(f"SCHED_FIFO {priority} not permitted ({error.strerror}): scheduled like any other process")
         return False
@@ -64,7 +64,7 @@ def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
     return True
 
 
-def _to_threads(apply: Callable[[int], object]) -> None:
+def each_thread(apply: Callable[[int], object]) -> None:
     """Do something to every thread of this process that still lives."""
     for task in Path("/proc/self/task").iterdir():
         with suppress(ProcessLookupError):  # it has just ended
@@ -179,7 +179,7 @@ def pin_to(cores: list[int], log: Callable[[str], object]) -> bool:
         return False
     _cores.update(os.sched_getaffinity(0))
     try:
-        _to_threads(lambda thread: os.sched_setaffinity(thread, cores))
+        each_thread(lambda thread: os.sched_setaffinity(thread, cores))
     except OSError as error:
         log(f"cores {cores} not available ({error.strerror})")
         return False
