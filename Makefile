@@ -4,6 +4,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export MUJOCO_GL ?= egl
+WORKERS ?= 2
 BIN := .venv/bin
 ROBOT ?= g1
 OUT ?= out
@@ -22,9 +23,11 @@ view:  ## The running robot in a browser: buttons, sticks, plots, gains (start o
 	@.ci/setup view
 	@$(BIN)/poise view
 
-test:  ## The tests, without those marked slow
+test:  ## The tests, without those marked slow, in parallel processes (WORKERS=2) but for the graphs
 	@.ci/setup dev
-	$(BIN)/python -m pytest -q
+	@status=0; $(BIN)/python -m pytest -q -n $(WORKERS) --ignore=tests/ros || status=1; \
+	echo "graphs, one at a time: several of them share the processor in real time"; \
+	$(BIN)/python -m pytest -q tests/ros || status=1; exit $$status
 
 test-slow:  ## The tests marked slow
 	@.ci/setup dev

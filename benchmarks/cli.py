@@ -1,156 +1,108 @@
-"""``poise bench NAME``: the command line of every benchmark."""
+"""``poise bench``: one command for each benchmark of the catalogue, for all of them, and for their report."""
 
 from __future__ import annotations
 
-from enum import StrEnum
-from importlib import import_module
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
-from benchmarks.cli_options import JsonFile, PlotFolder, ResultsPath, Robot, Scheduler, Seeds, Workers, sweep_of
-from benchmarks.suite_cli import add_suite
+from benchmarks.core.benchmark import Listed, catalogue
 from models.errors import ConfigError, PoiseError
+
+if TYPE_CHECKING:
+    from benchmarks.core.harness import Sweep
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and stability; exits 0 only when every bound holds.")
 
 CONTENDER_HELP = "Test another controller instead of poise's, module:Class; docs/contenders.md."
 
-MODULES: dict[str, str] = {}
-"""Module in this folder that measures and draws each benchmark, by the name that its reports bear.
-
-It is filled where the commands are added.
-"""
-
-
-CONTESTED = ("push", "terrain", "walk")
-"""Benchmarks that take other controllers."""
+Workers = Annotated[int, typer.Option(min=1, help="Processes that measure at the same time.")]
+Scheduler = Annotated[str, typer.Option(help="Measure by the workers of this dask scheduler, such as tcp://HOST:8786.")]
+ResultsPath = Annotated[
+    Path | None, typer.Option("--results", help="Keep finished cases in this file, and skip those that are there.")
+]
 
 
-class PushMode(StrEnum):
-    """What a robot that is pushed does meanwhile."""
+@contextmanager
+def sweep_of(workers: int, scheduler: str, results: Path | None) -> Iterator[Sweep]:
+    """Executor (this machine, or a dask ``scheduler``) and optional file of finished cases, closed with the context."""
+    from benchmarks.core.executors import make_executor
+    from benchmarks.core.harness import Sweep
+    from benchmarks.core.results import ResultsFile
 
-    STAND = "stand"
-    STEP = "step"
-    WALK = "walk"
+    with ExitStack() as stack:
+        file = None if results is None else stack.enter_context(ResultsFile(results))
+        yield Sweep(stack.enter_context(make_executor(workers, scheduler)), file)
 
 
-def _bench(
-    module_name: str,
-    robot: str,
-    seeds: int,
-    workers: int,
-    scheduler: str,
-    results: Path | None,
-    json: Path | None,
-    plot: Path | None,
-    scenarios: tuple[str, ...] = (),
-    mode: str = "",
-    contender: str = "",
-) -> None:
-    """Run one benchmark, write what was asked for, exit with its verdict."""
-    from benchmarks.harness import Options, print_report, write_json
-
-    console = Console()
-    module = import_module(f"benchmarks.{module_name}")
+@contextmanager
+def refused(console: Console) -> Iterator[None]:
+    """Print a ``PoiseError`` as one line and exit with status 2."""
     try:
-        if contender and module_name.removesuffix("_map") not in CONTESTED:  # push_map refuses it itself, by its mode
-            raise ConfigError(f"bench {module_name} takes no contender; these do: {', '.join(CONTESTED)}")
-        with sweep_of(workers, scheduler, results) as sweep:
-            report = module.run(Options(robot, seeds, workers, scenarios, mode, contender, sweep=sweep))
-            if sweep.results is not None:
-                console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")
+        yield
     except PoiseError as error:
         console.print(str(error), style="red", markup=False, soft_wrap=True)
         raise typer.Exit(2) from error
-    if contender:
-        report.notes.insert(0, f"contender: {contender}")
-    print_report(report, console)
-    if json is not None:
-        write_json(report, json)
-        console.print(f"report: {json}")
-    if plot is not None:
-        plot.mkdir(parents=True, exist_ok=True)
-        for file in module.plot(report, plot):
-            console.print(f"plot: {file}")
-    raise typer.Exit(0 if report.passed else 1)
 
 
-def _add_command(name: str, help_text: str, *, usual_seeds: int = 1) -> None:
-    """Give the benchmark ``benchmarks/<name>.py`` a command with the options that all of them share.
+def _add_command(name: str, modes: Sequence[Listed]) -> None:
+    """Add the command of one benchmark, or of several that differ in ``--mode``; the first is the default."""
+    first = modes[0].info
+    choice = first.choice or "scenario"
+    known = {each.info.mode: each for each in modes}
 
-    Args:
-        name: Name of the module and of the command.
-        help_text: What ``--help`` says about it.
-        usual_seeds: How many seeds unless the user says otherwise.
-    """
-    MODULES[name] = name
-
-    @app.command(name, help=help_text)
+    @app.command(name, help=first.about)
     def run(
-        robot: Robot = "g1",
-        seeds: Seeds = usual_seeds,
+        robot: Annotated[str, typer.Option(help="Robot profile.")] = "g1",
+        seeds: Annotated[int, typer.Option(min=1, help="How many seeds.")] = first.seeds,
         workers: Workers = 1,
         scheduler: Scheduler = "",
         results: ResultsPath = None,
-        json: JsonFile = None,
-        plot: PlotFolder = None,
+        json: Annotated[Path | None, typer.Option("--json", help="Write the report here.")] = None,
+        plot: Annotated[Path | None, typer.Option("--plot", help="Write plots into this folder.")] = None,
+        mode: str = typer.Option(
+            first.mode,
+            help=" ".join(f"{mode}: {each.info.about}" for mode, each in known.items()),
+            hidden=len(known) < 2,
+        ),
+        chosen: list[str] = typer.Option(  # noqa: B008
+            [], f"--{choice}", help=f"Measure only this {choice}; repeatable.", hidden=not first.choice
+        ),
+        contender: str = typer.Option("", help=CONTENDER_HELP, hidden=not first.contender),
     ) -> None:
-        _bench(name, robot, seeds, workers, scheduler, results, json, plot)
+        from benchmarks.core.harness import Options, print_report, write_json
 
-
-def _add_scenarios(name: str, help_text: str, *, usual_seeds: int = 20) -> None:
-    """The same for a benchmark of scenarios that can be chosen; an unknown one is refused with those there are.
-
-    Those that take no contender do not offer one either, but say so to who asks.
-    """
-    MODULES[name] = name
-
-    @app.command(name, help=help_text)
-    def run(
-        robot: Robot = "g1",
-        seeds: Seeds = usual_seeds,
-        workers: Workers = 1,
-        scheduler: Scheduler = "",
-        results: ResultsPath = None,
-        json: JsonFile = None,
-        plot: PlotFolder = None,
-        scenario: Annotated[list[str] | None, typer.Option(help="Measure only this one; repeatable.")] = None,
-        contender: str = typer.Option("", help=CONTENDER_HELP, hidden=name not in CONTESTED),
-    ) -> None:
-        chosen = tuple(scenario or ())
-        _bench(name, robot, seeds, workers, scheduler, results, json, plot, chosen, contender=contender)
-
-
-_add_command("tick", "Time of one whole-body tick, beside placo's solver and the bare Pinocchio calls.")
-_add_command("qp", "QPs of real ticks: the tick's own solver beside the back-ends of qpsolvers, with residuals.")
-_add_command("gait", "Time of gait planner, step adjustment and whole-body tick in single support, while walking.")
-_add_command("loop", "Speed of the whole closed loop on one core, standing and walking, and where its time goes.")
-
-MODULES |= {"push": "push", **{f"push_{mode}": "push_map" for mode in (PushMode.STEP, PushMode.WALK)}}
-
-
-@app.command("push")
-def push(
-    robot: Robot = "g1",
-    seeds: Seeds = 1,
-    workers: Workers = 1,
-    scheduler: Scheduler = "",
-    results: ResultsPath = None,
-    json: JsonFile = None,
-    plot: PlotFolder = None,
-    mode: Annotated[
-        PushMode, typer.Option(help="Standing without a step, standing with steps, or walking.")
-    ] = PushMode.STAND,
-    direction: Annotated[list[str] | None, typer.Option(help="Push only this way, such as left; repeatable.")] = None,
-    contender: Annotated[str, typer.Option(help=CONTENDER_HELP)] = "",
-) -> None:
-    """Largest push at the pelvis that is taken, in 8 directions, beside the bounds of ankles and steps."""
-    module = MODULES["push" if mode is PushMode.STAND else f"push_{mode}"]
-    chosen = tuple(direction or ())
-    _bench(module, robot, seeds, workers, scheduler, results, json, plot, chosen, mode.value, contender)
+        if mode not in known:
+            raise typer.BadParameter(f"'{mode}' is not one of: {', '.join(known)}", param_hint="--mode")
+        console, listed = Console(), known[mode]
+        with refused(console):
+            if contender and not first.contender:
+                others = ", ".join(dict.fromkeys(each.command for each in catalogue().values() if each.info.contender))
+                raise ConfigError(f"bench {name} takes no contender; these do: {others}")
+            if chosen and not first.choice:
+                raise ConfigError(f"bench {name} has no scenarios to choose from")
+            benchmark = listed.load()
+            with sweep_of(workers, scheduler, results) as sweep:
+                options = Options(robot, seeds, workers, tuple(chosen), contender, sweep=sweep)
+                report = benchmark.run(options)
+                if sweep.results is not None:
+                    console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured: {results}")
+        if contender:
+            report.notes.insert(0, f"contender: {contender}")
+        print_report(report, console)
+        if json is not None:
+            write_json(report, json)
+            console.print(f"report: {json}")
+        if plot is not None:
+            plot.mkdir(parents=True, exist_ok=True)
+            for file in benchmark.plots(report, plot):
+                console.print(f"plot: {file}")
+        raise typer.Exit(0 if report.passed else 1)
 
 
 @app.command("draw")
@@ -159,37 +111,63 @@ def draw(
     folder: Annotated[Path, typer.Argument(help="Where the plots go.")],
 ) -> None:
     """Draw the plots of a report again, without measuring anything."""
-    from benchmarks.harness import read_json
+    from benchmarks.core.harness import read_json
 
     console = Console()
-    try:
+    with refused(console):
         found = read_json(report)
-        if found.bench not in MODULES:
-            raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(MODULES)}")
-    except PoiseError as error:
-        console.print(str(error), style="red", markup=False, soft_wrap=True)
-        raise typer.Exit(2) from error
+        if found.bench not in catalogue():
+            raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(catalogue())}")
     folder.mkdir(parents=True, exist_ok=True)
-    for file in import_module(f"benchmarks.{MODULES[found.bench]}").plot(found, folder):
+    for file in catalogue()[found.bench].load().plots(found, folder):
         console.print(f"plot: {file}", soft_wrap=True)
 
 
-_add_command("stand", "A minute of quiet standing, and wave and squat while pushed, for every seed.", usual_seeds=20)
+for _name, _modes in groupby(catalogue().values(), key=lambda each: each.command):
+    _add_command(_name, list(_modes))
 
 
-_add_scenarios("walk", "Walking at commanded velocities: falls, speed error, cost of transport, top speed, stopping.")
-_add_scenarios("faults", "Faults of sensors, motors, solver, users and world, and what the robot does.", usual_seeds=1)
-_add_scenarios(
-    "graph_faults", "Faults of processes, topics and host, done to the real graph in real time.", usual_seeds=1
-)
-_add_command("endurance", "An hour of random commands and pushes: falls, latched faults, memory.")
-_add_scenarios("terrain", "Blind walking on tiles, slopes and slippery ground, with a payload and with late commands.")
-_add_scenarios(
-    "latency",
-    "Sensor stamp to command received over ROS 2, stage by stage, beside a ping-pong of the same messages.",
-    usual_seeds=1,
-)
-_add_command("calibrate", "Injected sensor errors: what calibration leaves of them, and how the robot then stands.")
-_add_command("estimate", "Error of the state estimator, and whether its covariance is honest.", usual_seeds=20)
-_add_command("scaling", "The same cases over one worker and over two: speed-up, cost of a case, hours of 100 000.")
-add_suite(app, MODULES)
+@app.command("all")
+def run_all(
+    quick: Annotated[bool, typer.Option("--quick/--full", help="Minutes with few cases, or hours with all.")] = True,
+    out: Annotated[Path, typer.Option("--out", help="Where cases, report and plots go; a rerun goes on there.")] = Path(
+        "out/bench"
+    ),
+    workers: Workers = 2,
+    scheduler: Scheduler = "",
+) -> None:
+    """All benchmarks: cases in JSON lines, a Markdown and an HTML report with plots; it goes on where it ended."""
+    from benchmarks.report.report_page import write_report
+    from benchmarks.report.saved_reports import CASES
+    from benchmarks.report.suite import entries_of, run_suite
+
+    console, name = Console(), "quick" if quick else "full"
+    with refused(console):
+        with sweep_of(workers, scheduler, out / CASES) as sweep:
+            passed = run_suite(entries_of(name), catalogue(), out, sweep, console, name)
+            if sweep.results is not None:
+                console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
+        files = write_report(out)
+    console.print(f"report: {files[0]}, {files[1]}", soft_wrap=True)
+    raise typer.Exit(0 if passed else 1)
+
+
+@app.command("report")
+def report(
+    folder: Annotated[Path, typer.Argument(help="What --out of all named.")],
+    docs: Annotated[
+        Path | None, typer.Option(help="Write page, plots and figures here instead, as a repository keeps them.")
+    ] = None,
+) -> None:
+    """Build the report of all benchmarks again from their JSON lines, without measuring anything."""
+    from benchmarks.report.report_page import publish_report, write_report
+    from benchmarks.report.saved_reports import read_progress
+
+    console = Console()
+    with refused(console):
+        files = write_report(folder) if docs is None else publish_report(folder, docs)
+        progress = read_progress(folder)
+    for file in files:
+        console.print(f"written: {file}", soft_wrap=True)
+    if progress.missing:
+        console.print(str(progress), style="yellow", soft_wrap=True)

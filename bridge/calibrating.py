@@ -1,4 +1,4 @@
-"""Calibrations in the closed loop: the motions they need, the samples, and the answer."""
+"""Calibrations in the closed loop: motions, samples and result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from models.calibration import Calibration
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
-from planners.calibration_motions import calibration_motions, variant
+from planners.library import calibration_motions, variant
 from planners.motion import MotionPlanner
 
 
@@ -18,17 +18,13 @@ class Calibrator:
     """Runs ``CalibrationSession`` in lockstep.
 
     ====== ============================================== =========================================================
-    what   standing                                        hanging (``start="hang"``)
+    what   standing                                       hanging (``start="hang"``)
     ====== ============================================== =========================================================
-    imu    stands still                                    hangs still
-    joints moves the base over both soles: legs (and what  is put into each jig posture of the profile: all joints
-           else lies between the soles and the unit)
-    feet   shifts its load from foot to foot: gains        hangs still: offsets
+    imu    stands still                                   hangs still
+    joints moves the base over both soles: the joints     each jig posture of the profile: all joints
+           between the soles and the IMU
+    feet   shifts its load from foot to foot: gains       hangs still: offsets
     ====== ============================================== =========================================================
-
-    Args:
-        robot: The robot.
-        lockstep: What is stepped.
     """
 
     def __init__(self, robot: RobotModel, lockstep: Lockstep) -> None:
@@ -37,18 +33,11 @@ class Calibrator:
         self._planner: MotionPlanner | None = None
 
     def run(self, what: str) -> CommandReply:
-        """Calibrate; a success becomes the lockstep's calibration, which takes effect when it starts over.
-
-        Args:
-            what: 'imu', 'joints' or 'feet'.
-
-        Returns:
-            Numbers, or the reason of the refusal.
-        """
+        """Calibrate 'imu', 'joints' or 'feet', with effect from the next start; returns numbers or a refusal."""
         lockstep = self._lockstep
-        ready = lockstep.hanging or lockstep.supervisor.mode is Mode.STAND
+        ready = lockstep.hanging or lockstep.stack.mode is Mode.STAND
         if not ready:
-            mode = lockstep.supervisor.mode.value
+            mode = lockstep.stack.mode.value
             return CommandReply(False, f"calibration of '{what[:32]}' refused in mode '{mode}': stand or hang first")
         reply = self._session.start(what)
         if not reply.accepted:
@@ -62,10 +51,10 @@ class Calibrator:
         if problem:
             self._session.cancel()
             return CommandReply(False, problem)
-        base = lockstep.calibration or Calibration.none(self._robot)
+        base = lockstep.stack.calibration or Calibration.none(self._robot)
         outcome = self._session.finish(base)
         if outcome.calibration is not None:
-            lockstep.calibration = outcome.calibration
+            lockstep.stack.calibration = outcome.calibration
         return outcome.reply
 
     def _procedure(self, what: str) -> Callable[[], str]:
@@ -76,13 +65,13 @@ class Calibrator:
         return self._jig if self._lockstep.hanging else lambda: self._move("calibrate_joints")
 
     def _wait(self, time: float) -> str:
-        """Let time [s] pass; returns what went wrong, empty when nothing did."""
+        """Run for a time [s]; returns the failure, empty without one."""
         lockstep = self._lockstep
         for _ in range(round(time / lockstep.plant.period)):
             lockstep.step()
-        if lockstep.hanging or lockstep.supervisor.mode is Mode.STAND:
+        if lockstep.hanging or lockstep.stack.mode is Mode.STAND:
             return ""
-        return f"calibration given up: {'; '.join(lockstep.supervisor.faults) or lockstep.supervisor.mode.value}"
+        return f"calibration given up: {'; '.join(lockstep.stack.supervisor.faults) or lockstep.stack.mode.value}"
 
     def _hang_feet(self) -> str:
         return self._wait(self._session.config.feet.time)
@@ -99,12 +88,12 @@ class Calibrator:
         return ""
 
     def _move(self, motion: str) -> str:
-        """Run a motion to its end; returns what went wrong."""
+        """Run a motion to its end; returns the failure."""
         self._planner = self._planner or MotionPlanner(self._robot, extra=calibration_motions())
         motion = variant(motion, self._robot.name, self._planner.names)
         try:
-            trajectory = self._planner.plan(motion, start_q=self._lockstep.laws.posture[0])
-            self._lockstep.follow(trajectory)
+            trajectory = self._planner.plan(motion, start_q=self._lockstep.stack.posture[0])
+            self._lockstep.stack.follow(trajectory)
         except PoiseError as error:
             return f"calibration refused: {error}"
         return self._wait(float(trajectory.times[-1]) + self._session.config.window)

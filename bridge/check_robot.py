@@ -1,4 +1,4 @@
-"""``poise check-robot``: propose a profile for a URDF, try it in the closed loop, and say what is missing or wrong."""
+"""``poise check-robot``: propose a profile for a URDF, try it in the closed loop, and report errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from models.robot_model import RobotModel
 from planners.motion import MotionPlanner
 
 NEEDED = ("stand", "wave")
-"""Trials that a robot has to pass."""
+"""Required trials."""
 
 _PLANNED = ("squat", "wave")
 """Motions that a standing posture should allow."""
@@ -32,13 +32,7 @@ _LISTED = 4
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of a URDF.
-
-    Attributes:
-        proposal: The profile and the findings.
-        files: The files written, the profile first.
-        trials: What was tried.
-    """
+    """Result for a URDF: profile and findings, files written (the profile first), and trials."""
 
     proposal: Proposal
     files: tuple[Path, ...]
@@ -46,7 +40,7 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """Whether it stands and waves."""
+        """Whether the robot stands and waves."""
         done = {trial.name for trial in self.trials if trial.passed}
         return done.issuperset(NEEDED)
 
@@ -54,18 +48,12 @@ class Verdict:
 def check_robot(
     urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
 ) -> Verdict:
-    """Propose, write and try.
+    """Propose a profile for a URDF, write it and try it.
 
-    Args:
-        urdf: The robot.
-        out: Where the profile goes; a changed URDF goes next to it.
-        packages: Folders in which ``package://`` is looked for first.
-        overwrite: Whether a file that is there already may be replaced.
-        seed: Of the sensor noise.
-
-    Raises:
-        RobotModelError: The URDF cannot become a robot that stands; file, joint or link, and cause are named.
-        ConfigError: ``out`` exists already.
+    The profile is written to ``out``, which is replaced only with ``overwrite``, a changed URDF next to it.
+    ``packages`` are folders searched first for ``package://``; ``seed`` is of the sensor noise. Raises
+    ``RobotModelError`` with file, joint or link when the URDF cannot become a robot that stands, ``ConfigError`` when
+    ``out`` exists.
     """
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
@@ -76,7 +64,7 @@ def check_robot(
 
 
 def _propose(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal, list[Path]]:
-    """Propose with the first place of the hands from which the motions can be planned; else with the first."""
+    """Propose with the first place of the hands for which all motions can be planned; otherwise with the first."""
     config = default_config(ProposalConfig, "models", "proposal")
     for hand in config.posture.hands:
         first = replace(config, posture=replace(config.posture, hands=(hand,)))
@@ -99,7 +87,7 @@ def _plannable(model: RobotModel) -> bool:
 
 
 def _draw(model: RobotModel) -> Trial:
-    """Whether MuJoCo takes the robot with its meshes, as pictures need it."""
+    """Whether MuJoCo loads the robot with its meshes, which pictures need."""
     try:
         drawn = build_mujoco(model, visuals=True).model
     except PoiseError as error:

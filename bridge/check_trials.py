@@ -1,4 +1,4 @@
-"""Trials of a robot in the closed loop: does it stand, squat, wave and walk, and what stopped it where it does not."""
+"""Trials of a robot in the closed loop: stand, squat, wave, walk, and the cause of a failure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from models.types import Mode
 
 @config_dataclass(frozen=True, slots=True, config=STRICT)
 class TrialConfig:
-    """Schema of ``bridge/config/check_robot.yaml``, where the units are."""
+    """Schema of ``bridge/config/check_robot.yaml``, which has the units."""
 
     stand_time: Positive
     pause: Positive
@@ -35,13 +35,7 @@ class TrialConfig:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One trial.
-
-    Attributes:
-        name: What the robot had to do.
-        passed: Whether it did.
-        detail: The figures that show it, or what stopped it.
-    """
+    """One trial; ``detail`` has the figures, or the cause of the failure."""
 
     name: str
     passed: bool
@@ -49,13 +43,7 @@ class Trial:
 
 
 class Trials:
-    """Runs the trials one after the other in one loop, and in a new one after a fall.
-
-    Args:
-        model: The robot.
-        config: How long, how far.
-        seed: Of the sensor noise.
-    """
+    """Runs the trials one after the other in one loop, and in a new one after a fall; ``seed``: sensor noise."""
 
     def __init__(self, model: RobotModel, config: TrialConfig, seed: int = 0) -> None:
         self._model, self._config, self._seed = model, config, seed
@@ -64,7 +52,7 @@ class Trials:
         self._loop: ClosedLoop | None = None
 
     def run(self) -> list[Trial]:
-        """Stand, squat, wave, walk; a robot that cannot be put on its feet is tried no further."""
+        """Stand, squat, wave, walk; stops when the robot cannot stand."""
         trials = [self._try("stand", self._stand)]
         if trials[0].passed:
             trials += [self._try("squat", self._squat), self._try("wave", self._wave), self._try("walk", self._walk)]
@@ -113,7 +101,7 @@ class Trials:
         return Trial("wave", self._standing(loop) and raised > self._config.hand_min * self._height, text)
 
     def _motion(self, loop: ClosedLoop, name: str) -> str:
-        """Play a motion; returns why it did not come to its end, or nothing."""
+        """Play a motion; returns why it did not end, or an empty text."""
         reply = loop.command(name)
         if not reply.accepted:
             return reply.reason
@@ -145,13 +133,13 @@ class Trials:
         return loop.mode is Mode.STAND and not loop.fallen
 
     def _effort(self, loop: ClosedLoop, first: int) -> str:
-        """The joint that came nearest to its torque limit since a row of the log."""
+        """The joint with the highest torque relative to its limit since a row of the log."""
         shares = np.abs(loop.log.tau[first:]) / self._model.tau_max
         joint = int(shares.max(axis=0).argmax())
         return f"'{self._model.joint_names[joint]}' at {100.0 * shares[:, joint].max():.0f} % of its torque"
 
     def _why(self, loop: ClosedLoop, otherwise: str) -> str:
-        """Faults, how it fell, and the joint that was the first at its torque limit before it did."""
+        """Faults, kind of fall, and the first joint at its torque limit before it."""
         shares = np.abs(loop.log.tau) / self._model.tau_max
         end = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
         reasons = list(loop.faults) or ([loop.fall_reason] if loop.fallen else [otherwise])

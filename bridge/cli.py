@@ -3,36 +3,56 @@
 from __future__ import annotations
 
 import os
-from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
+from typer.core import TyperGroup
 
-from bridge import log_cli, reach_cli, record_cli
-from bridge.command_line import Namespace, Network, need, need_ros, print_reply, told
+from bridge.commands import log, reach, record
+from bridge.commands.common import Namespace, Network, console, need, need_ros, print_reply, report_errors
 from models.threads import use_one_thread
 
 if TYPE_CHECKING:
     from controllers.command_signature import Signer
 
+ENTRY_POINTS = "poise.commands"
+"""Entry points of groups of commands, such as ``poise bench``."""
+
 # One thread per process, set before anything numerical is imported; pictures without a display.
 use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
+
+class _Commands(TyperGroup):
+    """Commands of poise, and the groups that other packages register: these load when one is run or listed."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        from importlib.metadata import entry_points
+
+        return [*super().list_commands(ctx), *sorted(entry_points(group=ENTRY_POINTS).names)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        from importlib.metadata import entry_points
+
+        if cmd_name not in self.commands:
+            for entry in entry_points(group=ENTRY_POINTS, name=cmd_name):
+                group = typer.main.get_group(entry.load())
+                group.name = cmd_name
+                self.add_command(group)
+        return super().get_command(ctx, cmd_name)
+
+
 app = typer.Typer(
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_show_locals=False,
     help="Whole-body control for humanoid robots over ROS 2.",
 )
-app.add_typer(log_cli.app, name="log")
-for _command in (record_cli.record, record_cli.replay, record_cli.plot, record_cli.export):
+app.add_typer(log.app, name="log")
+for _command in (record.record, record.replay, record.plot, record.export):
     app.command()(_command)
-app.command(context_settings={"ignore_unknown_options": True})(reach_cli.reach)  # -0.3 is a place, not an option
-for _entry in entry_points(group="poise.commands"):
-    app.add_typer(_entry.load(), name=_entry.name)
+app.command(context_settings={"ignore_unknown_options": True})(reach.reach)  # -0.3 is a place, not an option
 
 CALIBRATION_TIMEOUT = 400.0
 """Longest wait for a calibration [s]; the estimator gives up before."""
@@ -40,17 +60,20 @@ CALIBRATION_TIMEOUT = 400.0
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
 
 
-def _operator(key: Path | None) -> Signer | None:
-    """Signer of who steers; None without a key."""
-    from bridge.ros.operator import SOURCE
+def _signer(key: Path | None, source: str = "teleop") -> Signer | None:
+    """Signer of a source's commands; None without a key."""
+    if key is None:
+        return None
     from controllers.command_key import read_key
     from controllers.command_signature import Signer
 
-    return None if key is None else Signer(read_key(key), SOURCE)
+    return Signer(read_key(key), source)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
+        from importlib.metadata import version
+
         print(f"poise {version('poise')}")
         raise typer.Exit
 
@@ -71,7 +94,7 @@ def demo(
 ) -> None:
     """Stand, wave, squat, take a push and walk a square over ROS 2 in real time, and report how well."""
     need_ros()
-    from bridge.demo import demo as play
+    from bridge.demo.run import demo as play
 
     raise typer.Exit(play(robot, out))
 
@@ -106,18 +129,21 @@ def up(
         list[str] | None, typer.Option(help=r"Where one of several begins \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…")
     ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Simulated over real time.")] = 1.0,
+    plant: Annotated[
+        str, typer.Option(help="The robot: mujoco, the name of an installed plant, or module:Class.")
+    ] = "mujoco",
+    plant_options: Annotated[str, typer.Option(help="Arguments of another plant: YAML in braces, or a file.")] = "",
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
-    from bridge.fault_plan import fault_plan
-    from bridge.inhabitants import inhabitants
-    from bridge.launch import up as launch
-    from bridge.launch_world import up_world
+    from bridge.launch.graph import up as launch
+    from bridge.launch.world import inhabitants, up_world
     from bridge.own_motions import own_motions
-    from bridge.sensor_errors import read_sensor_errors
+    from bridge.plants.fault_plan import fault_plan
+    from bridge.plants.sensor_errors import read_sensor_errors
     from models.terrain import terrain_named
 
-    with told():
+    with report_errors():
         read_sensor_errors(sensor_errors)
         fault_plan(faults)
         terrain_named(terrain)
@@ -127,14 +153,16 @@ def up(
         raise typer.BadParameter("--robots names the namespaces: --namespace goes with one robot")
     if several and camera:
         raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
-    given = {"sensor_errors": sensor_errors, "faults.plan": faults}
-    plant = {"terrain": terrain, "speed": speed, **{name: text for name, text in given.items() if text}}
+    if several and plant != "mujoco":
+        raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
+    given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
+    driver = {"plant": plant, "terrain": terrain, "speed": speed} | {k: text for k, text in given.items() if text}
     options: dict[str, Any] = {
         "duration": duration,
         "network": network,
         "merged": merged,
         "lockstep": lockstep,
-        "parameters": {"mujoco_bridge": plant, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
+        "parameters": {"robot_driver": driver, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
         "calibration": calibration,
         "actions": actions,
     }
@@ -152,15 +180,12 @@ def send(
     namespace: Namespace = "",
 ) -> None:
     """Send a text command to the running robot and say what became of it."""
-    from controllers.command_key import read_key
-    from controllers.command_signature import Signer
-
-    with told():
-        signer = None if key is None else Signer(read_key(key), source)
+    with report_errors():
+        signer = _signer(key, source)
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network, namespace=namespace, signer=signer) as client:
+    with report_errors(), Client(network=network, namespace=namespace, signer=signer) as client:
         raise typer.Exit(print_reply(client.command(text)))
 
 
@@ -179,9 +204,9 @@ def view(
     from bridge.view.page import view as serve
 
     if key is not None and host not in ("127.0.0.1", "localhost"):
-        raise typer.BadParameter("a page that others reach would sign for everybody: --key goes with 127.0.0.1 only")
-    with told():
-        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=_operator(key))
+        raise typer.BadParameter("a page that others reach would sign for each of them: --key goes with 127.0.0.1 only")
+    with report_errors():
+        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=_signer(key))
 
 
 @app.command()
@@ -196,8 +221,8 @@ def teleop(
     need_ros()
     from bridge.teleop.run import teleop as steer
 
-    with told():
-        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=_operator(key))
+    with report_errors():
+        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=_signer(key))
 
 
 @app.command()
@@ -205,9 +230,9 @@ def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing fi
     """Make a key for signed commands: random bytes that this user alone can read."""
     from controllers.command_key import write_key
 
-    with told():
+    with report_errors():
         write_key(file)
-    Console().print(f"{file}: new key; copy it to the robot and its operators, show it to nobody else", markup=False)
+    console().print(f"{file}: new key; copy it to the robot and its operators, and keep it secret", markup=False)
 
 
 @app.command()
@@ -224,7 +249,7 @@ def mode(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network, namespace=namespace) as client:
+    with report_errors(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.trigger(services[name])))
 
 
@@ -249,7 +274,7 @@ def walk(
     from bridge.ros.walk import walk as drive
     from bridge.ros.walk import walk_to
 
-    with told(), Client(network=network, namespace=namespace) as client:
+    with report_errors(), Client(network=network, namespace=namespace) as client:
         if to is not None:
             raise typer.Exit(print_reply(walk_to(client, to)))
         raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
@@ -268,7 +293,7 @@ def calibrate(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network, namespace=namespace) as client:
+    with report_errors(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
 
@@ -282,7 +307,7 @@ def hang(
     need_ros()
     from bridge.ros.client import Client
 
-    with told(), Client(network=network, namespace=namespace) as client:
+    with report_errors(), Client(network=network, namespace=namespace) as client:
         raise typer.Exit(print_reply(client.switch("hang", not down)))
 
 
@@ -299,9 +324,9 @@ def check_robot(
     from bridge.check_robot import check_robot as check
     from bridge.check_robot import report
 
-    with told():
+    with report_errors():
         verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)
-    report(verdict, Console())
+    report(verdict, console())
     raise typer.Exit(0 if verdict.passed else 1)
 
 
@@ -309,6 +334,7 @@ def check_robot(
 def robots() -> None:
     """List the robots that have a profile."""
     import pinocchio as pin
+    from rich.table import Table
 
     from models.profile import robot_names
     from models.robot_model import RobotModel
@@ -320,4 +346,4 @@ def robots() -> None:
         sole = f"{100 * (x_max - x_min):.1f} x {100 * (y_max - y_min):.1f}"
         height = pin.centerOfMass(model.pin, model.data(), model.standing_configuration())[2]
         table.add_row(name, str(model.nj), f"{model.mass:.1f}", f"{height:.3f}", sole)
-    Console().print(table)
+    console().print(table)

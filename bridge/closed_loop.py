@@ -8,23 +8,20 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
-from bridge.fault_plan import Faults
-from bridge.lockstep import Controller, Lockstep
+from bridge.lockstep import Lockstep
 from bridge.loop_black_box import LoopBlackBox
 from bridge.loop_config import LoopConfig
 from bridge.loop_log import LoopLog
-from bridge.mujoco_plant import MujocoPlant
-from bridge.mujoco_world import ALONE, MujocoWorld
 from bridge.obstacle_guard import ObstacleGuard
-from bridge.sensor_errors import SensorErrors
-from bridge.text_commands import TextCommands
-from controllers.balance import BalanceController
+from bridge.plants.fault_plan import Faults
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.world import ALONE, MujocoWorld
 from controllers.estimation.estimator import StateEstimator
-from controllers.head import Head
+from controllers.input_log import InputLog
 from controllers.joint_servo import JointServo
+from controllers.stack import ControlStack, Law, StackConfig
 from controllers.supervisor import ACTIVE_MODES
-from controllers.walker import Walker
-from models.applied import Applied
 from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
@@ -32,7 +29,7 @@ from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.gait import GaitPlanner
+from planners.gait.planner import GaitPlanner
 
 if TYPE_CHECKING:
     from bridge.loop_recorder import LoopRecorder
@@ -68,7 +65,7 @@ class ClosedLoop:
         record: Keep a log.
         record_period_s: Time between two rows of it [s]; that of ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
-        controller: Whole-body controller to use instead of a new ``BalanceController``.
+        controller: Whole-body law to use instead of a new ``BalanceController``.
         gait: How it walks; the gait of the robot when None.
         config: Start-up, scoring and log settings; the packaged ones when None.
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
@@ -85,6 +82,7 @@ class ClosedLoop:
     Attributes:
         robot: The robot.
         plant: The simulated robot; no law may see it.
+        stack: The control stack, with its stages and inputs.
         log: What was recorded.
         events: Stamp [s] and text of commands, pushes and changes of mode.
         black_box: The black box and the files that it has written; None without.
@@ -111,7 +109,7 @@ class ClosedLoop:
         record: bool = True,
         record_period_s: float | None = None,
         visuals: bool = False,
-        controller: Controller | None = None,
+        controller: Law | None = None,
         gait: GaitConfig | None = None,
         config: LoopConfig | None = None,
         sensor_errors: SensorErrors | None = None,
@@ -153,32 +151,36 @@ class ClosedLoop:
             raise ConfigError(f"control_period_s: {control_period_s} s is not a multiple of the timestep {timestep} s")
         period = self.config.record_period if record_period_s is None else record_period_s
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
-        balance = BalanceController(self.robot, head=Head.of(self.robot)) if controller is None else controller
-        self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, balance, estimate)
-        told = estimate == "sensors" and isinstance(balance, BalanceController)  # else nothing can be run again
-        applied = Applied() if told and (mcap is not None or black_box is not None) else None
+        self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, controller, estimate)
+        replayable = estimate == "sensors" and controller is None
+        self.stack = ControlStack(
+            self.robot,
+            StackConfig(gait=gait),
+            period=control_period_s,
+            calibration=calibration,
+            law=controller,
+            log=InputLog() if replayable and (mcap is not None or black_box is not None) else None,
+        )
+        if self._recorder is not None and self.stack.log is not None:
+            self.stack.log.number = self._recorder.motion
         self._lockstep = Lockstep(
             self.plant,
-            balance,
+            self.stack,
             self.config,
             control_ticks=control_ticks,
             delay_ticks=delay_ticks,
             use_truth=estimate == "truth",
             note=self._note,
             after_tick=self._record,
-            calibration=calibration,
-            gait=gait,
-            applied=applied,
             recorder=self._recorder,
         )
-        if applied is not None and isinstance(balance, BalanceController):
-            _describe(applied, self.estimator, balance, self.walker)
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
-        self.black_box = None if black_box is None else LoopBlackBox(self.robot, black_box, self.events, applied)
+        self.black_box = None if black_box is None else LoopBlackBox(self.stack, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
         self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
-        self._text = TextCommands(self.robot, self._lockstep, lambda: self._guard or self.gait)
+        if self._guard is not None:
+            self.stack.velocity_input = self._guard
         try:
             (self.hang if start == "hang" else self.reset)()
         except PoiseError:
@@ -200,12 +202,12 @@ class ClosedLoop:
     @property
     def mode(self) -> Mode:
         """What the supervisor has the robot do."""
-        return self._lockstep.supervisor.mode
+        return self.stack.mode
 
     @property
     def faults(self) -> tuple[str, ...]:
         """Faults that the supervisor has latched."""
-        return self._lockstep.supervisor.faults
+        return self.stack.supervisor.faults
 
     @property
     def fallen(self) -> bool:
@@ -230,17 +232,17 @@ class ClosedLoop:
     @property
     def state(self) -> RobotState:
         """Last estimate."""
-        return self._lockstep.state
+        return self.stack.state
 
     @property
     def result(self) -> ControlResult:
         """Last tick of the controller."""
-        return self._lockstep.result
+        return self.stack.result
 
     @property
-    def controller(self) -> Controller:
+    def controller(self) -> Law:
         """The whole-body controller."""
-        return self._lockstep.controller
+        return self.stack.law
 
     @property
     def drivers(self) -> JointServo:
@@ -250,17 +252,12 @@ class ClosedLoop:
     @property
     def estimator(self) -> StateEstimator:
         """The state estimator: its health, the push it feels, and how sure it is of ``state``."""
-        return self._lockstep.estimator
-
-    @property
-    def walker(self) -> Walker[GaitPlanner]:
-        """Gait planner and walking controller."""
-        return self._lockstep.walker
+        return self.stack.estimator
 
     @property
     def gait(self) -> GaitPlanner:
         """The gait planner."""
-        return self.walker.planner
+        return self.stack.gait
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -292,11 +289,11 @@ class ClosedLoop:
     @property
     def calibration(self) -> Calibration | None:
         """The calibration that the next ``reset`` or ``hang`` takes; settable."""
-        return self._lockstep.calibration
+        return self.stack.calibration
 
     @calibration.setter
     def calibration(self, calibration: Calibration | None) -> None:
-        self._lockstep.calibration = calibration
+        self.stack.calibration = calibration
 
     def calibrate(self, what: str) -> CommandReply:
         """Calibrate 'imu', 'joints' or 'feet' with the motions it needs; see ``bridge/calibrating.py``.
@@ -314,7 +311,7 @@ class ClosedLoop:
 
     def command(self, text: str) -> CommandReply:
         """Carry out a text command (wave, squat, walk, forward, stop, ...), or say why not."""
-        reply = self._text.run(text)
+        reply = self.stack.command(text)
         self._note(f"{text[:32]}: {reply.reason}")
         return reply
 
@@ -327,9 +324,7 @@ class ClosedLoop:
         end = self.t + self.config.motion_limit
         while self.mode is Mode.MOTION:
             if self.t > end:
-                raise PoiseError(
-                    f"motion '{self._lockstep.supervisor.motion}' did not end in {self.config.motion_limit} s"
-                )
+                raise PoiseError(f"motion '{self.stack.supervisor.motion}' did not end in {self.config.motion_limit} s")
             self.step()
         return self.mode is Mode.STAND and not self.fallen
 
@@ -341,7 +336,7 @@ class ClosedLoop:
         """
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
-        (self._guard or self.gait).set_velocity(forward, left, turn)
+        self.stack.velocity_input.set_velocity(forward, left, turn)
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def look(self, pan: float, tilt: float) -> None:
@@ -352,7 +347,7 @@ class ClosedLoop:
         """
         if self.mode not in ACTIVE_MODES:
             raise CommandError(f"head refused in mode '{self.mode.value}'")
-        self._lockstep.laws.look(pan, tilt)
+        self.stack.look(pan, tilt)
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass with a force in the world (3,) [N] for a time [s], from the next tick on.
@@ -360,7 +355,7 @@ class ClosedLoop:
         Raises:
             CommandError: The body is unknown, or force or duration is not usable.
         """
-        self.plant.apply_push(force, duration, body)
+        self.plant.push(force, duration, body)
         self._note(f"push ({force[0]:g}, {force[1]:g}, {force[2]:g}) N for {duration:g} s on {body}")
 
     def inject(self, faults: Faults) -> str:
@@ -408,7 +403,7 @@ class ClosedLoop:
         if self.black_box is not None:
             self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
-            self.log.add(self.plant.truth, self.plant.com, lockstep.state, lockstep.result, self.mode, self.gait)
+            self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))
@@ -416,29 +411,10 @@ class ClosedLoop:
             self._recorder.event(text)
 
 
-def _describe(
-    applied: Applied, estimator: StateEstimator, balance: BalanceController, walker: Walker[GaitPlanner]
-) -> None:
-    """Say how the laws are set, and where their state is."""
-    tracker = walker.controller
-    applied.describe("estimator", estimator.given)
-    applied.describe("balance", balance.config)
-    applied.describe("whole_body", balance.whole_body.config)
-    if balance.head is not None:
-        applied.describe("head", balance.head.config)
-    applied.describe("walking", tracker.config)
-    applied.describe("whole_body_walking", tracker.whole_body.config)
-    applied.describe("gait", walker.planner.config)
-    applied.watch("estimator", estimator)
-    applied.watch("balance", balance)
-    applied.watch("walker", walker, (walker.planner,))
-    applied.watch("gait", walker.planner)
-
-
-def _make_recorder(robot: RobotModel, path: Path, controller: Controller, estimate: str) -> LoopRecorder:
+def _make_recorder(robot: RobotModel, path: Path, controller: Law | None, estimate: str) -> LoopRecorder:
     """Recorder of a loop, if what it records can be replayed."""
-    if estimate != "sensors" or not isinstance(controller, BalanceController):
-        raise ConfigError("mcap: only a run on its sensors and with a BalanceController can be replayed")
+    if estimate != "sensors" or controller is not None:
+        raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
     try:
         from bridge.loop_recorder import LoopRecorder
     except ImportError as error:

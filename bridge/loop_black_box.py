@@ -1,4 +1,4 @@
-"""Black box of the closed loop: filled at every tick, written when a fault has had the robot damped."""
+"""Black box of the closed loop: filled at every tick, written after a fault has damped the robot."""
 
 from __future__ import annotations
 
@@ -9,52 +9,37 @@ from pathlib import Path
 from bridge.lockstep import Lockstep
 from controllers.black_box import BlackBox
 from controllers.black_box_file import BlackBoxFolder
+from controllers.stack import ControlStack
 from controllers.supervisor import ACTIVE_MODES
-from models.applied import Applied
-from models.robot_model import RobotModel
 from models.types import Mode
 
 
 class LoopBlackBox:
-    """Writes one file for each time that a fault ends an active mode.
+    """Writes one file into ``folder`` each time a fault ends an active mode; ``files`` lists them.
 
-    Args:
-        robot: The robot.
-        folder: Where the files go.
-        events: Stamp and text of what happened; read when a file is written.
-        applied: What the laws are told, so that a file can be run again; None where it cannot.
-
-    Attributes:
-        box: The ring.
-        files: What was written.
+    ``events`` are stamps and texts, read when a file is written; ``box`` is the ring.
     """
 
-    def __init__(
-        self, robot: RobotModel, folder: Path, events: Sequence[tuple[float, str]], applied: Applied | None
-    ) -> None:
-        self.box = BlackBox(robot, applied=applied)
+    def __init__(self, stack: ControlStack, folder: Path, events: Sequence[tuple[float, str]]) -> None:
+        self._stack, self._events = stack, events
+        self.box = BlackBox(stack.robot, stack=stack)
         self.files: list[Path] = []
-        self._folder = BlackBoxFolder(robot.name, folder, self.box.config.keep)
-        self._events, self._applied = events, applied
+        self._folder = BlackBoxFolder(stack.robot.name, folder, self.box.config.keep)
         self._before = Mode.OFF
         self._due: float | None = None
 
     def tick(self, lockstep: Lockstep) -> None:
-        """Keep one tick; write when the time has come.
-
-        Raises:
-            PoiseError: The disk refuses.
-        """
-        supervisor, t = lockstep.supervisor, lockstep.state.t
-        mode = supervisor.mode
-        if lockstep.tick <= 1:  # it starts over
+        """Record one tick and write when due; ``PoiseError`` when writing fails."""
+        stack = self._stack
+        supervisor, t, mode = stack.supervisor, stack.state.t, stack.mode
+        if lockstep.tick <= 1:  # a new run
             self.box.clear()
             self._before, self._due = Mode.OFF, None
-        result = lockstep.result if mode in ACTIVE_MODES else None
-        self.box.add(lockstep.state, lockstep.heard, result, mode, lockstep.stamp)
-        told = self._applied is not None and self._applied.pending  # by the supervisor, and the next note says it again
-        if result is not None and lockstep.scheduled is not None and not told:
-            self.box.checkpoint(lockstep.state, lockstep.scheduled, walking=lockstep.laws.walking)
+        result = stack.result if mode in ACTIVE_MODES else None
+        self.box.add(stack.state, stack.raw, result, mode, lockstep.stamp)
+        pending = stack.log is not None and stack.log.pending  # inputs since the tick, which the next note repeats
+        if result is not None and stack.scheduled is not None and not pending:
+            self.box.checkpoint()
         if self._before in ACTIVE_MODES and mode in (Mode.DAMP, Mode.OFF) and supervisor.faults:
             self._due = t + self.box.config.after
         self._before = mode

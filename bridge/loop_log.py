@@ -9,8 +9,8 @@ import numpy as np
 from bridge.recording import Recording
 from models.robot_model import RobotModel
 from models.types import ControlResult, Matrix, Mode, RobotState, SolveStatus, Vector
-from planners.gait.gait import GaitPlanner
-from planners.gait.phase import GaitPhase
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitPhase
 
 _FIRST_ROWS = 1024
 _STATUS = tuple(SolveStatus)
@@ -20,16 +20,13 @@ _MODES = tuple(Mode)
 class LoopLog:
     """Samples of a run; ``log.com`` and the like are (n, width) views, ``log.t`` and other scalars (n,).
 
-    Columns: ``t`` [s]; ``com`` (3), ``dcm`` (2), ``zmp`` (2) [m] as the controller sees and commands them; ``true_com``
-    (3) [m], ``true_q`` (nq), ``true_v`` (nv) in Pinocchio's order; ``estimate_q`` (nq), ``estimate_v`` (nv); ``tau``
-    (nj) [N.m] as applied; ``wrenches`` (12) true ground reactions, left then right, each in its sole frame [N, N.m];
-    ``planned_wrenches`` (12) those of the QP; ``footholds`` (4), x and y of both soles as the gait plans them, in the
-    frame of the estimate [m]; ``swing``, the foot that is to be in the air (0 left, 1 right, -1 none);
-    ``residual`` [1]; ``solve_time`` [s], the one column that differs between two runs of the same seed; ``status``
-    and ``mode`` as indices, see ``statuses`` and ``modes``.
-
-    Args:
-        model: Robot.
+    Columns: ``t`` [s]; ``com`` (3), ``dcm`` (2), ``zmp`` (2) [m] as estimated and commanded by the controller;
+    ``true_com`` (3) [m], ``true_q`` (nq), ``true_v`` (nv) in Pinocchio's order; ``estimate_q`` (nq), ``estimate_v``
+    (nv); ``tau`` (nj) [N.m] as applied; ``wrenches`` (12) true ground reactions, left then right, each in its sole
+    frame [N, N.m]; ``planned_wrenches`` (12) those of the QP; ``footholds`` (4), x and y of both soles as planned by
+    the gait, in the frame of the estimate [m]; ``swing``, the planned swing foot (0 left, 1 right, -1 none);
+    ``residual`` [1]; ``solve_time`` [s], the one column that differs between two runs of the same seed; ``status`` and
+    ``mode`` as indices, see ``statuses`` and ``modes``.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -76,7 +73,7 @@ class LoopLog:
 
     @property
     def statuses(self) -> list[SolveStatus]:
-        """How each row's command came about."""
+        """Solver status of each row's command."""
         return [_STATUS[int(i)] for i in self.status]
 
     @property

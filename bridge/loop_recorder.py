@@ -1,4 +1,4 @@
-"""Writes a run of the closed loop as the topics of the graph, with all that a replay needs; without a graph."""
+"""Writes a run of the closed loop as the topics of the graph, with all inputs of a replay; needs no graph."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from bridge.mcap_log import McapLog
-from bridge.mujoco_plant import MujocoPlant
-from bridge.run_topics import DESCRIPTION, EVENTS, ROBOT, TYPES
+from bridge.plants.mujoco import MujocoPlant
+from bridge.record.mcap_log import McapLog
+from bridge.record.run_topics import DESCRIPTION, EVENTS, ROBOT, TYPES
 from models.nodes import topics
 from models.nodes.messages import (
     ImuCodec,
@@ -29,17 +29,11 @@ ODOMETRY_PERIOD = 0.01
 
 
 class LoopRecorder:
-    """What ``Lockstep`` tells as it goes becomes messages; a new start begins the file anew.
+    """Converts the events of ``Lockstep`` to messages; a new start begins the file anew, which appears at ``close``.
 
-    The time of the log is that of the tick; ``header.stamp`` of the sensors is their own, which differs where they are
-    late. Sensors are as the laws got them: calibrated, and with the faults that were injected.
-
-    Args:
-        robot: The robot.
-        path: Where the file appears at ``close``.
-
-    Raises:
-        PoiseError: It cannot be written.
+    The time of the log is that of the tick; ``header.stamp`` of the sensors is the sampling time, which differs with
+    latency. Sensors are as the laws received them: calibrated, and with the injected faults. ``PoiseError`` when the
+    file cannot be written.
     """
 
     def __init__(self, robot: RobotModel, path: Path) -> None:
@@ -50,7 +44,7 @@ class LoopRecorder:
         self._log: McapLog | None = self._begin()
 
     def _begin(self) -> McapLog:
-        """A file with its topics, and with what it is about."""
+        """Open the file with its topics and metadata."""
         log = McapLog(self._path)
         for topic in (
             *topics.sensor_topics(self._robot),
@@ -74,7 +68,7 @@ class LoopRecorder:
         self._add(topic, bytes(serialize_message(String(data=text))), stamp)
 
     def start(self) -> None:
-        """The estimator has started; what was recorded of an earlier run is dropped."""
+        """The estimator has started; an earlier run is dropped."""
         if self._log is None:
             return
         if self._now:
@@ -88,7 +82,7 @@ class LoopRecorder:
         return zlib.crc32(data)
 
     def event(self, text: str) -> None:
-        """Something happened."""
+        """Record an event."""
         self._say(EVENTS, text, self._now)
 
     def tick(
@@ -100,15 +94,9 @@ class LoopRecorder:
         mode: Mode,
         note: str,
     ) -> None:
-        """A tick of the laws is over.
+        """Record a tick: true state of the plant, input and output of the estimator, result of the law (None without).
 
-        Args:
-            plant: The simulated robot, for the time and for what is true.
-            sensors: What the estimator got.
-            state: What it made of it.
-            result: What the law in charge answered; None where none is.
-            mode: Mode of the robot.
-            note: What the laws were told; empty for nothing.
+        ``note`` are the inputs of the laws; empty for none.
         """
         if self._log is None:
             return
@@ -131,7 +119,7 @@ class LoopRecorder:
             self._add(topics.GROUND_TRUTH, self._odometry.encode(now, plant.truth), now)
 
     def close(self) -> dict[str, int]:
-        """Complete the file and give it its name; returns the number of messages by topic. Nothing is written later."""
+        """Complete the file and move it to its path; returns the messages by topic. Later calls write nothing."""
         if self._log is None:
             return {}
         log, self._log = self._log, None
@@ -139,7 +127,7 @@ class LoopRecorder:
         return log.counts
 
     def discard(self) -> None:
-        """Leave no file."""
+        """Delete the incomplete file."""
         if self._log is not None:
             self._log.discard()
             self._log = None

@@ -1,4 +1,4 @@
-"""Scores of the simulated robot from its true state: has it fallen, have its feet slid."""
+"""Scores of the simulated robot from its true state: falls and foot slip."""
 
 from __future__ import annotations
 
@@ -8,27 +8,19 @@ import mujoco
 import numpy as np
 
 from bridge.loop_config import LoopConfig
-from bridge.mujoco_plant import MujocoPlant
+from bridge.plants.mujoco import MujocoPlant
 from models.constants import GRAVITY
 
 
 class PlantMonitor:
-    """Watches for falls and for feet that slide while they stand.
+    """Detects falls and slip of stance feet.
 
-    Fallen, for good until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``,
-    or tilted more than ``fall_tilt``, or anything but a sole touches the floor.
+    Fallen, until ``reset``: the base is lower over the ground than ``fall_height`` of its height at ``reset``, or
+    tilted more than ``fall_tilt``, or anything but a sole touches the floor.
 
-    Slip of a foot, from where its sole was when the foot last took load:
-    |p_xy - p_xy,0| + |yaw - yaw_0| r, with r the distance from the sole's origin to the farthest corner.
-
-    Args:
-        plant: Plant to watch.
-        config: Limits.
-
-    Attributes:
-        fallen: Whether the robot has fallen.
-        reason: How; empty while it has not.
-        foot_slip: Largest slip of each foot since ``reset`` (2,) [m].
+    Slip of a foot, from the pose of its sole when the foot last took load: |p_xy - p_xy,0| + |yaw - yaw_0| r, with r
+    the distance from the sole's origin to the farthest corner. ``foot_slip`` is the largest since ``reset`` (2,) [m];
+    ``reason`` is the kind of fall, empty before one.
     """
 
     def __init__(self, plant: MujocoPlant, config: LoopConfig) -> None:
@@ -45,7 +37,7 @@ class PlantMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything; the present height of the base is the standing height."""
+        """Start over; the present height of the base becomes the standing height."""
         self.fallen = False
         self.reason = ""
         self.foot_slip = np.zeros(2)
@@ -54,7 +46,7 @@ class PlantMonitor:
         self._height = self._height_over_ground()
 
     def update(self) -> None:
-        """Look at the present state."""
+        """Evaluate the present state."""
         if not self.fallen:
             self.reason = self._find_fall()
             self.fallen = bool(self.reason)

@@ -4,34 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bridge.laser_scanner import LaserScanner
 from bridge.lockstep import Lockstep
+from bridge.plants.scanner import LaserScanner
 from controllers.arbitration import Velocity
 from controllers.obstacle_stop import ObstacleStop
 from models.types import Mode
 
 LIMIT_PERIOD = 0.02
-"""Time between two looks at the velocity, as in the graph [s]."""
+"""Update period of the velocity, as in the graph [s]."""
 
 STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class ObstacleGuard:
-    """Takes velocities in the gait's place and passes on what the obstacle stop allows of them.
+    """Receives velocities in place of the gait and passes on what the obstacle stop allows.
 
-    Args:
-        lockstep: Whose robot walks.
-        seed: Of the scanner's noise.
-        noise: Factor on it.
-        note: Takes a sentence about what happened.
-
-    Attributes:
-        law: The obstacle stop.
-        scanner: The scanner.
-        reason: Why the robot is slower than commanded; empty when it is not.
-
-    Raises:
-        ConfigError: The robot has no scanner.
+    ``noise`` is a factor on the scanner's noise of ``seed``; ``note`` takes a sentence about an event; ``reason`` says
+    why the robot is slower than commanded, empty otherwise. Raises ``ConfigError`` for a robot without scanner.
     """
 
     def __init__(self, lockstep: Lockstep, seed: int, noise: float, note: Callable[[str], None]) -> None:
@@ -41,7 +30,7 @@ class ObstacleGuard:
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
-        """Start over: nothing is commanded and nothing has been seen; a seed replaces the present one."""
+        """Discard command and scans; a seed replaces the present one."""
         self.law.reset()
         self.scanner.reset(seed)
         self.reason = ""
@@ -49,8 +38,8 @@ class ObstacleGuard:
         self._t = self._next_scan = self._next_limit = 0.0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Take a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity`` for refusals."""
-        self._lockstep.walker.planner.set_velocity(forward, left, turn)
+        """Command a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity`` for refusals."""
+        self._lockstep.stack.set_velocity(forward, left, turn)
         self._wanted = self._given = (forward, left, turn)
         self._look()
         self._limit()
@@ -58,32 +47,31 @@ class ObstacleGuard:
     def stop(self) -> None:
         """Come to a standstill."""
         self._wanted = self._given = STILL
-        self._lockstep.walker.planner.stop()
+        self._lockstep.stack.stop()
 
     def step(self) -> None:
-        """After each tick."""
+        """Update after each tick."""
         self._look()
         if self._t >= self._next_limit:
             self._next_limit = self._t + LIMIT_PERIOD
             self._limit()
 
     def _look(self) -> None:
-        """Scan when a scan is due."""
         self._t = self._lockstep.plant.t
         if self._t >= self._next_scan:
             self._next_scan = self._t + 1.0 / self.scanner.config.rate
-            scan = self._lockstep.plant.seen(self.scanner.scan(self._t))
+            scan = self._lockstep.plant.transmit_scan(self.scanner.scan(self._t))
             if scan is not None:
                 self.law.update(scan)
 
     def _limit(self) -> None:
-        """Pass on what is allowed now, where that has changed; a mode other than 'walk' forgets what was wanted."""
-        if self._lockstep.supervisor.mode is not Mode.WALK:
+        """Pass on changes of the allowed velocity; a mode other than 'walk' discards the command."""
+        if self._lockstep.stack.mode is not Mode.WALK:
             self._wanted = self._given = STILL
         allowed, reason = self.law.limit(self._wanted, self._t)
         if allowed != self._given:
             self._given = allowed
-            self._lockstep.walker.planner.set_velocity(*allowed)
+            self._lockstep.stack.set_velocity(*allowed)
         if reason != self.reason:
             self.reason = reason
             self._note(f"obstacle stop: {reason or 'free'}")

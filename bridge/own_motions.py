@@ -1,4 +1,4 @@
-"""Motions of the user's own for the graph: the planner reads their files, the supervisor knows their names."""
+"""User-defined motions for the graph: files for the planner, names for the supervisor."""
 
 from __future__ import annotations
 
@@ -12,15 +12,7 @@ from planners.library import load_motion, motion_files
 
 
 def own_motions(robot: str, folder: Path) -> Parameters:
-    """Parameters of the nodes that motions concern.
-
-    Args:
-        robot: Profile that the motions are checked against, by name or path.
-        folder: Of their files.
-
-    Raises:
-        ConfigError: There are none, or one is refused; file and key are named.
-    """
+    """Node parameters for a folder of motion files; ``ConfigError`` when empty, or with file and key of an error."""
     model = RobotModel.load(robot)
     names = [load_motion(file, model).name for file in motion_files(folder)]
     known = default_config(SupervisorConfig, "controllers", "supervisor").motions

@@ -1,4 +1,4 @@
-"""A run of the robot kept as arrays: what the report, the plots and the film strip are made from."""
+"""A run of the robot as arrays, for report, plots and film strip."""
 
 from __future__ import annotations
 
@@ -18,15 +18,13 @@ class Recording:
     """Samples of one run.
 
     Attributes:
-        robot: Name of the profile.
         t: Stamps, increasing (n,) [s].
         q: Configurations in Pinocchio's order (n, nq) [m, rad].
         v: Velocities in Pinocchio's order (n, nv) [m/s, rad/s].
         tau: Joint torques (n, nj) [N.m].
         wrenches: Ground reaction on each foot in its sole frame (n, 2, 6) [N, N.m].
-        events: Stamp and text of what happened.
-        estimate: Base pose as the robot estimates it, in ``odom``: position, quaternion xyzw (n, 7) [m]; None where
-            nobody listened.
+        events: Stamp [s] and text.
+        estimate: Estimated base pose in ``odom``: position, quaternion xyzw (n, 7) [m]; optional.
     """
 
     robot: str
@@ -39,14 +37,14 @@ class Recording:
     estimate: Matrix | None = None
 
     def split(self, word: str) -> tuple[Recording, Recording | None]:
-        """What was before the first event that begins with a word, and what came from then on; None without one."""
+        """Parts before and from the first event that begins with a word; the second is None without one."""
         starts = [time for time, text in self.events if text.split()[0] == word]
         if not starts or not (self.t >= starts[0]).any():
             return self, None
         return self.between(-np.inf, starts[0]), self.between(starts[0], np.inf)
 
     def between(self, start: float, end: float) -> Recording:
-        """The part from a stamp [s] to just before another one [s], with the events in it."""
+        """The part from a stamp [s] to just before another one [s], with its events."""
         rows = (self.t >= start) & (self.t < end)
         return Recording(
             robot=self.robot,
@@ -77,11 +75,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> Recording:
-        """Read what ``save`` wrote.
-
-        Raises:
-            PoiseError: The file is not such a recording.
-        """
+        """Read a file of ``save``; ``PoiseError`` for any other file."""
         try:
             with np.load(path, allow_pickle=False) as data:
                 events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
@@ -104,12 +98,7 @@ def sole_middle(model: RobotModel, data: pin.Data, q: Vector) -> tuple[float, fl
 
 
 class Recorder:
-    """Collects robot states into a ``Recording``, at most one per period.
-
-    Args:
-        robot: Name of the profile.
-        period: Least time between two samples that are kept [s].
-    """
+    """Collects robot states into a ``Recording``, at most one per period [s]."""
 
     def __init__(self, robot: str, period: float = 0.01) -> None:
         self._robot = robot
@@ -118,25 +107,16 @@ class Recorder:
         self._events: list[tuple[float, str]] = []
 
     def add(self, state: RobotState) -> None:
-        """Keep a state, unless it comes too soon after the last one that was kept or is older."""
+        """Add a state, unless it is older than the last one or within the period."""
         if not self._states or state.t >= self._states[-1].t + self._period - 1e-9:  # 1e-9: rounding of stamps
             self._states.append(state)
 
     def event(self, t: float, text: str) -> None:
-        """Note that something happened.
-
-        Args:
-            t: When [s].
-            text: What.
-        """
+        """Add an event at a time [s]."""
         self._events.append((t, text))
 
     def recording(self) -> Recording:
-        """Everything collected so far.
-
-        Raises:
-            PoiseError: No state was collected.
-        """
+        """The recording so far; ``PoiseError`` without states."""
         if not self._states:
             raise PoiseError("nothing was recorded: no state of the robot arrived")
         states = self._states

@@ -1,7 +1,7 @@
 """Film strip of a recorded run, or of runs of several robots in one world, drawn by MuJoCo without a display.
 
-Run as ``python -m bridge.render [--profile PROFILE] RECORDING... PICTURE`` in a process of its own: OpenGL libraries
-that are broken end the process that loads them.
+Run as ``python -m bridge.render [--profile PROFILE] RECORDING... PICTURE`` in a separate process: broken OpenGL
+libraries end the process that loads them.
 """
 
 from __future__ import annotations
@@ -29,22 +29,16 @@ DONE = "done"
 """Last word of the events that end a part of the run."""
 
 NOT_OURS = 3
-"""Exit status when the recording or the profile is at fault, and not the graphics."""
+"""Exit status for errors of the recording or the profile, not of the graphics."""
 
 GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 
 
 def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
-    """Draw a film strip in another process.
+    """Draw a film strip from a file of ``Recording.save`` to a PNG file, in another process.
 
-    Args:
-        recording_file: What ``Recording.save`` wrote.
-        picture: PNG file to write.
-        robot: Profile, by name or path; the one that the recording names when empty.
-        timeout: How long drawing may take [s].
-
-    Returns:
-        Empty when the picture was written, else why not and which package brings what is missing.
+    ``robot`` is a profile, by name or path, that of the recording when empty; ``timeout`` is in [s]. Returns an empty
+    text, or why the picture was not written and which package to install.
     """
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
@@ -69,17 +63,10 @@ def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, ti
 
 
 def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
-    """Stamps worth a picture: the beginning, the end, and in each part of the run the posture farthest from the first.
+    """Stamps to draw, increasing [s]: beginning, end, and in each part of the run the posture farthest from its first.
 
-    A part lasts from an event to the next one. Where pictures are left, they show each part on its way to that posture,
-    then the middle of the widest gaps.
-
-    Args:
-        recording: The run.
-        count: How many, at least two.
-
-    Returns:
-        Increasing stamps [s].
+    A part lasts from an event to the next one. The rest of the ``count`` (at least two) shows each part on the way to
+    that posture, then the middle of the widest gaps.
     """
     t = recording.t
     deviation = np.linalg.norm(recording.q[:, 7:] - recording.q[0, 7:], axis=1) + np.abs(
@@ -92,7 +79,7 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
         if len(part) == 0 or text.endswith(DONE):
             continue
         peak = int(part[np.argmax(deviation[part])])
-        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])  # 0.6: well on the way, and not yet there
+        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])  # 0.6 of the way
         peaks.append(float(t[peak]))
         ways.append(float(t[way]))
     times = {float(t[0]), float(t[-1])}
@@ -110,10 +97,8 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
 def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> None:
     """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
 
-    Args:
-        recordings: The run of each robot, with the same stamps; the first one's events are told.
-        picture: File to write, PNG or JPEG by its name.
-        profile: Of every robot, by name or path; those that the recordings name when empty.
+    The recordings, one for each robot, have the same stamps; the events of the first are shown. ``picture`` is PNG or
+    JPEG by its name; ``profile`` replaces those of the recordings unless empty.
     """
     import mujoco
     from PIL import Image, ImageDraw, ImageFont
@@ -157,7 +142,7 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
 
 
 def main(arguments: list[str]) -> int:
-    """Draw the last of the arguments from the recordings before it."""
+    """Draw the last argument from the recordings before it."""
     parser = argparse.ArgumentParser(prog="python -m bridge.render")
     parser.add_argument("--profile", default="")
     parser.add_argument("recordings", type=Path, nargs="+")

@@ -1,4 +1,4 @@
-"""Runs the laws again on a recording and compares their commands with the recorded ones, bit for bit."""
+"""Runs the laws on a recording and compares their commands with the recorded ones, bit for bit."""
 
 from __future__ import annotations
 
@@ -7,29 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.replayed_laws import ReplayedLaws
-from bridge.run_file import RecordedRun
-from controllers.sample_assembler import IMU, SOURCES
-from models.applied import TickNote
+from bridge.record.run_file import RecordedRun
+from bridge.replayed_stack import ReplayedStack
+from controllers.input_log import TickInputs
+from controllers.samples import IMU, SOURCES
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.types import FOOT_NAMES, JointCommand, SensorData, Vector
 
 QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))
-"""What a command consists of, and its units."""
+"""Quantities of a command, and their units."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first number that is not the same.
-
-    Attributes:
-        t: Stamp of the tick [s].
-        joint: Name of the joint.
-        quantity: Of the command: ``q``, ``v`` or ``tau``.
-        recorded: What it was.
-        replayed: What it is now.
-    """
+    """The first number that differs, of the command's ``q``, ``v`` or ``tau``, at a stamp [s]."""
 
     t: float
     joint: str
@@ -47,20 +39,20 @@ class Difference:
 
 @dataclass(slots=True)
 class ReplayReport:
-    """What became of a replay.
+    """Result of a replay.
 
     Attributes:
-        ticks: Samples that the estimator was given again.
-        compared: Commands that were compared, and are the same where ``first`` is None.
-        different: Commands that are not the same.
-        unrecorded: Commands of the replay whose like is not in the recording.
-        unmatched: Commands of the recording, from the start of the laws on, that the replay did not give.
-        lost: Ticks whose sensors are not all in the recording.
-        gaps: Notes that are missing, by their running number.
+        ticks: Samples given to the estimator.
+        compared: Commands that were compared, all identical when ``first`` is None.
+        different: Commands that differ.
+        unrecorded: Commands of the replay that the recording lacks.
+        unmatched: Commands of the recording, from the start of the laws on, that the replay lacks.
+        lost: Ticks with missing sensors.
+        gaps: Missing notes, by their running number.
         largest: Largest difference of each quantity [rad, rad/s, N.m].
         first: The first difference.
         end: Why the replay ended before the recording; empty when it did not.
-        since: Where it began, if that is a checkpoint [s].
+        since: Start of the replay, if that is a checkpoint [s].
     """
 
     ticks: int = 0
@@ -77,17 +69,15 @@ class ReplayReport:
 
     @property
     def identical(self) -> bool:
-        """Whether every command came out the same to the last bit, and none is missing on either side."""
+        """Whether every command is identical to the last bit, and none is missing on either side."""
         wrong = self.different + self.unrecorded + self.unmatched + self.lost + self.gaps
         return self.compared > 0 and wrong == 0 and not self.end
 
 
 def replay(run: RecordedRun) -> ReplayReport:
-    """Run the laws of a recording again, from the first start of the estimator that it holds.
+    """Run the laws from the estimator's first start in a recording; ``PoiseError`` without one or without sensors.
 
-    Raises:
-        PoiseError: It holds none, or no sensors.
-        ConfigError: The laws were set in a way that this version does not know.
+    Raises ``ConfigError`` when the settings are not of this version.
     """
     start = next((note for note in run.notes if note.value("start") is not None), None)
     if start is None:
@@ -95,11 +85,11 @@ def replay(run: RecordedRun) -> ReplayReport:
             "the recording does not hold a start of the laws, so nothing can be reproduced: begin to record before the "
             "robot is started, or have it start over meanwhile (service reset)"
         )
-    laws = ReplayedLaws(run.robot, start.value("start")["settings"], run.motions)
+    laws = ReplayedStack(run.robot, start.value("start")["settings"], run.motions)
     report = ReplayReport(gaps=_gaps([note for note in run.notes if note.stamp >= start.stamp]))
     last_command = max(run.commands, default=0)
     given: set[int] = set()
-    again: dict[int, list[TickNote]] = {}
+    again: dict[int, list[TickInputs]] = {}
     for each in run.notes:
         if each.again:
             again.setdefault(each.stamp, []).append(each)
@@ -123,19 +113,19 @@ def replay(run: RecordedRun) -> ReplayReport:
     return report
 
 
-def _gaps(notes: list[TickNote]) -> int:
-    """How many notes are missing between the first and the last."""
+def _gaps(notes: list[TickInputs]) -> int:
+    """Number of missing notes between the first and the last."""
     numbers = {note.number for note in notes}
     return max(numbers) - min(numbers) + 1 - len(numbers)
 
 
 def _ticks(
     run: RecordedRun, start: int, report: ReplayReport
-) -> Iterator[tuple[int, SensorData, TickNote | None, float | None]]:
-    """Stamp, sample and note of every tick that the laws had; and its length [s], where samples are missing.
+) -> Iterator[tuple[int, SensorData, TickInputs | None, float | None]]:
+    """Stamp, sample and note of every tick of the laws; and its length [s], where samples are missing.
 
-    A tick follows the last one by the noted time; samples that came between were not heard by the laws. Where the
-    sample of a tick is not in the recording, the next one is taken for a longer tick.
+    A tick follows the last one by the noted time; samples in between were not received by the laws. Where the sample of
+    a tick is missing, the next one is used for a longer tick.
     """
     notes = {note.stamp: note for note in run.notes if not note.again}
     before: dict[int, int] = {}  # stamp of a tick and of the one before, where it is noted
@@ -164,13 +154,13 @@ def _ticks(
 
 
 def _between(stamps: list[int], low: int, high: int) -> list[int]:
-    """The ones between two others, of some in order."""
+    """The sorted stamps strictly between two others."""
     first, last = np.searchsorted(stamps, [low + 1, high])
     return stamps[first:last]
 
 
-def _sample(run: RecordedRun, stamp: int, note: TickNote | None) -> SensorData | None:
-    """The sensors of a tick as the laws got them; None where the recording lacks one."""
+def _sample(run: RecordedRun, stamp: int, note: TickInputs | None) -> SensorData | None:
+    """The sensors of a tick as the laws received them; None where one is missing."""
     mixed = (note.value("sample") if note is not None else None) or {}
     own, q, v, tau = run.joints[stamp]
     at = [mixed.get(source, stamp) for source in SOURCES[IMU:]]
@@ -190,15 +180,7 @@ def _sample(run: RecordedRun, stamp: int, note: TickNote | None) -> SensorData |
 def compare(
     joints: Sequence[str], stamp: int, recorded: JointCommand | None, command: JointCommand, report: ReplayReport
 ) -> None:
-    """Count whether a command is the recorded one.
-
-    Args:
-        joints: Names of the joints.
-        stamp: Of the tick [ns].
-        recorded: What it was; None where it is not known.
-        command: What it is now.
-        report: Is changed.
-    """
+    """Compare a command with the recorded one (None where unknown) at a stamp [ns], and count it in ``report``."""
     if recorded is None:
         report.unrecorded += 1
         return

@@ -1,4 +1,4 @@
-"""Runs the laws again on what a black box holds, from its first checkpoint to its end."""
+"""Runs the laws on a black box, from its first checkpoint to its end."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from bridge.replay import ReplayReport, compare
-from bridge.replayed_laws import ReplayedLaws
+from bridge.replayed_stack import ReplayedStack
 from controllers.black_box_file import FORMAT, BlackBoxRecord
+from controllers.input_log import TickInputs
 from controllers.supervisor import ACTIVE_MODES
-from models.applied import TickNote
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.robot_model import RobotModel
@@ -18,17 +18,11 @@ from models.types import JointCommand, JointTrajectory, SensorData
 
 
 def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
-    """Run the laws of a black box again.
+    """Run the laws of a black box.
 
-    A row that was damped holds no command: where a law still answered that tick, its answer is not compared.
-
-    Args:
-        record: What it holds.
-        robot: Robot profile, by name or path; the one that it names when empty.
-
-    Raises:
-        PoiseError: It holds no checkpoint, or is of another version.
-        ConfigError: The laws were set in a way that this version does not know.
+    A damped row has no command: where a law still answered that tick, its answer is not compared. ``robot`` is a
+    profile, by name or path; that of the record when empty. Raises ``PoiseError`` without a checkpoint or for another
+    version, ``ConfigError`` when the settings are not of this version.
     """
     if record.format < FORMAT:
         raise PoiseError(
@@ -40,22 +34,22 @@ def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
             "the black box holds no state of the laws to begin with: no law had moved the joints, rows are missing "
             "(black_box.period is longer than a tick), or estimator and controller ran in different processes"
         )
-    told = record.replay.told
+    start = record.replay.record
     model = RobotModel.load(robot or record.robot)
-    motions = {int(number): _motion(each) for number, each in told["motions"].items()}
-    laws = ReplayedLaws(model, told["settings"], motions, corrected=True)
+    motions = {int(number): _motion(each) for number, each in start["motions"].items()}
+    laws = ReplayedStack(model, start["settings"], motions)
     laws.restore(record.replay)
-    notes = [TickNote.read(text) for text in told["notes"]]
+    notes = [TickInputs.read(text) for text in start["inputs"]]
     first = {note.stamp: note for note in notes if not note.again}
-    again: dict[int, list[TickNote]] = {}
+    again: dict[int, list[TickInputs]] = {}
     for note in notes:
         if note.again:
             again.setdefault(note.stamp, []).append(note)
-    report = ReplayReport(since=told["stamp"] / NANOSECONDS)
-    for more in again.get(told["stamp"], ()):
+    report = ReplayReport(since=start["stamp"] / NANOSECONDS)
+    for more in again.get(start["stamp"], ()):
         laws.again(more)
-    last, modes = int(told["row"]), record.modes
-    for row in np.flatnonzero(record.number > told["row"]):
+    last, modes = int(start["row"]), record.modes
+    for row in np.flatnonzero(record.number > start["row"]):
         report.lost += int(record.number[row]) != last + 1
         last = int(record.number[row])
         stamp = int(record.stamp[row])
@@ -83,15 +77,15 @@ def _sample(record: BlackBoxRecord, row: int) -> SensorData:
 
 
 def _command(record: BlackBoxRecord, row: int) -> JointCommand | None:
-    """What was commanded; None where nothing was."""
+    """The command of a row; None without one."""
     if record.status[row] < 0:
         return None
     return JointCommand(record.command_q[row], record.command_v[row], record.command_tau[row])
 
 
-def _motion(told: dict[str, Any]) -> JointTrajectory:
+def _motion(start: dict[str, Any]) -> JointTrajectory:
     def numbers(name: str) -> Any:
-        return None if told[name] is None else np.array(told[name], dtype=float)
+        return None if start[name] is None else np.array(start[name], dtype=float)
 
-    times, positions = np.array(told["times"], dtype=float), np.array(told["positions"], dtype=float)
-    return JointTrajectory(tuple(told["joint_names"]), times, positions, numbers("velocities"), numbers("efforts"))
+    times, positions = np.array(start["times"], dtype=float), np.array(start["positions"], dtype=float)
+    return JointTrajectory(tuple(start["joint_names"]), times, positions, numbers("velocities"), numbers("efforts"))

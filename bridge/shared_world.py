@@ -7,24 +7,24 @@ from pathlib import Path
 from typing import Any
 
 from bridge.closed_loop import ClosedLoop
-from bridge.mujoco_world import MujocoWorld, Place
+from bridge.plants.world import MujocoWorld, Place
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 
 OF_ONE = ("calibration", "controller", "mcap")
-"""Options of ``ClosedLoop`` that are of one robot: two would write the same file, or share the state of a law."""
+"""Options of ``ClosedLoop`` for one robot only: two would write the same file, or share the state of a law."""
 
 
 class SharedWorld:
     """A ``ClosedLoop`` for each robot, all in one ``MujocoWorld``.
 
-    In a tick the laws of every robot answer its sensors, then the world moves once. They start one after the other;
-    ``step`` or ``run`` of one loop moves that robot alone, and the others stand still as if no time passed.
+    In a tick the laws of every robot process its sensors, then the world moves once. The loops start one after the
+    other; ``step`` or ``run`` of one loop moves that robot alone, and the others stand still as if no time passed.
 
     Args:
         robots: Profile by name and path, or loaded model, by the robot's name in the world.
-        places: Where each begins, by name; side by side for those left out.
+        places: Start poses by name; side by side for those left out.
         seed: Of the sensor noise of the first robot; the next one has the next seed.
         terrain: The ground, or its name.
         friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
@@ -32,12 +32,8 @@ class SharedWorld:
         visuals: Load meshes for pictures.
         options: For every ``ClosedLoop``; none of ``OF_ONE``.
 
-    Attributes:
-        world: The world.
-        loops: The loop of each robot by name.
-
     Raises:
-        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``; or an option is of one robot alone.
+        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``; or an option applies to one robot only.
         PoiseError: As ``ClosedLoop``.
     """
 
@@ -66,13 +62,13 @@ class SharedWorld:
         }
 
     def __getitem__(self, name: str) -> ClosedLoop:
-        """The loop of a robot; ``ConfigError`` where there is none of that name."""
+        """The loop of a robot; ``ConfigError`` for an unknown name."""
         if name not in self.loops:
             raise ConfigError(f"world: unknown robot '{name}'; known: {', '.join(self.loops)}")
         return self.loops[name]
 
     def step(self) -> None:
-        """Run one tick of everybody."""
+        """Run one tick of all robots."""
         loops = self.loops.values()
         for loop in loops:
             loop.before_physics()
@@ -81,11 +77,7 @@ class SharedWorld:
             loop.after_physics()
 
     def run(self, duration: float) -> None:
-        """Run for a simulated time [s], rounded to ticks.
-
-        Raises:
-            ConfigError: It is no time.
-        """
+        """Run for a simulated time [s], rounded to ticks; ``ConfigError`` when it is no valid time."""
         if not 0.0 <= duration < float("inf"):
             raise ConfigError(f"duration: {duration} s is not a time")
         for _ in range(round(duration / self.world.period)):

@@ -1,4 +1,4 @@
-"""Balance of one state, and how stable a run was: CoM, divergent component of motion, zero-moment point, margin."""
+"""Balance of one state, and stability of a run: CoM, divergent component of motion, zero-moment point, margin."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
 LOADED_FRACTION = 0.02
-"""Part of the weight that the feet bear together below which the robot counts as in flight [-]."""
+"""Share of the weight on both feet below which the robot is in flight [-]."""
 
 FLOOR_GAP = 0.005
-"""A sole that is not farther above the lower one stands on the floor, loaded or not: it can take load at once [m]."""
+"""Height above the lower sole up to which a sole is on the floor, loaded or not [m]."""
 
 
 LEAST_HEIGHT = 0.1
-"""A CoM that is lower over the floor counts as at this height: the robot lies, and there is no pendulum [m]."""
+"""Least CoM height of the pendulum; below it the robot lies on the floor [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """What one state says about balance; W is the world frame, the floor is at the height of the lower sole.
+    """Balance of one state; W is the world frame, the floor is at the height of the lower sole.
 
-    With ``w = sqrt(g / z)`` and the CoM at the height z over the floor, the divergent component of motion is
-    ``xi = c + cdot / w``; the centre of pressure is where the ground reaction F has no horizontal moment: with its
-    moment M about the origin of W and the floor at the height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
+    With ``w = sqrt(g / z)`` and the CoM at the height z over the floor, the divergent component of motion is ``xi = c +
+    cdot / w``; the centre of pressure is where the ground reaction F has no horizontal moment: with its moment M about
+    the origin of W and the floor at the height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
 
     Attributes:
         com: CoM in W (3,) [m].
@@ -58,14 +58,9 @@ class Balance:
 
 
 def balance(model: RobotModel, data: pin.Data, q: Vector, v: Vector, wrenches: ArrayLike) -> Balance:
-    """Read the balance off one state.
+    """Balance of a configuration (nq,), a velocity (nv,) and the wrenches on the soles in their frames (2, 6).
 
-    Args:
-        model: The robot.
-        data: Work space, which then holds placements and velocities of the state.
-        q: Configuration (nq,).
-        v: Velocity (nv,).
-        wrenches: On each sole, in its frame (2, 6) [N, N.m].
+    ``data`` is a work space, which then has placements and velocities of the state.
     """
     pin.centerOfMass(model.pin, data, q, v)
     pin.updateFramePlacements(model.pin, data)
@@ -87,7 +82,7 @@ def balance(model: RobotModel, data: pin.Data, q: Vector, v: Vector, wrenches: A
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """Time series of balance; see ``Balance`` for what the quantities are, and for the frames.
+    """Time series of balance; see ``Balance`` for the quantities and frames.
 
     Attributes:
         t: Stamps (n,) [s].
@@ -96,8 +91,7 @@ class Stability:
         dcm: Divergent component of motion (n, 2) [m].
         zmp: Measured zero-moment point, the centre of pressure (n, 2) [m]; NaN in flight.
         soles: Origin of each sole in W (n, 2, 3) [m].
-        margin: Distance from the DCM to the edge of the support polygon of the soles on the floor (n,) [m]; negative
-            outside of it, NaN in flight.
+        margin: Distance from the DCM to the edge of the support polygon (n,) [m]; negative outside, NaN in flight.
     """
 
     t: Vector
@@ -110,15 +104,7 @@ class Stability:
 
 
 def analyse(model: RobotModel, recording: Recording) -> Stability:
-    """Compute the balance of every sample of a recording.
-
-    Args:
-        model: The robot of the recording.
-        recording: The run.
-
-    Returns:
-        One row per sample.
-    """
+    """Balance of every sample of a recording, one row each."""
     data = model.data()
     rows = [
         balance(model, data, q, v, wrenches)
@@ -144,16 +130,11 @@ def _margin(row: Balance) -> float:
 
 
 def stability_figures(stability: Stability, rest_s: float = 1.0) -> dict[str, float]:
-    """Numbers that sum a run up.
+    """Figures of a run; ``rest_s`` is the rest at its beginning and end that is averaged [s].
 
-    Args:
-        stability: The run.
-        rest_s: Length of the quiet time at its beginning and end that is averaged for the drift [s].
-
-    Returns:
-        ``com_drift_m`` (horizontal distance of the mean CoM at the end from that at the start),
-        ``dcm_excursion_max_m`` (largest distance of the DCM from its mean at the start), ``capture_margin_min_m`` and
-        ``sole_motion_max_m`` (largest distance of a sole from where it was at the start).
+    Returns ``com_drift_m`` (horizontal distance of the mean CoM at the end from that at the start),
+    ``dcm_excursion_max_m`` (largest distance of the DCM from its mean at the start), ``capture_margin_min_m`` and
+    ``sole_motion_max_m`` (largest distance of a sole from its start).
     """
     t = stability.t
     first, last = t <= t[0] + rest_s, t >= t[-1] - rest_s

@@ -11,16 +11,10 @@ from models.types import Matrix, Vector
 
 
 def support_polygon(corners: Sequence[Matrix]) -> Matrix:
-    """Convex hull of the soles' corners.
+    """Convex hull of the soles' corners, counter-clockwise (n, 2) [m].
 
-    Args:
-        corners: Corners of each loaded sole in W, x and y (k, 2) or more columns [m].
-
-    Returns:
-        Vertices, counter-clockwise (n, 2) [m].
-
-    Raises:
-        ValueError: Fewer than three corners.
+    ``corners`` are those of each loaded sole in W, x and y (k, 2) or more columns [m]. Raises ``ValueError`` for fewer
+    than three.
     """
     points = np.vstack([np.asarray(sole)[:, :2] for sole in corners])
     if len(points) < 3:
@@ -36,28 +30,19 @@ def _outward(polygon: Matrix) -> tuple[Matrix, Vector]:
 
 
 def margin(polygon: Matrix, point: Vector) -> float:
-    """Distance from a point to the nearest edge [m]; positive inside, negative outside.
+    """Distance from a point to the nearest edge of a counter-clockwise polygon [m]; positive inside, negative outside.
 
-    Outside of the polygon it is minus the largest distance to a violated edge line, at most the true distance.
-
-    Args:
-        polygon: Vertices, counter-clockwise (n, 2) [m].
-        point: x and y in W (2,) [m].
+    Outside it is minus the largest distance to a violated edge line, at most the true distance. ``polygon`` is (n, 2)
+    and ``point`` (2,) in W [m].
     """
     normals, offsets = _outward(polygon)
     return float(np.min(offsets - normals @ point[:2]))
 
 
 def distance_along(polygon: Matrix, point: Vector, direction: Vector) -> float:
-    """Distance from a point inside the polygon to its edge along a direction [m].
+    """Distance from a point inside a counter-clockwise polygon to its edge along a unit direction [m].
 
-    Args:
-        polygon: Vertices, counter-clockwise (n, 2) [m].
-        point: x and y in W (2,) [m].
-        direction: Unit vector in W, x and y (2,).
-
-    Returns:
-        The distance; 0 when the point lies on that edge or beyond it.
+    0 on that edge or beyond it. ``polygon`` is (n, 2) [m], ``point`` (2,) [m] and ``direction`` (2,), all in W.
     """
     normals, offsets = _outward(polygon)
     slack = offsets - normals @ point[:2]

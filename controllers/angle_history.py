@@ -1,4 +1,4 @@
-"""Where the head was when a picture was taken."""
+"""Head angles at the time of a picture."""
 
 from __future__ import annotations
 
@@ -10,17 +10,13 @@ from models.types import Vector
 
 
 class AngleHistory:
-    """Keeps stamped angles and interpolates between them.
-
-    Args:
-        size: Samples that are kept.
-    """
+    """Keeps the newest ``size`` stamped angles and interpolates between them."""
 
     def __init__(self, size: int = 100) -> None:
         self._samples: deque[tuple[int, float, float]] = deque(maxlen=size)
 
     def add(self, stamp: int, pan: float, tilt: float) -> None:
-        """Keep pan and tilt [rad] at a stamp [ns]; an older stamp than the newest begins anew."""
+        """Store pan and tilt [rad] at a stamp [ns]; a stamp older than the newest clears the history."""
         if self._samples and stamp <= self._samples[-1][0]:
             self._samples.clear()
         self._samples.append((stamp, pan, tilt))

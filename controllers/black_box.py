@@ -1,8 +1,8 @@
-"""Black box: the last seconds of all that the control process knew, in a ring that is filled at every tick.
+"""Black box: the last seconds of all signals of the control process, in a ring that is filled at every tick.
 
-``add`` copies one tick into arrays that were made, and whose pages were touched, before: no allocation, no I/O, some
-7 us. After a fault ``seal`` stops the filling, ``write`` may then run in another thread, and
-``unseal`` goes on. Between them ``add`` does nothing, so the two never touch the same row.
+``add`` copies one tick into arrays whose pages were touched before: no allocation, no I/O, some 7 us. After a fault
+``seal`` stops the filling, ``write`` may then run in another thread, and ``unseal`` resumes. Between them ``add`` does
+nothing, so the two never touch the same row.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pydantic.dataclasses import dataclass
 
 from controllers.black_box_file import BlackBoxRecord
 from controllers.checkpoints import Checkpoint, Checkpoints
-from models.applied import Applied
+from controllers.stack import ControlStack
 from models.config import STRICT, default_config
 from models.constants import NANOSECONDS
 from models.robot_model import RobotModel
@@ -45,16 +45,12 @@ class BlackBoxConfig:
 class BlackBox:
     """Ring of the last ``duration + after`` seconds.
 
-    Args:
-        model: The robot.
-        config: The packaged one when None.
-        applied: What the laws are told and where their state is, so that the record can be run again; None without.
-
-    Attributes:
-        config: Its settings.
+    With a ``stack`` that logs its inputs, the record can be run again. ``config`` is the packaged one when None.
     """
 
-    def __init__(self, model: RobotModel, config: BlackBoxConfig | None = None, applied: Applied | None = None) -> None:
+    def __init__(
+        self, model: RobotModel, config: BlackBoxConfig | None = None, stack: ControlStack | None = None
+    ) -> None:
         self.config = config or default_config(BlackBoxConfig, "controllers", "black_box")
         self._model = model
         self._rows = round((self.config.duration + self.config.after) / self.config.period)
@@ -78,14 +74,15 @@ class BlackBox:
         self._last = -np.inf
         self._least = 0.5 * self.config.period
         self._sealed = self._added = False
-        self._checkpoints = None if applied is None else Checkpoints(applied, self.config.duration + self.config.after)
+        log, duration = None if stack is None else stack.log, self.config.duration + self.config.after
+        self._checkpoints = None if stack is None or log is None else Checkpoints(stack, log, duration)
 
     def _column(self, *shape: int) -> NDArray[np.float32]:
-        """Values of every row; written to, so that no page is missing when the robot stands."""
+        """Values of every row; written to at once, so that no page is missing when the robot stands."""
         return np.full((self._rows, *shape), np.nan, dtype=np.float32)
 
     def _exact(self, *shape: int) -> NDArray[np.float64]:
-        """The same in double precision: what the laws are given and what they answer, to the last bit."""
+        """The same in double precision: inputs and outputs of the laws, to the last bit."""
         return np.full((self._rows, *shape), np.nan)
 
     def __len__(self) -> int:
@@ -99,14 +96,10 @@ class BlackBox:
         mode: Mode,
         stamp: int | None = None,
     ) -> None:
-        """Keep one tick, unless the ring is sealed or the last row is less than half a period away.
+        """Store one tick, unless the ring is sealed or the last row is less than half a period away.
 
-        Args:
-            state: The estimate, with the stamp of the row.
-            sensors: What it was made from; None where only the estimate is known: joints and torques are then its.
-            result: What the controller answered; None where it did not.
-            mode: Mode of the robot.
-            stamp: Of the tick [ns]; that of the estimate when None.
+        The stamp of the row is that of the estimate; without ``sensors``, joints and torques are its, too. ``stamp`` is
+        that of the tick [ns], of the estimate when None.
         """
         t = state.t
         if self._checkpoints is not None and not self._count:
@@ -140,33 +133,23 @@ class BlackBox:
         self._next = i + 1 if i + 1 < self._rows else 0
         self._count = min(self._count + 1, self._rows)
 
-    def checkpoint(self, state: RobotState, scheduled: tuple[bool, bool] | None, *, walking: bool) -> None:
-        """Copy the state of the laws when that is due; after ``add``, for a tick with which a law moved the joints.
+    def checkpoint(self) -> None:
+        """Copy the state of the stack when that is due; after ``add``, for a tick with which a law moved the joints.
 
-        A tick that ``add`` left out, such as one that is answered again, is passed over.
-
-        Args:
-            state: The estimate of the tick.
-            scheduled: Feet that its reference has in contact.
-            walking: Whether the walker moved the joints.
+        A tick that ``add`` left out, such as one that is answered again, is skipped.
         """
         if self._checkpoints is None or not self._added:
             return
         last = self._next - 1
-        self._checkpoints.tick(int(self._stamp[last]), int(self._number[last]), state, scheduled, walking=walking)
+        self._checkpoints.tick(int(self._stamp[last]), int(self._number[last]))
 
     def event(self, t: float, text: str) -> None:
-        """Note what happened.
-
-        Args:
-            t: When [s].
-            text: What.
-        """
+        """Add an event at time t [s]."""
         if not self._sealed:
             self._events.append((t, text[:200]))
 
     def clear(self) -> None:
-        """Forget everything; the robot starts over."""
+        """Clear the ring; the robot starts over."""
         self._events.clear()
         self._next = self._count = 0
         self._last = -np.inf
@@ -179,19 +162,15 @@ class BlackBox:
         return deque() if self._checkpoints is None else self._checkpoints.ring
 
     def seal(self) -> None:
-        """Keep nothing more until ``unseal``, so that another thread may write."""
+        """Store no more rows until ``unseal``, so that another thread may write."""
         self._sealed = True
 
     def unseal(self) -> None:
-        """Go on; what is in the ring stays, and the time that was missed shows in the stamps."""
+        """Resume; the ring keeps its rows, and the stamps show the gap."""
         self._sealed = False
 
     def record(self, reason: str) -> BlackBoxRecord:
-        """A copy of the ring, the oldest row first.
-
-        Args:
-            reason: Why it is wanted.
-        """
+        """A copy of the ring, the oldest row first."""
         first = self._next if self._count == self._rows else 0
         order = (np.arange(self._count) + first) % self._rows
         t = self._t[order]
@@ -226,9 +205,5 @@ class BlackBox:
         )
 
     def write(self, path: Path, reason: str) -> None:
-        """Write the ring as a file; see ``BlackBoxRecord.save``.
-
-        Raises:
-            PoiseError: The disk refuses.
-        """
+        """Write the ring as a file; see ``BlackBoxRecord.save``. Raises PoiseError when the disk refuses."""
         self.record(reason).save(path)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from controllers.checkpoints import ReplayStart
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
-from models.state_folder import state_folder
+from models.files import state_folder
 from models.types import Matrix, Mode, SolveStatus, Vector
 
 FORMAT = 2
@@ -28,7 +28,7 @@ SUFFIX = ".npz"
 """Of the files."""
 
 _TOLD, _MEMORY = "replay", "replay_memory"
-"""Of a file that can be run again: what the laws were told (JSON), and their state."""
+"""Of a file that can be run again: inputs of the laws (JSON), and their state."""
 
 Array = NDArray[np.float32]
 
@@ -61,65 +61,35 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True)
 class BlackBoxRecord:
-    """What a black box held: n rows, the oldest first; NaN where something was not known.
+    """Content of a black box: n rows, the oldest first; NaN where a value is unknown."""
 
-    Attributes:
-        robot: Name of the profile.
-        reason: Why it was written.
-        joint_names: Of the columns of joints.
-        events: Stamp [s] and text of what happened.
-        replay: Where a replay begins and what it needs; None where it cannot.
-        t: Stamps on the robot's clock (n,) [s].
-        stamp: Of the tick (n,) [ns].
-        number: Counts the ticks; where it leaps, rows are missing (n,).
-        sample_t: Stamps of the sensors' sample (n,) [s].
-        q: Estimated configuration in Pinocchio's order (n, nq).
-        v: Estimated velocity in Pinocchio's order (n, nv).
-        joint_q: Measured joint positions (n, nj).
-        joint_v: Measured joint velocities (n, nj).
-        joint_tau: Measured joint torques (n, nj).
-        gyro: Measured rate in the IMU's frame (n, 3).
-        accel: Measured specific force in the IMU's frame (n, 3).
-        wrenches: Measured ground reaction on each foot in its sole frame (n, 2, 6).
-        command_q: Commanded joint positions (n, nj).
-        command_v: Commanded joint velocities (n, nj).
-        command_tau: Commanded joint torques (n, nj).
-        planned_wrenches: Contact wrenches of the QP's solution (n, 2, 6).
-        dcm: Measured DCM in the frame of the estimate (n, 2).
-        zmp: Commanded zero-moment point in the frame of the estimate (n, 2).
-        residual: Largest KKT residual of the QP (n,).
-        status: Place in ``SolveStatus``; -1 without a command (n,).
-        mode: Place in ``Mode`` (n,).
-        format: Version of the file that it was read from.
-    """
-
-    robot: str
-    reason: str
-    joint_names: tuple[str, ...]
-    events: tuple[tuple[float, str], ...]
-    replay: ReplayStart | None
-    t: Vector
-    stamp: NDArray[np.int64]
-    number: NDArray[np.int64]
-    sample_t: Vector
-    q: Array
-    v: Array
-    joint_q: Matrix
-    joint_v: Matrix
-    joint_tau: Matrix
-    gyro: Matrix
-    accel: Matrix
-    wrenches: Matrix
-    command_q: Matrix
-    command_v: Matrix
-    command_tau: Matrix
-    planned_wrenches: Array
-    dcm: Array
-    zmp: Array
-    residual: Array
-    status: NDArray[np.int8]
-    mode: NDArray[np.int8]
-    format: int = FORMAT
+    robot: str  # name of the profile
+    reason: str  # cause of the record
+    joint_names: tuple[str, ...]  # of the columns of joints
+    events: tuple[tuple[float, str], ...]  # stamp [s] and text
+    replay: ReplayStart | None  # start and inputs of a replay; None without one
+    t: Vector  # stamps on the robot's clock (n,) [s]
+    stamp: NDArray[np.int64]  # of the tick (n,) [ns]
+    number: NDArray[np.int64]  # counts the ticks; rows are missing where it leaps (n,)
+    sample_t: Vector  # stamps of the sensors' sample (n,) [s]
+    q: Array  # estimated configuration in Pinocchio's order (n, nq)
+    v: Array  # estimated velocity in Pinocchio's order (n, nv)
+    joint_q: Matrix  # measured joint positions (n, nj)
+    joint_v: Matrix  # measured joint velocities (n, nj)
+    joint_tau: Matrix  # measured joint torques (n, nj)
+    gyro: Matrix  # in the IMU's frame (n, 3)
+    accel: Matrix  # measured specific force in the IMU's frame (n, 3)
+    wrenches: Matrix  # measured ground reaction on each foot in its sole frame (n, 2, 6)
+    command_q: Matrix  # (n, nj)
+    command_v: Matrix  # (n, nj)
+    command_tau: Matrix  # (n, nj)
+    planned_wrenches: Array  # contact wrenches of the QP's solution (n, 2, 6)
+    dcm: Array  # measured, in the frame of the estimate (n, 2)
+    zmp: Array  # commanded, in the frame of the estimate (n, 2)
+    residual: Array  # largest KKT residual of the QP (n,)
+    status: NDArray[np.int8]  # index in ``SolveStatus``; -1 without a command (n,)
+    mode: NDArray[np.int8]  # index in ``Mode`` (n,)
+    format: int = FORMAT  # version of the file that it was read from
 
     @property
     def modes(self) -> list[Mode]:
@@ -135,10 +105,10 @@ class BlackBoxRecord:
         return replace(self, events=events, replay=None, **arrays)
 
     def save(self, path: Path) -> None:
-        """Write the record beside its place, see it onto the disk, and rename it: the name never holds half a file.
+        """Write the record beside its place, flush it to the disk, and rename it: the name never holds half a file.
 
         Raises:
-            PoiseError: The disk refuses; nothing is left then.
+            PoiseError: The disk refuses; no file is left then.
         """
         fresh = path.with_name(f".{path.name}.tmp")
         try:
@@ -147,7 +117,7 @@ class BlackBoxRecord:
                 with fresh.open("wb") as stream:
                     arrays = {name: getattr(self, name) for name in UNITS}
                     if self.replay is not None:
-                        arrays |= {_TOLD: np.array(json.dumps(self.replay.told)), _MEMORY: self.replay.memory}
+                        arrays |= {_TOLD: np.array(json.dumps(self.replay.record)), _MEMORY: self.replay.data}
                     np.savez(stream, meta=np.array(json.dumps(self._meta())), **arrays)
                     stream.flush()
                     os.fsync(stream.fileno())
@@ -172,11 +142,7 @@ class BlackBoxRecord:
 
     @classmethod
     def load(cls, path: Path) -> BlackBoxRecord:
-        """Read what ``save`` wrote.
-
-        Raises:
-            PoiseError: It is not the file of a black box, or of another version.
-        """
+        """Read a file of ``save``; PoiseError when it is not the file of a black box, or of another version."""
         try:
             with np.load(path, allow_pickle=False) as data:
                 meta = json.loads(str(data["meta"]))
@@ -202,15 +168,10 @@ class BlackBoxRecord:
 
 
 class BlackBoxFolder:
-    """Keeps the newest files of one robot.
+    """Keeps the newest ``keep`` files of one robot; other robots' files are left alone.
 
-    Args:
-        name: Of the robot, and of its namespace if it has one; others' files are left alone.
-        folder: Where they go; ``poise/black_box`` in the user's state folder when empty.
-        keep: How many stay.
-
-    Raises:
-        ConfigError: There is no user's state folder.
+    ``name`` is that of the robot, and of its namespace if it has one; ``folder`` is ``poise/black_box`` in the user's
+    state folder when empty, a ConfigError without one.
     """
 
     def __init__(self, name: str, folder: str | Path, keep: int) -> None:
@@ -222,11 +183,7 @@ class BlackBoxFolder:
         return sorted(self._folder.glob(f"{self._name}-*{SUFFIX}"))
 
     def save(self, record: BlackBoxRecord) -> Path:
-        """Write a record under the present time, and remove the oldest files.
-
-        Raises:
-            PoiseError: The disk refuses.
-        """
+        """Write a record under the present time, and remove the oldest files; PoiseError when the disk refuses."""
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
         path = self._folder / f"{self._name}-{stamp}Z{SUFFIX}"
         record.save(path)

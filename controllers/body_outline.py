@@ -1,4 +1,4 @@
-"""How far a standing robot reaches to every side."""
+"""Reach of a standing robot to every side."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ from models.types import Matrix, Vector
 
 
 class BodyOutline:
-    """The hulls of the profile and the soles in the 'stand' posture, seen from above in B.
-
-    Args:
-        model: The robot.
-    """
+    """The hulls of the profile and the soles in the 'stand' posture, seen from above in B."""
 
     def __init__(self, model: RobotModel) -> None:
         self._data = model.data()
@@ -32,5 +28,5 @@ class BodyOutline:
         return self._base.actInv(self._data.oMf[frame])
 
     def reach(self, direction: Vector) -> float:
-        """How far the body reaches from B's origin in a direction, a unit vector in B (2,) [m]."""
+        """Reach of the body from B's origin in a direction, a unit vector in B (2,) [m]."""
         return float((self._centres @ direction + self._radii).max())

@@ -15,7 +15,7 @@ _MAX_SIZE = 4096
 
 
 def write_key(path: Path) -> None:
-    """Make a key file of ``KEY_BYTES`` random bytes with mode 0600.
+    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600.
 
     Raises:
         ConfigError: The file exists, or cannot be written.
@@ -26,7 +26,7 @@ def write_key(path: Path) -> None:
             file.write(f"{secrets.token_hex(KEY_BYTES)}\n")
     except FileExistsError as error:
         raise ConfigError(
-            f"{path}: exists already, and a key is not overwritten: who has it could no more send"
+            f"{path}: exists already, and a key is not overwritten: its holders could no longer send"
         ) from error
     except OSError as error:
         raise ConfigError(f"{path}: no key can be written: {error.strerror}") from error
@@ -49,7 +49,7 @@ def read_key(path: Path) -> bytes:
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError as error:
-        raise ConfigError(f"{path}: not a key in hexadecimal") from error  # says nothing of its content
+        raise ConfigError(f"{path}: not a key in hexadecimal") from error  # without its content
     if len(key) < KEY_BYTES:
         raise ConfigError(f"{path}: {len(key)} bytes are fewer than {KEY_BYTES}")
     return key

@@ -1,23 +1,22 @@
-"""Signed text commands: who sent them, that nobody changed them, and that they are not sent a second time.
+"""Signed text commands: authentic, unchanged, and not replayed.
 
     v1 <source> <stamp> <tag> <text>        tag = HMAC-SHA256(key, "v1 <source> <stamp> <text>") in hexadecimal
 
 The stamp is the sender's wall time in nanoseconds, and at least one more than that of the command before it. A command
-is taken when its tag is right, its stamp is newer than that of the last one taken from the same source, and not
-farther than a window from the verifier's wall time. So a sender that is restarted goes on without keeping a file, as
-one with a counter could not, and what is replayed, overtaken or held back is refused. The window bounds how far a
-command may be delayed, and how far the two clocks may be apart.
+is accepted when its tag is right, its stamp is newer than that of the last one accepted from the same source, and not
+farther than a window from the verifier's wall time. A sender can therefore restart without a file, which a counter
+would need, and commands that are replayed, overtaken or held back are refused. The window bounds the delay of a
+command and the difference of the two clocks.
 
-A verifier that is restarted has forgotten the stamps. It takes nothing stamped before its start and one window; as
-nothing taken before had a stamp farther ahead than that, no replay passes. The price: signed commands are refused
-with that reason for the first window.
+A verifier that restarts has lost the stamps. It refuses, with that reason, all commands stamped before its start plus
+one window; no command accepted earlier had a stamp farther ahead than that, so no replay passes.
 
 Limits:
     - A clock that is set back makes commands of this sender fail until it has caught up, and they are refused with
-      that reason. A verifier whose clock is set back and that is restarted then can be played what it has taken since
+      that reason. A verifier whose clock is set back and that is restarted then accepts replays of commands since
       that time of day: make a new key.
-    - All who have the key can write any source, and nothing is encrypted.
-    - A command that is kept from arriving is not noticed.
+    - Every holder of the key can write any source, and nothing is encrypted.
+    - A command that is kept from arriving is not detected.
 """
 
 from __future__ import annotations
@@ -49,12 +48,7 @@ _STAMP = re.compile(r"[1-9][0-9]{0,18}", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class VerifiedCommand:
-    """A command whose signature was right.
-
-    Attributes:
-        source: Who sent it.
-        text: The command.
-    """
+    """A command whose signature was right."""
 
     source: str
     text: str
@@ -76,7 +70,7 @@ class Signer:
     """Signs the commands of one source.
 
     Args:
-        key: Secret that the verifier has too, at least ``KEY_BYTES`` long.
+        key: Secret shared with the verifier, at least ``KEY_BYTES`` long.
         source: Name of the sender: 1 to 32 of a-z, 0-9, ``_`` and ``-``.
         clock: Wall time [ns].
 
@@ -91,10 +85,7 @@ class Signer:
         self._last = 0
 
     def sign(self, text: str) -> str:
-        """The line that carries a command.
-
-        Args:
-            text: One line of printable characters.
+        """Signed line of a command, which is one line of printable characters.
 
         Raises:
             CommandError: The text is empty, too long, or more than one line.
@@ -106,11 +97,11 @@ class Signer:
 
 
 class Verifier:
-    """Opens signed commands; what it refuses changes nothing in it.
+    """Opens signed commands; a refused one does not change its state.
 
     Args:
-        key: Secret that the signers have too, at least ``KEY_BYTES`` long.
-        window: How far a stamp may be from the wall time, to either side [s].
+        key: Secret shared with the signers, at least ``KEY_BYTES`` long.
+        window: Largest distance of a stamp from the wall time, to either side [s].
         clock: Wall time [ns].
 
     Raises:
@@ -126,14 +117,11 @@ class Verifier:
         self._newest: dict[str, int] = {}
 
     def verify(self, line: str) -> VerifiedCommand:
-        """Open a line that ``Signer.sign`` made.
-
-        Args:
-            line: As it was received.
+        """Open a line of ``Signer.sign``.
 
         Raises:
             CommandError: It is unsigned, of another version, forged, replayed, too old or ahead of time; the message
-                says which.
+                names the cause.
         """
         source, stamp, tag, text = self._parts(line)
         if not hmac.compare_digest(tag.encode("utf-8", "replace"), _tag(self._key, source, stamp, text).encode()):
@@ -181,5 +169,5 @@ class Verifier:
             raise CommandError(f"stamped {-age:.3f} s ahead: the clocks of sender and robot differ")
         if stamp <= self._first:
             wait = self._first - stamp
-            why = "the robot has just begun to listen" if wait <= 2 * self._window else "the robot's clock was set back"
+            why = "the robot has just started" if wait <= 2 * self._window else "the robot's clock was set back"
             raise CommandError(f"{why}, so this may be a replay: send it again in {wait / NANOSECONDS:.1f} s")

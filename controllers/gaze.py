@@ -1,4 +1,4 @@
-"""Where to turn the head so that the camera looks at what it sees to the side."""
+"""Head angles that point the camera at a target in its picture."""
 
 from __future__ import annotations
 
@@ -26,15 +26,11 @@ class Gaze:
     .. math::
         \min_q \| e_3 \times R(q)^T R(q_0)\, b \|, \quad q = (\mathrm{pan}, \mathrm{tilt})
 
-    by Gauss-Newton steps on the robot's own kinematics, whatever the order and the mounting of the joints. Only
-    directions are turned: the camera sits beside the axes of the head, so a near target is not quite met, and is with
-    the next picture.
-
-    Args:
-        model: The robot.
+    by Gauss-Newton steps on the robot's kinematics, whatever the order and the mounting of the joints. Only directions
+    are turned: the camera sits beside the axes of the head, so a near target is met only after some pictures.
 
     Raises:
-        ConfigError: It has no head, or no camera on it.
+        ConfigError: The robot has no head, or no camera on it.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -56,10 +52,8 @@ class Gaze:
     def aim(self, pan: float, tilt: float, bearing: Vector) -> tuple[float, float]:
         """Angles within the joints' limits that point the camera at a target, or as near to it as they allow.
 
-        Args:
-            pan: Where the head was when the picture was taken [rad].
-            tilt: Likewise [rad].
-            bearing: Direction of the target in the optical frame (3,).
+        ``pan`` and ``tilt`` [rad] are those of the picture, ``bearing`` is the target's direction in the optical frame
+        (3,).
         """
         angles = np.array([pan, tilt])
         target = self._axes(angles) @ bearing

@@ -1,4 +1,4 @@
-"""What the supervisor needs to know of the other nodes at one instant, and what is wrong with it."""
+"""Reports of the other nodes at one instant, for the supervisor, and the problems that follow."""
 
 from __future__ import annotations
 
@@ -12,42 +12,27 @@ from models.types import SolveStatus, Vector
 
 
 class Severity(IntEnum):
-    """How much a fault takes away; the most severe one wins."""
+    """Effect of a fault; the most severe one wins."""
 
-    HOLD = 1
-    """No velocity and no new motion. Ends with its cause."""
-    STAND = 2
-    """A walk ends with its step, a motion where it is; no other begins before ``reset_faults``."""
-    DAMP = 3
-    """The joints are damped and stay so until ``reset_faults``. Taking all torque away is left to people."""
+    HOLD = 1  # no velocity and no new motion; ends with its cause
+    STAND = 2  # a walk ends with its step, a motion where it is; no other begins before ``reset_faults``
+    DAMP = 3  # damped until ``reset_faults``; removing all torque is left to people
 
 
 class Problem(NamedTuple):
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        severity: What it takes away.
-        reason: One sentence with the figure that broke the limit, or the culprit's name.
-    """
-
-    severity: Severity
-    reason: str
+    severity: Severity  # capability that it takes away
+    reason: str  # one sentence with the figure that broke the limit, or the culprit's name
 
 
 def second_publisher(topic: str) -> str:
-    """The sentence about a topic on which somebody else publishes too."""
+    """The sentence about a topic with a second publisher."""
     return f"'{topic}' has a second publisher"
 
 
 def tilt(quaternion: Vector) -> float:
-    """Angle between the base's z axis and the vertical.
-
-    Args:
-        quaternion: Orientation of B in W, xyzw (4,).
-
-    Returns:
-        Angle [rad], 0 when upright; NaN when the quaternion is not finite.
-    """
+    """Angle of the base's z axis to the vertical [rad], of the orientation in W, xyzw (4,); NaN when not finite."""
     x, y, z, w = quaternion
     cosine = (z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w)
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -55,49 +40,29 @@ def tilt(quaternion: Vector) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """Newest reports, by stamp.
+    """Newest reports, by stamp."""
 
-    Attributes:
-        state_stamp: Stamp of the newest state estimate [s].
-        command_stamp: Stamp of the newest whole-body command [s].
-        tilt: Base tilt from upright [rad].
-        status: How the newest command came about.
-        drivers_damped: Whether the joint drivers fell back to damping on their own.
-        motion_active: Whether the controller is following a motion.
-        overruns: Ticks in a row in which the controller took longer than its time budget.
-        gait_active: Whether the robot walks, or has not yet come to a standstill.
-        coasting: How long the state has been estimated without samples of the inertial unit or the joints [s].
-        silent: Nodes that give no sign of life any more, apart from those that the stamps tell of.
-        intruders: Sensor topics that somebody else publishes on too.
-        joint_fault: What is wrong with a motor or an encoder; empty while nothing is.
-    """
-
-    state_stamp: float
-    command_stamp: float
-    tilt: float
-    status: SolveStatus = SolveStatus.OPTIMAL
-    drivers_damped: bool = False
-    motion_active: bool = False
-    overruns: int = 0
-    gait_active: bool = False
-    coasting: float = 0.0
-    silent: tuple[str, ...] = ()
-    intruders: tuple[str, ...] = ()
-    joint_fault: str = ""
+    state_stamp: float  # of the newest state estimate [s]
+    command_stamp: float  # of the newest whole-body command [s]
+    tilt: float  # of the base from upright [rad]
+    status: SolveStatus = SolveStatus.OPTIMAL  # origin of the newest command
+    drivers_damped: bool = False  # the joint drivers fell back to damping by themselves
+    motion_active: bool = False  # the controller is following a motion
+    overruns: int = 0  # consecutive ticks over the controller's time budget
+    gait_active: bool = False  # the robot walks, or has not yet come to a standstill
+    coasting: float = 0.0  # time without samples of the IMU or the joints [s]
+    silent: tuple[str, ...] = ()  # nodes without a sign of life, apart from those that the stamps cover
+    intruders: tuple[str, ...] = ()  # sensor topics with a second publisher
+    joint_fault: str = ""  # of a motor or an encoder; empty without one
 
     def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
-        """What is wrong, most severe first; empty when healthy.
-
-        Args:
-            config: Limits.
-            t: Stamp of now [s].
-        """
+        """Problems at time t [s], most severe first; empty when healthy."""
         found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
         found += [Problem(Severity.STAND, second_publisher(topic)) for topic in self.intruders]
         return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:
-        """Faults that end standing, most telling first."""
+        """Faults that end standing, the most informative first."""
         found = []
         if not self.tilt < config.fall_tilt:
             found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")

@@ -1,4 +1,4 @@
-"""Finds motors that do not give the torque they are told, and encoders that are stuck."""
+"""Finds motors that do not give the commanded torque, and encoders that are stuck."""
 
 from __future__ import annotations
 
@@ -18,48 +18,38 @@ Positive = Annotated[float, Field(gt=0.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class JointMonitorConfig:
-    """When a joint is at fault.
+    """Thresholds of a joint fault."""
 
-    Attributes:
-        window: Time over which torques are averaged, and for which a stuck encoder says the same [s].
-        error: Error of the mean torque that is a fault, in shares of the motor's largest one [-].
-        told: Mean torque told to a motor that gives nothing, likewise [-].
-        nothing: Mean size of a torque that counts as nothing, likewise [-].
-        offset: Added to the first two, and an eighth of it to the third [N.m].
-        margin: Distance from a joint's limit below which its torques tell nothing [rad].
-        grace: Time after a start in which nothing is judged [s].
-    """
-
-    window: Annotated[float, Field(gt=0.0, le=1.0)]
-    error: Positive
-    told: Positive
-    nothing: Positive
-    offset: Positive
-    margin: Annotated[float, Field(ge=0.0)]
-    grace: Annotated[float, Field(ge=0.0)]
+    window: Annotated[float, Field(gt=0.0, le=1.0)]  # of the mean torques, and of a stuck encoder [s]
+    error: Positive  # of the mean torque at a fault, over the motor's largest one [-]
+    told: Positive  # mean commanded torque of a motor without output, likewise [-]
+    nothing: Positive  # mean torque that counts as none, likewise [-]
+    offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
+    margin: Annotated[float, Field(ge=0.0)]  # distance from a joint's limit within which no torque is judged [rad]
+    grace: Annotated[float, Field(ge=0.0)]  # time after a start without a judgement [s]
 
 
 class JointMonitor:
-    r"""Compares what the drivers measure with what they were told.
+    r"""Compares the measurements of the drivers with their commands.
 
     .. math::
         \tau_{told} = \tau_{ff} + k_p (q_{set} - q) + k_d (v_{set} - v), \quad
         \tau_{exp} \mathrel{+}= [\tau_{told} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
         |\overline{\tau} - \overline{\tau_{exp}}| > error\;\tau_{max} + offset
 
-    is a motor at fault, and sooner one that gives nothing though it is told to. The limits of torque and of its rate
-    are those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. What is
-    left is the way of a command to the drivers, which is why the first bound is wide. An encoder
-    is at fault when position and velocity have not changed in the last bit for ``window``: those of a robot whose
-    profile gives its velocities noise always do.
+    is a motor at fault, and sooner one that gives no torque at a command. The limits of torque and of its rate are
+    those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. The first
+    bound is wide because of the delay of a command to the drivers. An encoder is at fault when position and velocity
+    have not changed in the last bit for ``window``: the noise of the velocities of the profile changes them at every
+    sample.
 
     Args:
         model: The robot, with the gains of its drivers.
         period: Between two ticks [s].
-        config: When a joint is at fault; the packaged default when None.
+        config: The packaged default when None.
 
     Attributes:
-        fault: One sentence that names joint and figures; empty while all is well, kept until ``reset``.
+        fault: One sentence that names joint and figures, kept until ``reset``; empty without one.
     """
 
     def __init__(self, model: RobotModel, period: float = 0.001, config: JointMonitorConfig | None = None) -> None:
@@ -83,7 +73,7 @@ class JointMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was found; judge again after ``grace``."""
+        """Clear the fault; judge again after ``grace``."""
         self.fault = ""
         self._tick = 0
         self._grace = round(self.config.grace / self._period)
@@ -92,12 +82,7 @@ class JointMonitor:
         self._last[:] = np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
-        """One tick.
-
-        Args:
-            state: Measured joint positions, velocities and torques.
-            command: Answer to them, which the drivers have in the next tick.
-        """
+        """One tick: the measured state, and the command that answers it, which the drivers have in the next tick."""
         if self._tick > 0 and not self.fault:
             found = self._watch(state.q[7:], state.v[6:], state.tau)
             if (found > 0 or (found < 0 and self._noisy)) and self._tick > self._grace:

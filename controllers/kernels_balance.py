@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.qp.kernels_terms import follow_pose
+from controllers.qp.terms import follow_pose
 from controllers.support import cmp_command, convex_hull
 from controllers.whole_body_config import CoMGains, DcmFeedback
 from models.compiled import njit

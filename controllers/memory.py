@@ -1,7 +1,7 @@
 """Named arrays in one piece of memory, which a compiled kernel takes as two arguments.
 
-Handing one array to a compiled kernel costs a tenth of a microsecond, more when caches are cold; a tick would hand over
-hundreds. A ``Block`` is one flat array and a table of where each part lies. Kernels find a part by its number with
+Each array passed to a compiled kernel costs a tenth of a microsecond, more when caches are cold; a tick would pass
+hundreds. A ``Block`` is one flat array and a table of the offsets of its parts. Kernels find a part by its number with
 ``part_1`` to ``part_3``; the sizes are data, not types, so that one compilation serves every robot and contact mode.
 """
 
@@ -25,7 +25,7 @@ class Block:
         shapes: Shape of each part, at most three-dimensional; their order numbers the parts.
 
     Attributes:
-        data: Everything (n,).
+        data: All parts (n,).
         layout: For each part its offset in ``data`` and its three dimensions, missing ones being 1 (k, 4).
     """
 

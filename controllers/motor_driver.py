@@ -1,4 +1,4 @@
-"""Motor drivers of a robot whose joints are somewhere else: joint samples and commands in, torques out."""
+"""Motor drivers: which modes and commands they accept, and ``JointServo`` on the clock of joint samples."""
 
 from __future__ import annotations
 
@@ -8,15 +8,52 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from controllers.driver_orders import check_stamp, follow_mode
 from controllers.joint_servo import JointServo, JointServoConfig, ServoState
-from controllers.stamp_guard import StampGuard
+from controllers.stamps import StampFilter
 from controllers.supervisor import ACTIVE_MODES
 from models.config import STRICT
 from models.constants import NANOSECONDS
-from models.errors import CommandError
+from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
+
+TOO_OLD = "commands too old"
+"""Key of the counter of commands that answer sensors too old."""
+
+
+def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
+    """Arm, damp or switch off the drivers by the change of the supervisor's mode.
+
+    Drivers that have damped by themselves are armed only by a new mode to move in.
+
+    Raises:
+        CommandError: Off, while the drivers are active: the robot would drop.
+    """
+    if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
+        raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
+    if mode in ACTIVE_MODES:
+        if before not in ACTIVE_MODES:
+            servo.arm()
+    elif mode is Mode.DAMP:
+        servo.damp()
+    else:
+        servo.off()
+
+
+def check_stamp(stamp: int, last: int, now: int, max_age: int, counters: Counter[str]) -> None:
+    """Check the stamp of a command against the last command's and the newest sensors'; all times in [ns].
+
+    The stamp is that of the sensors that the command answers; 0 means now. ``counters`` counts commands older than
+    ``max_age``.
+
+    Raises:
+        MessageError: The stamp is not newer than the last command's, not yet due, or too old.
+    """
+    if stamp and not last < stamp <= now:
+        raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
+    if stamp and now - stamp > max_age:
+        counters[TOO_OLD] += 1
+        raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {max_age} ns")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -26,7 +63,7 @@ class MotorDriverConfig:
     max_command_age: Annotated[
         float, Field(gt=0.0, description="age of the sensors a command answers above which it is refused [s]")
     ]
-    max_gap: Annotated[float, Field(gt=0.0, description="largest step of the joints' stamp believed at once [s]")]
+    max_gap: Annotated[float, Field(gt=0.0, description="largest step of the joints' stamp accepted at once [s]")]
     step_max: Annotated[
         float, Field(gt=0.0, description="step that the torque rate is counted over at most, after lost samples [s]")
     ]
@@ -34,23 +71,14 @@ class MotorDriverConfig:
 
 
 class MotorDriver:
-    """``JointServo`` on the clock of the joint samples, with what its commanders may do.
+    """``JointServo`` on the clock of the joint samples, with validation of the commands.
 
-    Each joint sample gives one vector of torques. A command is judged as the drivers of the simulation judge it: by the
-    stamp of the sensors that it answers, its limits, and, where it is a trajectory, its start. No torque steps by more
-    than the drives' rate times ``step_max``, whatever is commanded and however many samples were lost.
+    Each joint sample gives one vector of torques. A command is validated by the stamp of the sensors that it answers,
+    its limits and, for a trajectory, its start. No torque steps by more than the drives' rate times ``step_max``,
+    whatever the command and however many samples were lost.
 
     A mode to move in that was there before the drivers does not arm them: motors must not come alive because a process
-    was started.
-
-    Args:
-        model: The robot.
-        config: Ages and steps.
-        servo: Timing and margins of the servo; the packaged ones when None.
-        counters: Counts gaps and commands that are too old.
-
-    Attributes:
-        servo: The law of the drivers.
+    was started. ``counters`` counts gaps and commands that are too old; ``servo`` is the law of the drivers.
     """
 
     def __init__(
@@ -60,7 +88,7 @@ class MotorDriver:
         self._config, self._counters = config, counters
         self._max_age = round(config.max_command_age * NANOSECONDS)
         self._max_gap = round(config.max_gap * NANOSECONDS)
-        self._stamps = StampGuard(self._max_gap)
+        self._stamps = StampFilter(self._max_gap)
         self._mode: Mode | None = None
         self._last_command = 0
 
@@ -80,15 +108,16 @@ class MotorDriver:
         """Answer joint positions (nj,) [rad] and velocities (nj,) [rad/s] of a stamp [ns] with torques (nj,) [N.m].
 
         Raises:
-            MessageError: The stamp is not newer than the last one, or leaps ahead alone.
+            MessageError: The stamp is not newer than the last one, or jumps ahead alone.
         """
         step = self._stamps.step(stamp)
         if step > self._max_gap:
             self._counters["gaps bridged"] += 1
-        return self.servo.step(stamp / NANOSECONDS, q, v, min(step / NANOSECONDS, self._config.step_max))
+        self.servo.step(stamp / NANOSECONDS, q, v, min(step / NANOSECONDS, self._config.step_max))
+        return self.servo.torque
 
     def command(self, stamp: int, command: JointCommand | JointTrajectory) -> bool:
-        """Take a command that answers the sensors of a stamp [ns], 0 for now; returns whether it is in force.
+        """Accept a command that answers the sensors of a stamp [ns], 0 for now; returns whether it is in force.
 
         Raises:
             MessageError: The stamp is not newer than the last command's, not yet due, or too old.
@@ -109,7 +138,7 @@ class MotorDriver:
         return taken
 
     def silence(self) -> bool:
-        """The joints have been silent for ``sensor_timeout``: damp; returns whether that is news."""
+        """The joints have been silent for ``sensor_timeout``: damp; returns whether this has just begun."""
         if self.servo.state is not ServoState.ACTIVE:
             return False
         self._counters["joint silences"] += 1

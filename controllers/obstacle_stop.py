@@ -1,20 +1,50 @@
-"""Obstacle stop: what a planar scanner sees in the direction of travel slows a walk and stops it."""
+"""Obstacle stop: limits a walking velocity by the readings of a planar scanner in the direction of travel."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from controllers.arbitration import Velocity
 from controllers.body_outline import BodyOutline
-from controllers.obstacle_stop_config import ObstacleStopConfig
-from models.config import default_config
+from models.config import STRICT, default_config
 from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.scan import SCAN_FRAME, Scan, check_scan
 from models.types import Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ObstacleStopConfig:
+    """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
+
+    stop_distance: Annotated[float, Field(gt=0, le=5, description="Gap at which the robot is to stand still [m]")]
+    release_distance: Annotated[float, Field(gt=0, le=10, description="Gap from which on it may walk again [m]")]
+    release_time: Annotated[float, Field(ge=0, le=60, description="For how long the gap must have been so long [s]")]
+    margin: Annotated[float, Field(ge=0, le=2, description="Corridor beyond the body, each side [m]")]
+    deceleration: Annotated[float, Field(gt=0, le=10, description="How fast a walk is counted on to slow down [m/s^2]")]
+    reaction_time: Annotated[float, Field(ge=0, le=5, description="From a reading to the first effect [s]")]
+    speed_min: Annotated[float, Field(gt=0, le=1, description="Slowest walk towards an obstacle [m/s]")]
+    scan_timeout: Annotated[float, Field(gt=0, le=5, description="Oldest usable scan [s]")]
+    points_min: Annotated[int, Field(ge=1, le=100, description="Readings that make an obstacle [1]")]
+
+    def __post_init__(self) -> None:
+        if self.release_distance <= self.latch_distance:
+            raise ValueError(
+                f"release_distance {self.release_distance} m is not beyond {self.latch_distance:.3f} m, "
+                "where the robot stops"
+            )
+
+    @property
+    def latch_distance(self) -> float:
+        """Gap below which not even ``speed_min`` is allowed [m]."""
+        return self.stop_distance + self.speed_min * (self.reaction_time + 0.5 * self.speed_min / self.deceleration)
+
 
 SIDES = ("ahead", "on the left", "behind", "on the right")
 """Words for a direction in B, counter-clockwise in quarters from x."""
@@ -23,27 +53,21 @@ _SAME_WAY = math.cos(math.radians(45.0))
 """Cosine of the angle between directions that share a stop: an eighth of a turn to either side."""
 
 
-@dataclass(slots=True)
+@dataclasses.dataclass(slots=True)
 class _Stop:
-    """A direction in which the robot may not walk.
+    """A direction in which the robot may not walk."""
 
-    Attributes:
-        direction: Unit vector in B (2,).
-        reason: Why.
-        free_since: Stamp since which the gap has been long enough [s]; None while it is not.
-    """
-
-    direction: Vector
+    direction: Vector  # unit vector in B (2,)
     reason: str
-    free_since: float | None = None
+    free_since: float | None = None  # stamp since which the gap has been long enough [s]; None while it is not
 
 
 class ObstacleStop:
     """Limits a walking velocity by the gap between the body and the nearest obstacle in its way.
 
-    The corridor is what the body sweeps when it walks straight in the commanded direction, widened by ``margin``. With
-    the gap ``g`` between body and obstacle along it, the speed stays below the one from which the walk still halts at
-    ``stop_distance``:
+    The corridor is the area that the body sweeps when it walks straight in the commanded direction, widened by
+    ``margin``. With the gap ``g`` between body and obstacle along it, the speed stays below the one from which the walk
+    still halts at ``stop_distance``:
 
         v t_r + v^2 / (2 a) <= g - stop_distance,    t_r = reaction_time, a = deceleration
 
@@ -51,11 +75,8 @@ class ObstacleStop:
     been at least ``release_distance`` for ``release_time``. Turning is always allowed. A scan older than
     ``scan_timeout`` stops translation in every direction. A robot whose profile has no scanner is not limited.
 
-    Directions are those of B, so a robot that turns away from an obstacle becomes free.
-
-    Args:
-        model: The robot; its frame ``scan`` is taken as in the 'stand' posture, and level.
-        config: Distances and times; the packaged ones when None.
+    Directions are those of B, so a robot that turns away from an obstacle becomes free. The frame ``scan`` of the robot
+    is level and that of the 'stand' posture.
 
     Assumptions:
         The scan shows obstacles only. Returns from the floor come from farther away than ``release_distance`` unless
@@ -73,7 +94,7 @@ class ObstacleStop:
         self.reset()
 
     def reset(self) -> None:
-        """Forget every scan and every stop."""
+        """Discard every scan and every stop."""
         self._t: float | None = None
         self._points: Matrix = np.empty((0, 2))
         self._stops: list[_Stop] = []
@@ -89,7 +110,7 @@ class ObstacleStop:
         return bool(self._stops)
 
     def update(self, scan: Scan) -> None:
-        """Take the newest scan.
+        """Accept the newest scan.
 
         Raises:
             MessageError: It is malformed or not newer than the last one; the field is named, and the last one stays.
@@ -102,14 +123,9 @@ class ObstacleStop:
         self._stops = [stop for stop in self._stops if not self._released(stop, scan.t)]
 
     def limit(self, velocity: Velocity, t: float) -> tuple[Velocity, str]:
-        """Limit a velocity.
+        """The allowed part of a velocity in B [m/s, m/s, rad/s], and why it is less; empty when it is not.
 
-        Args:
-            velocity: Commanded, in B [m/s, m/s, rad/s].
-            t: Stamp of now, of the scans' clock [s].
-
-        Returns:
-            What is allowed of it, never faster and never another way, and why it is less; empty when it is not.
+        It is never faster and never in another direction. ``t`` is now on the scans' clock [s].
         """
         forward, left, turn = velocity
         if not all(math.isfinite(value) for value in velocity):
@@ -139,7 +155,7 @@ class ObstacleStop:
         return float(np.partition(along, count - 1)[count - 1]) - outline.reach(direction)
 
     def _blind(self, t: float) -> str:
-        """Why there is no scan to walk by; empty when there is one."""
+        """Why there is no usable scan; empty when there is one."""
         if self._t is None:
             return "stopped: no scan"
         if abs(t - self._t) > self.config.scan_timeout:
@@ -174,5 +190,5 @@ class ObstacleStop:
 
 
 def _side(forward: float, left: float) -> str:
-    """Word for a direction in B."""
+    """Name of a direction in B."""
     return SIDES[round(math.atan2(left, forward) / (0.5 * math.pi)) % 4]

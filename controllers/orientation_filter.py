@@ -1,4 +1,4 @@
-"""Complementary filter: orientation of an inertial unit from its gyro and accelerometer alone."""
+"""Complementary filter: orientation of an IMU from its gyro and accelerometer alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from controllers.estimation.so3 import exponential, multiply, orthonormalise, rotate_transposed, to_quaternion
 from models.compiled import njit
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.errors import MessageError
+from models.so3 import exponential, multiply, orthonormalise, rotate_transposed, to_quaternion
 from models.types import Matrix, Vector
 
 
@@ -27,7 +27,7 @@ class OrientationFilterConfig:
     accel_band: Annotated[
         float, Field(gt=0.0, le=1.0, description="deviation of |specific force| / gravity from 1 without any trust [-]")
     ]
-    bias_max: Annotated[float, Field(gt=0.0, description="largest gyro bias that is believed, each axis [rad/s]")]
+    bias_max: Annotated[float, Field(gt=0.0, description="largest gyro bias, each axis [rad/s]")]
     rest_gyro: Annotated[float, Field(gt=0.0, description="angular rate less bias below which it rests [rad/s]")]
     rest_accel: Annotated[
         float, Field(gt=0.0, lt=1.0, description="deviation of |specific force| / gravity from 1 at rest [-]")
@@ -47,9 +47,6 @@ class OrientationFilter:
     orientation in a level frame (3, 3), b the bias (3,) [rad/s] and z up. e has no part along the vertical, so yaw is
     the integral of the rate. When rate and force have been quiet for ``rest_time``, b also follows the rate itself with
     ``rest_time_constant``, about the vertical too: then yaw stands still as well.
-
-    Args:
-        config: Gains and bounds; the packaged ones when None.
 
     Attributes:
         rotation: R (3, 3).
@@ -86,15 +83,12 @@ class OrientationFilter:
         return self._quaternion.copy()
 
     def reset(self, gyro: Vector, accel: Vector, yaw: float = 0.0) -> None:
-        """Start at rest.
+        """Start at rest with a yaw [rad].
 
-        Args:
-            gyro: Mean angular rate (3,) [rad/s], taken for the bias.
-            accel: Mean specific force (3,) [m/s^2], taken for the vertical.
-            yaw: Heading to start with [rad].
+        The mean angular rate (3,) [rad/s] is the first bias, the mean specific force (3,) [m/s^2] the vertical.
 
         Raises:
-            MessageError: The unit is not at rest; says by what.
+            MessageError: The unit is not at rest; names the value.
         """
         rate, share = float(np.abs(gyro).max()), float(np.linalg.norm(accel)) / GRAVITY
         if not rate <= self.config.bias_max:
@@ -109,13 +103,7 @@ class OrientationFilter:
         self._quiet[:] = 0.0
 
     def step(self, gyro: Vector, accel: Vector, dt: float) -> None:
-        """Take a sample.
-
-        Args:
-            gyro: Angular rate (3,) [rad/s], finite.
-            accel: Specific force (3,) [m/s^2], finite.
-            dt: Since the last sample [s].
-        """
+        """Add a finite sample of rate (3,) [rad/s] and specific force (3,) [m/s^2], ``dt`` [s] after the last one."""
         _step(gyro, accel, dt, self._gains, self._rest, self.rotation, self.bias, self._quiet)
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 
-from controllers.kernels_posture import TREE, posture_reference
-from controllers.memory import Block
-from models.errors import RobotModelError
+from models.compiled import njit
 from models.robot_model import RobotModel
+from models.so3 import exponential, multiply, rotate, rotation_error
+from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
 from models.types import Vector
+
+Array = NDArray[np.float64]
 
 
 class PostureReference:
@@ -26,50 +28,67 @@ class PostureReference:
         base: Rotation of the base in the anchor frame (3, 3).
         torso: Rotation of the torso in the anchor frame (3, 3).
         tree: Kinematic tree, for kernels.
-        parents: Parent body of each joint (nj,); body 0 is the base.
-        bodies: Body that carries the left sole, the right sole and the torso frame (3,).
+        frames: Left sole, right sole and torso, for kernels.
 
     Raises:
         RobotModelError: A joint is not revolute; names it.
     """
 
     def __init__(self, model: RobotModel) -> None:
-        nj = model.nj
         self.com, self.base, self.torso = np.zeros(3), np.eye(3), np.eye(3)
-        shapes = ((nj, 3, 3), (nj, 3, 3), (nj, 3, 3), (nj, 3), (nj + 1,), (nj + 1, 3), (3, 3, 3), (3, 3))
-        self.tree = Block(dict(zip(TREE, shapes, strict=True)))
-        self.parents = np.zeros(nj, dtype=np.int64)
-        self.bodies = np.zeros(3, dtype=np.int64)
-        self._read(model)
-
-    def _read(self, model: RobotModel) -> None:
-        """Copy the tree off Pinocchio's model; body k is joint k + 1 there, the base being body 0."""
-        robot, data = model.pin, model.data()
-        neutral = pin.neutral(robot)
-        for n in range(model.nj):
-            joint = n + 2
-            if robot.nvs[joint] != 1:
-                raise RobotModelError(f"joint '{robot.names[joint]}' is not revolute")
-            subspace = pin.computeJointJacobian(robot, data, neutral, joint)[:, robot.idx_vs[joint]]  # (6,)
-            if np.abs(subspace[:3]).max() > 1e-12 or robot.idx_vs[joint] != n + 6:
-                raise RobotModelError(f"joint '{robot.names[joint]}' is not revolute")
-            placement = robot.jointPlacements[joint]
-            self.parents[n] = robot.parents[joint] - 1
-            self.tree["rotations"][n] = placement.rotation
-            self.tree["translations"][n] = placement.translation
-            cross = pin.skew(subspace[3:])
-            self.tree["swings"][n] = placement.rotation @ cross
-            self.tree["bends"][n] = placement.rotation @ cross @ cross
-        for body in range(model.nj + 1):
-            self.tree["masses"][body] = robot.inertias[body + 1].mass / model.mass
-            self.tree["levers"][body] = robot.inertias[body + 1].lever
-        for k, frame_id in enumerate((*(foot.frame_id for foot in model.feet), model.frame_id("torso"))):
-            frame = robot.frames[frame_id]
-            self.bodies[k] = frame.parentJoint - 1
-            self.tree["frame_rotations"][k] = frame.placement.rotation
-            self.tree["frame_translations"][k] = frame.placement.translation
+        self.tree = read_tree(model.pin)
+        self.frames = read_frames(model.pin, (*(foot.frame_id for foot in model.feet), model.frame_id("torso")))
 
     def update(self, joints: Vector) -> None:
         """Evaluate a posture (nj,) [rad]."""
-        tree = self.tree
-        posture_reference(joints, tree.data, tree.layout, self.parents, self.bodies, self.com, self.base, self.torso)
+        posture_reference(joints, self.tree, self.frames, self.com, self.base, self.torso)
+
+
+@njit(cache=True)
+def posture_reference(
+    joints: Array, tree: KinematicTree, frames: TreeFrames, com: Array, base: Array, torso: Array
+) -> None:
+    """CoM and orientations of a posture, seen from the mid-frame of its soles.
+
+    With ``T_mid`` the frame half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base::
+
+        com = R_mid' (c - p_mid),    base = R_mid',    torso = R_mid' R_T
+
+    Args:
+        joints: Joint positions (nj,) [rad].
+        tree: The robot.
+        frames: Left sole, right sole, torso.
+        com: Out (3,) [m].
+        base: Out (3, 3).
+        torso: Out (3, 3).
+    """
+    count = joints.shape[0] + 1
+    rotations, origins = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    placed, positions = np.zeros((3, 3, 3)), np.zeros((3, 3))
+    turn, middle, step, centre = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.zeros(3)
+    for i in range(3):
+        rotations[0, i, i] = 1.0
+    place_bodies(tree, joints, rotations, origins)
+    total = 0.0
+    for body in range(count):
+        total += tree[body].mass
+    for body in range(count):
+        rotate(rotations[body], tree[body].lever, step)
+        for i in range(3):
+            centre[i] += tree[body].mass / total * (origins[body, i] + step[i])
+    for k in range(3):
+        place_frame(frames, k, rotations, origins, placed[k], positions[k])
+    rotation_error(placed[0], placed[1], step)
+    for i in range(3):
+        step[i] *= 0.5
+    exponential(step, turn)
+    multiply(placed[0], turn, middle)
+    for i in range(3):
+        com[i] = 0.0
+        for k in range(3):
+            com[i] += middle[k, i] * (centre[k] - 0.5 * (positions[0, k] + positions[1, k]))
+            base[i, k] = middle[k, i]
+        for j in range(3):
+            torso[i, j] = (
+                middle[0, i] * placed[2, 0, j] + middle[1, i] * placed[2, 1, j] + middle[2, i] * placed[2, 2, j]
+            )

@@ -1,4 +1,4 @@
-"""Checks before the robot may move: does what arrives belong to the robot that the laws were built for?"""
+"""Checks before the robot may move: whether the messages match the robot that the laws were built for."""
 
 from __future__ import annotations
 
@@ -17,38 +17,22 @@ from models.types import Vector
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What was seen of the robot; None where nothing arrived.
+    """Observations of the robot; None where no message arrived."""
 
-    Attributes:
-        description: URDF that the robot publishes.
-        joints: Measured joint positions by the model's order (nj,) [rad].
-        refusals: Why messages were refused, by topic.
-        base_quaternion: Estimated orientation of B in W, xyzw (4,).
-        rates: Measured rate of each sensor topic by stamp [Hz].
-        incompatible: Who at the other end of a needed topic does not agree on which policy of its QoS, by topic.
-    """
-
-    description: str | None = None
-    joints: Vector | None = None
-    refusals: Mapping[str, str] = field(default_factory=dict)
-    base_quaternion: Vector | None = None
-    rates: Mapping[str, float] = field(default_factory=dict)
-    incompatible: Mapping[str, str] = field(default_factory=dict)
+    description: str | None = None  # URDF that the robot publishes
+    joints: Vector | None = None  # measured positions by the model's order (nj,) [rad]
+    refusals: Mapping[str, str] = field(default_factory=dict)  # reasons of refused messages, by topic
+    base_quaternion: Vector | None = None  # estimated orientation of B in W, xyzw (4,)
+    rates: Mapping[str, float] = field(default_factory=dict)  # measured rate of each sensor topic by stamp [Hz]
+    incompatible: Mapping[str, str] = field(default_factory=dict)  # endpoint and QoS policy that differs, by topic
 
 
 def preflight(
     model: RobotModel, config: SupervisorConfig, evidence: Evidence, nominal_rates: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Findings that forbid arming.
+    """Findings that forbid arming, one sentence each; empty when the robot may be armed.
 
-    Args:
-        model: Robot that the laws were built for.
-        config: Tolerances.
-        evidence: What was seen.
-        nominal_rates: Expected rate by topic [Hz]; a topic that is not named is not checked.
-
-    Returns:
-        One sentence for each finding; empty when the robot may be armed.
+    ``nominal_rates`` are the expected rates by topic [Hz]; other topics are not checked.
     """
     return (
         *(f"{topic}: {reason}" for topic, reason in evidence.refusals.items()),
@@ -61,11 +45,7 @@ def preflight(
 
 
 def described_mass(urdf: str) -> float:
-    """Total mass of a URDF [kg].
-
-    Raises:
-        RobotModelError: The text is not XML, or a mass is not a number.
-    """
+    """Total mass of a URDF [kg]; RobotModelError when the text is not XML, or a mass is not a number."""
     try:
         root = ET.fromstring(urdf)
         return sum(float(mass.attrib["value"]) for mass in root.iterfind("link/inertial/mass"))
@@ -104,7 +84,7 @@ def _attitude(config: SupervisorConfig, quaternion: Vector | None) -> list[str]:
 
 
 def attitude(config: SupervisorConfig, angle: float) -> list[str]:
-    """What forbids arming at a tilt of the base [rad]; empty when nothing does."""
+    """Reason to forbid arming at a tilt of the base [rad]; empty without one."""
     if not angle <= config.preflight_tilt:
         return [
             f"base tilted by {angle:.2f} rad: more than {config.preflight_tilt:.2f} rad, or its IMU is mounted wrong"

@@ -1,4 +1,4 @@
-"""Mode machine of the robot: who may move, when, and why not.
+"""Mode machine of the robot: mode requests, text commands, faults and refusals with their reason.
 
 The law:
 
@@ -8,10 +8,10 @@ The law:
                       stand                walk, motion -> stand, latched until ``reset_faults``
                       damp                 any but off -> damp, latched until ``reset_faults``
 
-Arming needs preflight checks that passed since the robot was last active: where it lies now is not where it stood.
+Arming requires preflight checks that passed since the robot was last active: it may have moved since it stood.
 
-It has no clock and no I/O: time comes in with ``update``. The node around it publishes ``mode``, hands the names from
-``take_motion`` to the motion planner, and answers services with the ``CommandReply`` it gets from here.
+It has no clock and no I/O: time is an argument of ``update``. The node around it publishes ``mode``, sends the names
+from ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Supervisor:
         self.reset()
 
     def reset(self, mode: Mode = Mode.OFF) -> None:
-        """Forget faults, findings and pending motions and start in ``mode``."""
+        """Clear faults, findings and pending motions and start in ``mode``."""
         self.mode = mode
         self.faults: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
@@ -66,7 +66,7 @@ class Supervisor:
 
     @property
     def still(self) -> bool:
-        """Whether no velocity is wanted: a walk comes to its end, or the robot is held."""
+        """Whether no velocity applies: a walk comes to its end, or the robot is held."""
         return self._halting or bool(self.holds)
 
     def set_preflight(self, findings: tuple[str, ...]) -> None:
@@ -74,14 +74,7 @@ class Supervisor:
         self._preflight = findings
 
     def request(self, mode: Mode) -> CommandReply:
-        """Ask for a mode. ``stand`` from ``off`` passes through ``damp`` in the same request.
-
-        Args:
-            mode: Wanted mode.
-
-        Returns:
-            Whether it was entered, and why not.
-        """
+        """Request a mode; the reply has the reason of a refusal. ``stand`` from ``off`` passes through ``damp``."""
         if mode is self.mode and not self._halting:
             return CommandReply(True, f"already in mode '{mode.value}'")
         if mode is Mode.DAMP:
@@ -103,13 +96,9 @@ class Supervisor:
         return self._enter(Mode.STAND, "standing")
 
     def text(self, command: str) -> CommandReply:
-        """Carry out a text command, or say why not. Unknown and oversized text is ignored and counted.
+        """Execute a text command such as ``"wave"``, or reply with the reason of the refusal.
 
-        Args:
-            command: For example ``"wave"``; case and surrounding blanks do not matter.
-
-        Returns:
-            Whether it is being carried out, and why not.
+        Case and surrounding blanks do not matter. Unknown and oversized text is ignored and counted.
         """
         if len(command) > self.config.text_length_max:
             self.ignored += 1
@@ -130,24 +119,17 @@ class Supervisor:
         return CommandReply(False, f"unknown command {word[:32]!r} ignored; known: {known}")
 
     def take_motion(self) -> str | None:
-        """Name of a motion to plan and follow, handed out once; ``"stop"`` means hold the present posture."""
+        """Name of a motion to plan and follow, returned once; ``"stop"`` means hold the present posture."""
         pending, self._pending = self._pending, None
         return pending
 
     def take_velocity(self) -> Velocity | None:
-        """Walking velocity that a text command asks for, handed out once; zero comes to a standstill."""
+        """Walking velocity of a text command, returned once; zero comes to a standstill."""
         velocity, self._velocity = self._velocity, None
         return velocity
 
     def motion_refused(self, reason: str) -> CommandReply:
-        """Tell that the requested motion could not be planned or followed: back to standing.
-
-        Args:
-            reason: What the planner or the controller answered.
-
-        Returns:
-            The refusal, naming the motion.
-        """
+        """Return to standing: the requested motion could not be planned or followed. The reply names the motion."""
         reply = CommandReply(False, f"motion '{self.motion}' refused: {reason}")
         if self.mode is Mode.MOTION:
             self._enter(Mode.STAND, reason)
@@ -159,14 +141,11 @@ class Supervisor:
         return self.fault("emergency stop")
 
     def fault(self, reason: str, severity: Severity = Severity.DAMP) -> CommandReply:
-        """Damp or come to a stand, and latch until ``reset_faults``; ``off`` stays off.
+        """Damp or come to a stand, and latch until ``reset_faults``; ``off`` stays off. Always accepted.
 
         Args:
             reason: Named in ``faults`` and in later refusals.
             severity: ``DAMP``, or ``STAND``, which leaves a robot that does not move its feet as it is.
-
-        Returns:
-            Always accepted.
         """
         new = reason not in self.faults
         if new:
@@ -185,15 +164,7 @@ class Supervisor:
         return CommandReply(True, f"cleared: {'; '.join(cleared)}")
 
     def update(self, health: Health, t: float) -> Mode:
-        """Turn health into a mode.
-
-        Args:
-            health: What the other nodes report.
-            t: Stamp of now [s].
-
-        Returns:
-            The mode that holds from now on.
-        """
+        """Mode that follows from the reports of the other nodes at time t [s]."""
         if self.mode not in ACTIVE_MODES:
             return self.mode
         problems = health.problems(self.config, t)
@@ -277,7 +248,7 @@ class Supervisor:
                 self.motion, self._pending = None, "stop"
             return CommandReply(True, "walk: comes to a standstill")
         if self.mode is Mode.STAND:
-            self._pending = "stop"  # of a trajectory that nobody asked the supervisor for
+            self._pending = "stop"  # of a trajectory that was not requested from the supervisor
             return CommandReply(True, "stand: holding this posture")
         if self.mode is not Mode.MOTION:
             return CommandReply(True, f"nothing to stop in mode '{self.mode.value}'")

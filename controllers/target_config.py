@@ -15,7 +15,7 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TargetConfig:
-    """What the target looks like.
+    """Colour and size of the target.
 
     Attributes:
         hue_from: First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg].

@@ -21,27 +21,18 @@ _NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """Where a target is in a picture.
+    """A target in a picture."""
 
-    Attributes:
-        pixel: Its middle, u to the right and v down (2,) [pixel].
-        pixels: Its size [pixel].
-        whole: Whether it ends before the edge of the picture; where it does not, its middle is not the target's.
-    """
-
-    pixel: Vector
-    pixels: int
-    whole: bool
+    pixel: Vector  # its middle, u to the right and v down (2,) [pixel]
+    pixels: int  # its size [pixel]
+    whole: bool  # it ends before the edge of the picture; otherwise its middle is not the target's
 
 
 class TargetFinder:
-    """Finds the largest patch of a colour.
+    """Finds the largest patch of a colour; the packaged one when ``config`` is None.
 
-    Hue, saturation and value of each pixel are held against their ranges, single pixels are taken out, and the largest
+    Hue, saturation and value of each pixel are compared with their ranges, single pixels are removed, and the largest
     patch of connected pixels is the target; its middle is the mean of its pixels.
-
-    Args:
-        config: The colour; the packaged one when None.
     """
 
     def __init__(self, config: TargetConfig | None = None) -> None:
@@ -52,14 +43,7 @@ class TargetFinder:
         self._ranges = [(np.array([first, *rest]), np.array([last, 255.0, 255.0])) for first, last in hues]
 
     def find(self, picture: NDArray[np.uint8]) -> Sighting | None:
-        """Look for the target.
-
-        Args:
-            picture: Rows of red, green, blue (height, width, 3).
-
-        Returns:
-            The target; None when it is not in the picture.
-        """
+        """The target in rows of red, green, blue (height, width, 3); None when it is not in the picture."""
         hsv = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2HSV)
         mask = np.zeros(hsv.shape[:2], dtype=np.uint8)
         for low, high in self._ranges:

@@ -10,19 +10,19 @@ from models.types import Matrix, Vector
 
 
 class TorqueLimiter:
-    """Brings wanted torques to what motors and joints bear.
+    """Limits desired torques to what motors and joints bear.
 
     In this order, tau (nj,) [N.m] is
 
     - limited to tau_max; torque towards a joint limit fades out over the last ``position_margin`` before it, torque
       that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
-    - zero at a joint whose measurement, or whose wanted torque, is not finite;
+    - zero at a joint whose measurement, or whose desired torque, is not finite;
     - limited to a change of tau_rate_max dt since the last call.
 
     Args:
         model: Robot; gives the limits, all (nj,).
         position_margin: Distance from a joint limit over which the torque towards it fades [rad].
-        velocity_margin: Share of the velocity limit beyond it over which the torque fades [1].
+        velocity_margin: Share of the velocity limit beyond it over which torque fades [1].
 
     Attributes:
         tau: Torques of the last call (nj,) [N.m].
@@ -42,18 +42,14 @@ class TorqueLimiter:
         self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
         self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
         self._measured = np.zeros((2, nj))
+        # Compiles both kernels now: the loop itself never waits for a compiler.
+        _bound(self._measured, self._centre, self._inverse_half, self._tau_max, np.zeros(nj))
+        _approach(np.zeros(nj), self._tau_rate_max, 0.0, self.tau)
 
     def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
-        """Limit the torques of one driver period.
+        """Limited torques of one driver period (nj,) [N.m]: ``tau``, overwritten by the next call.
 
-        Args:
-            q: Measured joint positions (nj,) [rad].
-            v: Measured joint velocities (nj,) [rad/s].
-            dt: Time since the last call [s].
-            target: Wanted torques (nj,) [N.m]; overwritten.
-
-        Returns:
-            ``tau``, overwritten by the next call.
+        ``target`` holds the desired torques (nj,) [N.m] and is overwritten.
         """
         measured = self._measured
         measured[0], measured[1] = q, v
@@ -74,16 +70,11 @@ class TorqueLimiter:
             target[blind] = 0.0
 
 
-@njit("boolean(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1])", cache=True)
+@njit(cache=True)
 def _bound(measured: Matrix, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
     """Limit torques (nj,) to ``most`` where no torque needs to fade; returns False, and does nothing, elsewhere.
 
-    Args:
-        measured: q and v (2, nj).
-        centre: Of the box inside which none needs to (2, nj).
-        inverse_half: Of the box's size (2, nj).
-        most: Largest torques (nj,) [N.m].
-        target: In and out (nj,) [N.m].
+    ``measured`` is q and v (2, nj); ``centre`` and ``inverse_half`` describe the box in which no torque needs to fade.
     """
     for i in range(2):
         for j in range(target.shape[0]):
@@ -94,9 +85,9 @@ def _bound(measured: Matrix, centre: Matrix, inverse_half: Matrix, most: Vector,
     return True
 
 
-@njit("void(float64[::1], float64[::1], float64, float64[::1])", cache=True)
+@njit(cache=True)
 def _approach(target: Vector, rate: Vector, dt: float, tau: Vector) -> None:
     """Move torques towards their target, at most at a rate [N.m/s] for a time [s]; all (nj,)."""
     for j in range(tau.shape[0]):
-        step = rate[j] * dt
-        tau[j] += np.maximum(np.minimum(target[j] - tau[j], step), -step)
+        step, change = rate[j] * dt, target[j] - tau[j]
+        tau[j] = target[j] if abs(change) <= step else tau[j] + np.maximum(np.minimum(change, step), -step)

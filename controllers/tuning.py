@@ -1,4 +1,4 @@
-"""Gains of the standing law that change while it runs, without a step in what it commands."""
+"""Gains of standing that change at run time, without a step of the command."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ FACTOR = 2.0
 """A gain may be changed to between this part and this multiple of what it was configured to [-]."""
 
 DCM_GAIN, HEIGHT_KP, HEIGHT_KD = 0, 5, 6
-"""Places in ``BalanceController.gains``."""
+"""Indices of the gains of the DCM feedback."""
 
 
 def _gain(name: str, place: int) -> tuple[str, Callable[[BalanceController], Vector]]:
-    return name, lambda law: law.gains[place : place + 1]
+    return name, lambda law: law.schedule.gains["balance"].standing[place : place + 1]
 
 
 def _task(task: str, field: str, rows: slice) -> Callable[[BalanceController], Vector]:
     def view(law: BalanceController) -> Vector:
-        values: Vector = getattr(law.whole_body.tasks[task], field)
+        scheduled = law.schedule.gains.get(task) if field == "weight" else None
+        values: Vector = getattr(law.whole_body.tasks[task], field) if scheduled is None else scheduled.standing
         return values[rows]
 
     return view
@@ -61,15 +62,10 @@ def configured(name: str, balance: BalanceConfig, whole_body: WholeBodyConfig) -
 
 
 class Tuning:
-    """Moves gains of a standing law towards what they are set to, linearly within ``RAMP_TIME``.
+    """Moves gains of standing linearly towards their targets within ``RAMP_TIME``.
 
     Rows of a task that the configuration scales (the legs' posture) keep their scale. Gains that are zero stay so.
-
-    Args:
-        law: The law; its gains are those it was configured with.
-
-    Attributes:
-        ranges: Least and greatest value of each gain.
+    ``ranges`` holds the least and the greatest value of each gain.
     """
 
     def __init__(self, law: BalanceController) -> None:
@@ -82,21 +78,22 @@ class Tuning:
             self._scales[name] = rows, rows / value if value else np.zeros_like(rows)
         self.ranges = {name: (value / FACTOR, value * FACTOR) for name, value in self._values.items()}
         self._moves: dict[str, tuple[float, float]] = {}
+        self._schedule = law.schedule
 
     @property
     def moving(self) -> bool:
-        """Whether a gain is on its way."""
+        """Whether a gain is still changing."""
         return bool(self._moves)
 
     def value(self, name: str) -> float:
-        """What a gain is at the moment."""
+        """Present value of a gain."""
         return self._values[name]
 
     def set(self, name: str, target: float) -> None:
-        """Have a gain go to a value, from the next tick on.
+        """Set the target of a gain from the next tick on.
 
         Raises:
-            CommandError: There is no such gain, or it is out of its range; says which.
+            CommandError: There is no such gain, or it is out of its range; the message says which.
         """
         if name not in self.ranges:
             raise CommandError(f"unknown gain '{name}'; known: {', '.join(TUNABLE)}")
@@ -108,7 +105,7 @@ class Tuning:
             self._moves[name] = target, (target - value) / RAMP_TIME
 
     def finish(self) -> None:
-        """Put every gain to where it is going; for a law that does not run."""
+        """Set every gain to its target; for a law that does not run."""
         self.step(2.0 * RAMP_TIME)
 
     def step(self, dt: float) -> None:
@@ -121,3 +118,4 @@ class Tuning:
             self._values[name] = value
             rows, scale = self._scales[name]
             np.multiply(scale, value, out=rows)
+        self._schedule.update()

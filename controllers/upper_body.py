@@ -1,15 +1,14 @@
-"""A motion of arms and head on top of the posture of a walk."""
+"""A motion of arms and head, blended into the posture of a walk."""
 
 from __future__ import annotations
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.trajectory import TrajectorySampler, validate_trajectory
-from models.types import JointTrajectory, Reference, Vector
+from models.types import JointTrajectory, Vector
 
 
 def free_joints(model: RobotModel) -> NDArray[np.bool_]:
@@ -23,7 +22,7 @@ def free_joints(model: RobotModel) -> NDArray[np.bool_]:
 
 
 class UpperBodyMotion:
-    r"""Blends a motion's arms and head into a reference and out of it again; the rest of the motion is ignored.
+    r"""Blends a motion's arms and head into a posture and out of it again; the rest of the motion is ignored.
 
     .. math::
         q = q_{ref} + w (q_m - q_{ref}), \quad w = s(\min(t, T - t) / T_f), \quad s(u) = u^3 (6 u^2 - 15 u + 10)
@@ -33,11 +32,14 @@ class UpperBodyMotion:
     Args:
         model: The robot.
         fade: Time of the blend at either end T_f [s].
+
+    Attributes:
+        free: Whether each joint is one of arms and head (nj,).
     """
 
     def __init__(self, model: RobotModel, fade: float) -> None:
         self._model, self._fade_time = model, fade
-        self._free = free_joints(model)
+        self.free = free_joints(model)
         self.drop()
 
     @property
@@ -66,14 +68,14 @@ class UpperBodyMotion:
         """Return to the walk's posture within the time of the blend; one that has just begun is blended in first."""
         self._end = min(self._end, max(self._t, self._fade) + self._fade)
 
-    def step(self, reference: Reference, dt: float) -> Reference:
-        """The reference with the motion in it, a tick of so many seconds later."""
+    def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
+        """The posture, its rate and the rate of that with the motion in them, a tick of so many seconds later."""
         if self._motion is None:
-            return reference
+            return posture, velocity, acceleration
         self._t += dt
         if self._t >= self._end:
             self.drop()
-            return reference
+            return posture, velocity, acceleration
         left = self._end - self._t
         u, sign = (left / self._fade, -1.0) if left < self._t else (self._t / self._fade, 1.0)
         u = min(u, 1.0)
@@ -81,12 +83,11 @@ class UpperBodyMotion:
         rate *= sign / self._fade
         bend /= self._fade**2
         q, v, a = self._motion.sample(self._t)
-        dq = np.where(self._free, q - reference.posture, 0.0)
-        dv = np.where(self._free, v - reference.posture_velocity, 0.0)
-        da = np.where(self._free, a - reference.posture_acceleration, 0.0)
-        return replace(
-            reference,
-            posture=reference.posture + weight * dq,
-            posture_velocity=reference.posture_velocity + weight * dv + rate * dq,
-            posture_acceleration=reference.posture_acceleration + weight * da + 2.0 * rate * dv + bend * dq,
+        dq = np.where(self.free, q - posture, 0.0)
+        dv = np.where(self.free, v - velocity, 0.0)
+        da = np.where(self.free, a - acceleration, 0.0)
+        return (
+            posture + weight * dq,
+            velocity + weight * dv + rate * dq,
+            acceleration + weight * da + 2.0 * rate * dv + bend * dq,
         )

@@ -1,4 +1,4 @@
-"""Whole-body controller: terms, tasks, QP, solution, driver set-points, with a documented fallback."""
+"""Whole-body controller: terms, tasks, limits, QP, solution, driver set-points, with a documented fallback."""
 
 from __future__ import annotations
 
@@ -6,13 +6,32 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from controllers.qp.build import QP, QPBuilder, QPLimits
-from controllers.qp.kernels_cone import share_weight
+from controllers.limits import (
+    BodyLimits,
+    CoMHeightLimit,
+    JointBounds,
+    JointLimit,
+    Limit,
+    RowLimit,
+    TorqueLimit,
+    WrenchConeLimit,
+)
+from controllers.qp.active_set import QP
+from controllers.qp.contacts import ContactGains
+from controllers.qp.problem import QPBuilder
 from controllers.qp.solve import QPSolver, Solution
 from controllers.qp.terms import Terms
-from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
-from controllers.tasks.base import rows
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.tasks import (
+    AngularMomentumTask,
+    BodyTasks,
+    CoMTask,
+    FootTask,
+    FrameOrientationTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+)
+from controllers.whole_body_config import Gains, WholeBodyConfig
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
@@ -30,9 +49,6 @@ class WholeBodyController:
     with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or
     one that tips, comes back to where it stood.
 
-    Joint limits enter as acceleration bounds: with ``v_hi = min(share v_max, g (q_max - margin - q))`` a joint may
-    accelerate by at most ``k (v_hi - v)``, and likewise below.
-
     The set-point integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
     opposes only what happens after the measurement.
 
@@ -41,19 +57,24 @@ class WholeBodyController:
     Args:
         model: The robot.
         config: Gains and limits; the packaged default when None.
-        extra_tasks: Further tasks for the stack.
+        extra_tasks: Further tasks for the stack, beside those of ``config.tasks``.
+        extra_limits: Further limits.
 
     Attributes:
         terms: Model terms of the last state.
         tasks: The stack by name.
-        com_task: For the balance law's feedback.
+        limits: The limits by name.
+        body_limits: Those of joints, wrench cones and torques.
+        com_task: Takes the balance law's feedback.
         acceleration: Last solution (nv,).
         wrenches: Last solution (2, 6), in the sole frames.
         torque: Last solution (nj,).
-        limits: Limits of the QP.
-        areas: x_min, x_max, y_min, y_max of what it counts on of each sole, in its frame (2, 4) [m].
+        areas: x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m].
+        wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
+        hold_ticks: Ticks without a solution for which the last command is repeated.
         builder: Builds the QP.
         solver: Solves it.
+        problem: Last QP, overwritten by the next tick; None before the first.
         solution: Last answer of the solver.
 
     References:
@@ -62,79 +83,71 @@ class WholeBodyController:
     """
 
     def __init__(
-        self, model: RobotModel, config: WholeBodyConfig | None = None, extra_tasks: Sequence[Task] = ()
+        self,
+        model: RobotModel,
+        config: WholeBodyConfig | None = None,
+        extra_tasks: Sequence[Task] = (),
+        extra_limits: Sequence[RowLimit] = (),
     ) -> None:
         self.model = model
         self.config = config = config or default_config(WholeBodyConfig, "controllers", "whole_body")
-        self.terms = Terms(model)
-        nj, weight_force = model.nj, model.mass * GRAVITY
-        com = config.com
-        self.com_task = CoMTask(rows(com.kp, 3), rows(com.kd, 3), np.array([com.weight, com.weight, com.weight_height]))
-        momentum = config.angular_momentum
-        base, torso, foot, posture = config.base_orientation, config.torso_orientation, config.foot, config.posture
-        foot_weight = rows(foot.weight, 6)
-        foot_weight[3:5] *= config.foot_roll_scale, config.foot_pitch_scale
-        self._feet = tuple(FootTask(i, rows(foot.kp, 6), rows(foot.kd, 6), foot_weight) for i in range(2))
-        momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
-        posture_weight = rows(posture.weight, nj)
-        for side in model.feet:
-            posture_weight[np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
-        stack: list[Task] = [
-            self.com_task,
-            AngularMomentumTask(rows(momentum.kd, 3), momentum_weight),
-            OrientationTask("base", rows(base.kp, 3), rows(base.kd, 3), rows(base.weight, 3)),
-            OrientationTask("torso", rows(torso.kp, 3), rows(torso.kd, 3), rows(torso.weight, 3)),
-            *self._feet,
-            PostureTask(rows(posture.kp, nj), rows(posture.kd, nj), posture_weight),
-            *extra_tasks,
-        ]
-        self.tasks = {task.name: task for task in stack}
+        self._weight = model.mass * GRAVITY
+        body, positions = _make_tasks(model, config)
+        extra_tasks = [*positions, *extra_tasks]
+        self.tasks: dict[str, Task] = {task.name: task for task in (*body, *extra_tasks)}
+        self.com_task, self._feet = body.com, body.feet
         contact, solver = config.contact, config.solver
+        self._cones = cones = WrenchConeLimit(
+            [min(contact.friction, foot.friction) for foot in model.feet],
+            contact.sole_margin,
+            contact.force_min * self._weight,
+            contact.force_max * self._weight,
+            self._weight,
+        )
+        self.body_limits, heights = _make_limits(model, config, cones)
+        extra_limits = [*heights, *extra_limits]
+        self.limits: dict[str, Limit] = {limit.name: limit for limit in (*self.body_limits, *extra_limits)}
+        frames = [frame for task in self.tasks.values() for frame in task.frames]
+        self.terms = Terms(model, frames)
+        scale = contact.wrench_weight / self._weight**2
+        lever = scale / contact.moment_arm**2
         self.builder = QPBuilder(
             model,
-            stack,
-            force_min=contact.force_min * weight_force,
-            force_max=contact.force_max * weight_force,
-            friction=contact.friction,
-            sole_margin=contact.sole_margin,
+            body,
+            self.body_limits,
+            extra_tasks=extra_tasks,
+            extra_limits=extra_limits,
+            contacts=ContactGains(
+                np.full(6, contact.stiffness),
+                np.full(6, contact.damping),
+                np.repeat((contact.linear_max, contact.angular_max), 3),
+                self._weight,
+            ),
+            wrench_weight=np.array([scale, scale, scale, lever, lever, lever]),
             regularisation=solver.regularisation,
             lookahead=config.lookahead_s,
         )
-        self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho)
-        scale = contact.wrench_weight / weight_force**2
-        lever = scale / contact.moment_arm**2
-        limit = config.limits
-        self.limits = limits = QPLimits(nj)
-        limits.torque[:] = limit.torque * model.tau_max
-        limits.wrench_weight[:] = scale, scale, scale, lever, lever, lever
-        margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
-        limits.block["q_low"][:], limits.block["q_high"][:] = model.q_lower + margin, model.q_upper - margin
-        limits.block["q_min"][:], limits.block["q_max"][:] = model.q_lower, model.q_upper
-        limits.block["v_max"][:] = limit.velocity * model.v_max
-        limits.block["gains"][:] = (
-            contact.stiffness,
-            contact.damping,
-            limit.position_gain,
-            limit.velocity_gain,
-            limit.acceleration,
-            contact.linear_max,
-            contact.angular_max,
-        )
-        self._contacts: tuple[tuple[bool, bool], tuple[float, float]] | None = None
+        self.wrench_target = self.builder.stack.wrench_target
+        self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho, solver.backend)
+        for problem in self.builder.problems:
+            self.solver.prepare(problem)
+        self._contacts: tuple[tuple[bool, ...], tuple[float, ...]] | None = None
         self._whole: Matrix = np.array([foot.rectangle for foot in model.feet])
         self.areas = self._whole.copy()
-        self._told = b""
+        self._areas_key: bytes | None = None
+        self.set_support_areas(None)
         self.acceleration = np.zeros(model.nv)
-        self.wrenches = np.zeros((2, 6))
-        self.torque = np.zeros(nj)
-        self._problem: QP | None = None
+        self.wrenches = np.zeros((len(model.feet), 6))
+        self.torque = np.zeros(model.nj)
+        self.problem: QP | None = None
         self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
+        self.hold_ticks = solver.hold_ticks
         self._failures = 0
         self._last: JointCommand | None = None
         self._joints = model.posture("stand")
 
     def reset(self, joints: Vector) -> None:
-        """Forget the last command and the failure count; ``joints`` is where they are now (nj,) [rad]."""
+        """Discard the last command and the failure count; ``joints`` are the measured positions (nj,) [rad]."""
         self._failures = 0
         self._last = None
         self.solver.reset()
@@ -151,12 +164,11 @@ class WholeBodyController:
         Returns:
             Set-point for the drivers and how it came about.
         """
-        self.rely_on(reference.sole_areas)
+        self.set_support_areas(reference.sole_areas)
         if (reference.contacts, reference.load) != self._contacts:
             self._change_contacts(reference.contacts, reference.load)
-        terms, limits = self.terms, self.limits
-        self._problem = qp = self.builder.build(terms, reference, limits)
-        self.solution = solution = self.solver.solve(qp)
+        self.problem = self.builder.build(self.terms, reference)
+        self.solution = solution = self.solver.solve(self.problem)
         if solution.z is None:
             return self.fall_back()
         self._failures = 0
@@ -166,42 +178,86 @@ class WholeBodyController:
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
-    @property
-    def problem(self) -> QP | None:
-        """Last QP with all its rows, overwritten by the next tick; None before the first."""
-        self.assemble_rows()
-        return self._problem
-
-    def assemble_rows(self) -> None:
-        """Fill the rows of the last QP, where it was solved without them."""
-        if self._problem is not None and self._problem.complete is not None:
-            self._problem.complete()
-
-    def rely_on(self, areas: Matrix | None) -> bool:
-        """Count on parts of the soles only (2, 4) [m], None for the whole ones; returns whether anything changed."""
-        told = b"" if areas is None else areas.tobytes()
-        if told == self._told:  # looked at in every tick: comparing arrays would take 20 us
+    def set_support_areas(self, areas: Matrix | None) -> bool:
+        """Set the parts of the soles that count as support (2, 4) [m], whole when None; returns if they changed."""
+        key = b"" if areas is None else areas.tobytes()
+        if key == self._areas_key:  # looked at in every tick: comparing arrays would take 20 us
             return False
-        self._told, self._contacts = told, None
+        self._areas_key, self._contacts = key, None
         self.areas[:] = self._whole if areas is None else areas
-        for foot in range(2):
-            self.builder.set_area(foot, self.areas[foot])
+        for contact, area in enumerate(self.areas):
+            self._cones.set_area(contact, area)
         return True
 
-    def _change_contacts(self, contacts: tuple[bool, bool], load: tuple[float, float]) -> None:
-        """Feet that swing get their task; those that bear load their planned share, in the middle of what bears."""
+    def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
+        """Feet that swing get their task; those that bear load their planned share, in the middle of the area."""
         self._contacts = contacts, load
-        self.builder.set_load(load)
-        for foot, task in enumerate(self._feet):
-            task.active = not contacts[foot]
-        left, right = (load[foot] if contacts[foot] else 0.0 for foot in range(2))
-        share_weight(self.model.mass * GRAVITY, left, right, self.areas, self.limits.wrench_target)
+        self._cones.set_load(load)
+        for foot in self._feet:
+            foot.active = not contacts[foot.foot]
+        shares = [share if contact else 0.0 for share, contact in zip(load, contacts, strict=True)]
+        total = max(sum(shares), 1e-6)
+        for target, share, area in zip(self.wrench_target, shares, self.areas.tolist(), strict=True):
+            force = self._weight * (share / total)
+            target[2:5] = force, 0.5 * force * (area[2] + area[3]), -0.5 * force * (area[0] + area[1])
 
     def fall_back(self) -> tuple[JointCommand, SolveStatus]:
         """Command of a tick without a usable state or solution: the last one once more, then damping where it was."""
         self._failures += 1
-        if self._last is not None and self._failures <= self.config.solver.hold_ticks:
+        if self._last is not None and self._failures <= self.hold_ticks:
             return self._last, SolveStatus.HELD
         zero: Vector = np.zeros(self.model.nj)
         self.torque = zero
         return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
+
+
+def _spread(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
+    """kp, kd and weight of a task, the same on all of its rows."""
+    return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
+
+
+def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, list[FramePositionTask]]:
+    nv, com, momentum = model.nv, config.com, config.angular_momentum
+    foot = _spread(config.foot, 6)
+    foot[2][3:5] *= config.foot_roll_scale, config.foot_pitch_scale
+    posture = _spread(config.posture, model.nj)
+    for side in model.feet:
+        posture[2][np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
+    momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
+    com_weight = np.array([com.weight, com.weight, com.weight_height])
+    base, torso = _spread(config.base_orientation, 3), _spread(config.torso_orientation, 3)
+    body = BodyTasks(
+        CoMTask(np.full(3, com.kp), np.full(3, com.kd), com_weight, nv),
+        AngularMomentumTask(np.full(3, momentum.kd), momentum_weight, nv),
+        FrameOrientationTask("base_orientation", "base_link", *base, nv, lambda reference: reference.base_orientation),
+        FrameOrientationTask("torso_orientation", "torso", *torso, nv, lambda reference: reference.torso_orientation),
+        [FootTask(i, foot[0].copy(), foot[1].copy(), foot[2].copy(), nv) for i in range(len(model.feet))],
+        PostureTask(*posture),
+    )
+    positions = [
+        FramePositionTask(name, task.frame, *_spread(Gains(task.kp, task.kd, task.weight), 3), nv)
+        for name, task in config.tasks.items()
+    ]
+    return body, positions
+
+
+def _make_limits(
+    model: RobotModel, config: WholeBodyConfig, cones: WrenchConeLimit
+) -> tuple[BodyLimits, list[RowLimit]]:
+    limit, height, nj = config.limits, config.limits.com_height, model.nj
+    margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
+    scale = np.ones(nj)  # of rows; those of the legs mix many unknowns and are larger
+    for foot in model.feet:
+        scale[np.array(foot.joint_ids_v) - 6] = 0.01
+    bounds = JointBounds(
+        model.q_lower + margin,
+        model.q_upper - margin,
+        limit.velocity * model.v_max,
+        scale,
+        np.full(nj, limit.position_gain),
+        np.full(nj, limit.velocity_gain),
+        np.full(nj, limit.acceleration),
+    )
+    body = BodyLimits(JointLimit(bounds), cones, TorqueLimit(limit.torque * model.tau_max))
+    gains = limit.position_gain, limit.velocity_gain
+    return body, [CoMHeightLimit(height.minimum, height.maximum, *gains, model.nv)] if height.enabled else []

@@ -78,6 +78,38 @@ class ContactConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class PointTask:
+    """A task that holds the origin of a frame at a point; it acts once ``desired`` of the task is set.
+
+    Attributes:
+        frame: Frame of the profile or of the URDF.
+        kp: [1/s^2].
+        kd: [1/s].
+        weight: [-].
+    """
+
+    frame: str
+    kp: NonNegative
+    kd: NonNegative
+    weight: NonNegative
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class HeightLimit:
+    """Bounds of the CoM's height above the lowest sole in contact.
+
+    Attributes:
+        enabled: Whether the QP has this limit.
+        minimum: Least height [m].
+        maximum: Greatest height [m].
+    """
+
+    enabled: bool
+    minimum: NonNegative
+    maximum: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class LimitConfig:
     """Joint limits as acceleration bounds.
 
@@ -88,6 +120,7 @@ class LimitConfig:
         position_gain: Fastest approach to a position limit per distance to it [1/s].
         velocity_gain: Largest acceleration towards a velocity bound per distance to it [1/s].
         acceleration: Largest joint acceleration [rad/s^2].
+        com_height: Height of the CoM.
     """
 
     torque: Fraction
@@ -96,6 +129,7 @@ class LimitConfig:
     position_gain: Positive
     velocity_gain: Positive
     acceleration: Positive
+    com_height: HeightLimit
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -103,6 +137,7 @@ class SolverConfig:
     """QP solution.
 
     Attributes:
+        backend: own, daqp, or an installed back-end of qpsolvers (osqp, proxqp, piqp, quadprog, ...).
         residual_max: Largest accepted KKT residual [-].
         iterations_max: Iteration limit of the active-set solver.
         soft_rho: Price of relaxed rows (smaller is dearer) [-].
@@ -110,10 +145,40 @@ class SolverConfig:
         hold_ticks: Ticks without a solution for which the last torques are repeated before damping.
     """
 
+    backend: str
     residual_max: Positive
     iterations_max: Annotated[int, Field(gt=0)]
     soft_rho: Positive
     regularisation: Positive
+    hold_ticks: Annotated[int, Field(ge=0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SteppingConfig:
+    """Gains that differ while the robot steps; in between they are linear in the share of the gait.
+
+    Attributes:
+        com_weight_height: ``com.weight_height`` [-].
+        momentum_weight_vertical: ``angular_momentum.weight_vertical`` [-].
+        base_weight: ``base_orientation.weight`` [-].
+        contact_stiffness: ``contact.stiffness`` [1/s^2].
+        contact_damping: ``contact.damping`` [1/s].
+        contact_linear_max: ``contact.linear_max`` [m/s^2].
+        contact_angular_max: ``contact.angular_max`` [rad/s^2].
+        position_gain: ``limits.position_gain`` [1/s].
+        velocity_gain: ``limits.velocity_gain`` [1/s].
+        hold_ticks: ``solver.hold_ticks``.
+    """
+
+    com_weight_height: NonNegative
+    momentum_weight_vertical: NonNegative
+    base_weight: NonNegative
+    contact_stiffness: NonNegative
+    contact_damping: NonNegative
+    contact_linear_max: Positive
+    contact_angular_max: Positive
+    position_gain: Positive
+    velocity_gain: Positive
     hold_ticks: Annotated[int, Field(ge=0)]
 
 
@@ -130,6 +195,8 @@ class WholeBodyConfig:
         contact: Contacts.
         limits: Joint limits.
         solver: Solver.
+        tasks: Further tasks by name.
+        stepping: What differs while the robot steps.
         lookahead_s: Time over which the accelerations are integrated to the drivers' set-points [s].
     """
 
@@ -145,7 +212,9 @@ class WholeBodyConfig:
     contact: ContactConfig
     limits: LimitConfig
     solver: SolverConfig
+    stepping: SteppingConfig
     lookahead_s: NonNegative
+    tasks: dict[str, PointTask]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -155,8 +224,7 @@ class DcmFeedback:
     Attributes:
         dcm_gain: Feedback of the DCM error, as k in ``p = xi + k (xi - xi_ref)`` [-].
         polygon_margin: Distance the commanded CoP keeps from the edge of the support polygon [m].
-        momentum_margin: Distance from the edge, of the DCM (standing) or of its error's CoP (walking), at which arms
-            and hips start to help [m].
+        momentum_margin: Distance of the DCM from the edge at which arms and hips start to help [m].
         momentum_gain: Commanded CMP beyond the edge per metre past that distance [-].
         momentum_reach_max: Farthest commanded CMP beyond the edge [m].
     """
@@ -173,12 +241,26 @@ class BalanceConfig(DcmFeedback):
     """Standing balance.
 
     Attributes:
+        stepping: Feedback while the robot steps.
+        reaction_reach_max: Farthest that the planned reaction of the swing leg may shift the CMP [m].
+        no_step: Whether a standing robot keeps its feet where they are, as on a table, even where only a step helps.
+        blend_in_s: Time in which references and gains go over to those of the steps [s].
+        blend_out_s: Time in which they return to those of standing [s].
+        stand_up_s: Time in which a walk that begins takes the robot to the 'stand' posture [s].
+        motion_fade: Time in which a motion of the arms is blended into a walk and out of it again [s].
         anchor_time_s: Time constant with which footholds and references follow the soles that bear load [s].
         stop_time_s: Time in which a motion that is stopped comes to rest [s].
         set_point_time_s: Least time in which a lone point without velocities is reached [s].
         foothold_load: Share of the weight that a foot must bear for its foothold to follow it [-].
     """
 
+    stepping: DcmFeedback
+    reaction_reach_max: NonNegative
+    no_step: bool
+    blend_in_s: Positive
+    blend_out_s: Positive
+    stand_up_s: Positive
+    motion_fade: Positive
     anchor_time_s: Positive
     stop_time_s: Positive
     set_point_time_s: Positive

@@ -1,1 +1,1 @@
-"""What the robot is: profiles, the loader, state types, frames and errors."""
+"""The robot: profiles, the loader, state types, frames and errors."""

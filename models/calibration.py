@@ -1,37 +1,32 @@
-"""What a calibration found out about one robot's sensors, and how it corrects a sample."""
+"""Calibration of one robot's sensors: corrections, and which are plausible (``models/config/calibration.yaml``)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import dataclasses
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from msgspec import structs
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
+from models.config import STRICT
 from models.robot_model import RobotModel
-from models.types import Matrix, SensorData, Vector
+from models.types import FOOT_NAMES, JointCommand, Matrix, SensorData, Vector
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Calibration:
-    """Corrections of the sensors of one robot.
-
-    Attributes:
-        robot: Name of the robot's profile.
-        gyro_bias: Measured minus true angular rate, in the frame of the inertial unit (3,) [rad/s].
-        accel_bias: Measured minus true specific force, in the same frame (3,) [m/s^2].
-        encoder_offsets: Measured minus true joint positions (nj,) [rad].
-        wrench_offsets: What each foot sensor reads at no load, in its sole frame (2, 6) [N, N.m].
-        force_gains: True over measured normal force of each foot, offset removed (2,) [-].
-        stamps: When each part was calibrated ('imu', 'joints', 'feet'), as ISO 8601 text; a part left out never was.
-    """
+    """Corrections of the sensors of one robot."""
 
     robot: str
-    gyro_bias: Vector
-    accel_bias: Vector
-    encoder_offsets: Vector
-    wrench_offsets: Matrix
-    force_gains: Vector
-    stamps: tuple[tuple[str, str], ...] = ()
+    gyro_bias: Vector  # measured minus true angular rate, in the frame of the IMU (3,) [rad/s]
+    accel_bias: Vector  # measured minus true specific force, in the same frame (3,) [m/s^2]
+    encoder_offsets: Vector  # measured minus true joint positions (nj,) [rad]
+    wrench_offsets: Matrix  # readings without load, in the sole frame (2, 6) [N, N.m]
+    force_gains: Vector  # true over measured normal force of each foot, offset removed (2,) [-]
+    stamps: tuple[tuple[str, str], ...] = ()  # of the last calibration of 'imu', 'joints', 'feet', ISO 8601
 
     @classmethod
     def none(cls, model: RobotModel) -> Calibration:
@@ -39,18 +34,18 @@ class Calibration:
         return cls(model.name, np.zeros(3), np.zeros(3), np.zeros(model.nj), np.zeros((2, 6)), np.ones(2))
 
     def without_joints(self) -> Calibration:
-        """What is left to correct when the joint drivers have corrected their encoders themselves."""
+        """The corrections that remain when the joint drivers have corrected their encoders."""
         return replace(self, encoder_offsets=np.zeros_like(self.encoder_offsets))
 
 
 def correct_encoders(sensors: SensorData, offsets: Vector) -> SensorData:
-    """The part of ``apply_calibration`` that the joint drivers do: a new sample with q = q_m - o_q, the rest as it is.
-
-    Args:
-        sensors: As measured; not changed.
-        offsets: Measured minus true joint positions (nj,) [rad].
-    """
+    """The part of ``apply_calibration`` for the joint drivers: a new sample with q = q_m - o_q (nj,) [rad]."""
     return structs.replace(sensors, q=sensors.q - offsets)
+
+
+def encoder_command(command: JointCommand, offsets: Vector) -> JointCommand:
+    """The command for drives whose encoders read true positions plus ``offsets`` (nj,) [rad]."""
+    return structs.replace(command, q=command.q + offsets)
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:
@@ -60,12 +55,7 @@ def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorDa
 
         q = q_m - o_q,   w = w_m - b_w,   f = f_m - b_f,   W = W_m - o_W,   W_z = g_z W_z
 
-    Args:
-        sensors: As measured; not changed.
-        calibration: Of the same robot.
-
-    Returns:
-        A new sample; velocities and torques are those of ``sensors``. NaN stays NaN.
+    Returns a new sample; velocities and torques are those of ``sensors``. NaN stays NaN.
     """
     wrenches = sensors.wrenches - calibration.wrench_offsets
     wrenches[:, 2] *= calibration.force_gains
@@ -78,3 +68,36 @@ def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorDa
         accel=sensors.accel - calibration.accel_bias,
         wrenches=wrenches,
     )
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class CalibrationLimits:
+    """Largest plausible corrections, and how many calibration files are kept."""
+
+    gyro_bias: Annotated[float, Field(gt=0.0, description="each axis [rad/s]")]
+    accel_bias: Annotated[float, Field(gt=0.0, description="each axis [m/s^2]")]
+    encoder_offset: Annotated[float, Field(gt=0.0, description="each joint [rad]")]
+    force_offset: Annotated[float, Field(gt=0.0, description="each axis [N]")]
+    torque_offset: Annotated[float, Field(gt=0.0, description="each axis [N.m]")]
+    force_gain: Annotated[float, Field(gt=0.0, lt=1.0, description="deviation of a gain from 1 [-]")]
+    keep: Annotated[int, Field(ge=1, le=100, description="previous files that are kept [1]")]
+
+
+def implausible(calibration: Calibration, model: RobotModel, limits: CalibrationLimits) -> str:
+    """The first value that is not finite or beyond its limit, by name; empty when there is none."""
+    checks = _axes("gyro_bias", calibration.gyro_bias, limits.gyro_bias, "rad/s")
+    checks += _axes("accel_bias", calibration.accel_bias, limits.accel_bias, "m/s^2")
+    for name, value in zip(model.joint_names, calibration.encoder_offsets, strict=True):
+        checks.append((f"encoder_offsets.{name}", float(value), limits.encoder_offset, "rad"))
+    for foot, row, gain in zip(FOOT_NAMES, calibration.wrench_offsets, calibration.force_gains, strict=True):
+        checks += _axes(f"{foot} force_offset", row[:3], limits.force_offset, "N")
+        checks += _axes(f"{foot} torque_offset", row[3:], limits.torque_offset, "N.m")
+        checks.append((f"{foot} force_gain - 1", float(gain) - 1.0, limits.force_gain, ""))
+    for name, value, limit, unit in checks:
+        if not np.isfinite(value) or abs(value) > limit:
+            return f"{name} is {value:.4g} {unit}, beyond +-{limit:g}".replace("  ", " ")
+    return ""
+
+
+def _axes(name: str, values: Vector, limit: float, unit: str) -> list[tuple[str, float, float, str]]:
+    return [(f"{name}.{axis}", float(value), limit, unit) for axis, value in zip("xyz", values, strict=True)]

@@ -13,12 +13,11 @@ import yaml
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.calibration import Calibration
-from models.calibration_limits import CalibrationLimits, implausible
+from models.calibration import Calibration, CalibrationLimits, implausible
 from models.config import STRICT, default_config, load_config
 from models.errors import ConfigError, JointNameError
+from models.files import state_folder
 from models.robot_model import RobotModel
-from models.state_folder import state_folder
 from models.types import FOOT_NAMES
 
 DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"
@@ -72,8 +71,7 @@ class _File:
 def calibration_directory() -> Path:
     """Folder of the calibration files.
 
-    ``$POISE_CALIBRATION_DIR`` when set, else ``poise/calibration`` in the user's state folder, which is
-    ``$XDG_STATE_HOME``, else ``~/.local/state``.
+    ``$POISE_CALIBRATION_DIR`` when set, else ``poise/calibration`` in the user's state folder; see ``state_folder``.
 
     Raises:
         ConfigError: There is neither a variable nor a home folder.
@@ -87,19 +85,15 @@ def calibration_directory() -> Path:
 class CalibrationStore:
     """Reads and writes ``<folder>/<robot>.yaml``; ``.1`` is the file before it, ``.2`` the one before that.
 
-    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``: two robots of a kind share none.
-
-    A new file is written beside the old one, flushed to the disk, and renamed over it: whatever is interrupted, the
-    name points to a whole file.
+    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``, so that two robots of a kind share none.
+    A new file is written beside the old one, flushed to the disk, and renamed over it: after any interruption the name
+    points to a complete file.
 
     Args:
         model: The robot.
-        directory: Folder; ``calibration_directory()`` when None. Made when first written to.
+        directory: Folder, created when first written to; ``calibration_directory()`` when None.
         limits: Plausible corrections; the packaged ``models/config/calibration.yaml`` when None.
         namespace: ROS namespace of the robot, such as ``/left_cell/g1``; empty or ``/`` for none.
-
-    Attributes:
-        path: The present file.
     """
 
     def __init__(
@@ -115,11 +109,9 @@ class CalibrationStore:
         self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
 
     def load(self) -> tuple[Calibration, tuple[str, ...]]:
-        """Read the newest usable file.
+        """The newest usable calibration, and why each newer file was refused.
 
-        Returns:
-            The calibration, and why each newer file was refused. When none is usable, a calibration that corrects
-            nothing; no file at all is no reason to complain.
+        When no file is usable, the calibration corrects nothing; a missing file is no error.
         """
         refused: list[str] = []
         for path in self.files():
@@ -135,10 +127,10 @@ class CalibrationStore:
         return [path for path in names if path.is_file()]
 
     def read(self, path: Path) -> Calibration:
-        """Read and check one file.
+        """Read and validate one file.
 
         Raises:
-            ConfigError: It is unreadable, half-written, for another robot, of another version or implausible; the
+            ConfigError: It is unreadable, incomplete, for another robot, of another version or implausible; the
                 message names the file and the key.
             JointNameError: A joint is unknown or missing; the message names file and joint.
         """
@@ -165,15 +157,12 @@ class CalibrationStore:
         return calibration
 
     def save(self, calibration: Calibration, *, now: datetime, what: str | None = None) -> Calibration:
-        """Write a calibration; the present file becomes ``.1``.
+        """Write a calibration, return it with its stamps; the present file becomes ``.1``.
 
         Args:
-            calibration: What to write.
+            calibration: New corrections.
             now: Time stamp, with a time zone.
             what: Part that was just calibrated and gets the stamp ('imu', 'joints', 'feet').
-
-        Returns:
-            What was written, stamps included.
 
         Raises:
             ConfigError: It is for another robot or implausible, the stamp has no zone, or the disk refuses.
@@ -199,10 +188,10 @@ class CalibrationStore:
         return calibration
 
     def rollback(self) -> Calibration:
-        """Take the present file away and return to the one before it; the present one is kept as ``.rejected``.
+        """Return to the file before the present one, which is kept as ``.rejected``.
 
         Raises:
-            ConfigError: There is no previous file that is usable; nothing is changed then. Or the disk refuses.
+            ConfigError: No previous file is usable, and nothing is changed; or the disk refuses.
         """
         for path in self.files():
             if path == self.path:
@@ -226,7 +215,7 @@ class CalibrationStore:
         return self.path.with_name(f"{self.path.name}.{age}")
 
     def _write(self, text: str) -> Path:
-        """Write a new file beside the present one and see it onto the disk."""
+        """Write a new file beside the present one and flush it to the disk."""
         fresh = self.path.with_name(f".{self.path.name}.tmp")
         with fresh.open("w", encoding="utf-8") as stream:
             stream.write(text)
@@ -253,7 +242,7 @@ class CalibrationStore:
 
 
 def _text(calibration: Calibration, model: RobotModel, stamp: str) -> str:
-    """The file's text; its last line says that it is whole."""
+    """The file's text; its last line marks it as complete."""
     wrenches, gains = calibration.wrench_offsets.tolist(), calibration.force_gains.tolist()
     data = {
         "schema_version": SCHEMA,
@@ -273,7 +262,7 @@ def _text(calibration: Calibration, model: RobotModel, stamp: str) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """See a renaming onto the disk."""
+    """Flush a renaming to the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

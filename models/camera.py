@@ -1,4 +1,4 @@
-"""A pinhole camera: which direction a pixel looks, and which pixel sees a point."""
+"""A pinhole camera: direction of a pixel, and pixel of a point."""
 
 from __future__ import annotations
 
@@ -17,18 +17,12 @@ class Pinhole:
 
     .. math::
         u = f x / z + c_x, \quad v = f y / z + c_y
-
-    Attributes:
-        width: Of a picture [pixel].
-        height: Of a picture [pixel].
-        focal: Focal lengths f along u and v [pixel].
-        centre: Where the optical axis meets the picture; the middle of the first pixel is (0, 0) [pixel].
     """
 
-    width: int
-    height: int
-    focal: tuple[float, float]
-    centre: tuple[float, float]
+    width: int  # [pixel]
+    height: int  # [pixel]
+    focal: tuple[float, float]  # focal lengths f along u and v [pixel]
+    centre: tuple[float, float]  # c on the optical axis; the middle of the first pixel is (0, 0) [pixel]
 
     @classmethod
     def of(cls, camera: CameraSensor) -> Pinhole:
@@ -49,7 +43,7 @@ class Pinhole:
         return pixel
 
     def bearing(self, pixel: Vector) -> Vector:
-        """Direction in which a pixel (2,) looks: unit vector in the optical frame (3,)."""
+        """Direction of a pixel (2,): unit vector in the optical frame (3,)."""
         ray = np.append((pixel - np.array(self.centre)) / np.array(self.focal), 1.0)
         bearing: Vector = ray / np.linalg.norm(ray)
         return bearing

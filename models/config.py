@@ -18,7 +18,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_
 """Configuration of every schema dataclass: unknown keys, wrong types, NaN and infinity are refused."""
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
+class _UniqueKeyLoader(yaml.CSafeLoader):
     """Safe loader that refuses a key given twice instead of keeping the last one silently."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -35,12 +35,6 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read one YAML mapping.
-
-    Args:
-        path: File to read.
-
-    Returns:
-        The mapping.
 
     Raises:
         ConfigError: The file is missing, is not YAML, repeats a key or is not a mapping.
@@ -64,15 +58,9 @@ def parse_yaml(text: str | bytes, source: str) -> dict[str, Any]:
 
 
 def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
-    """Check a mapping against its schema.
+    """Validate a mapping (from YAML or ROS parameters) against its schema, a frozen pydantic dataclass with ``STRICT``.
 
-    Args:
-        schema: Frozen pydantic dataclass with ``config=STRICT``.
-        data: The mapping, as read from YAML or from ROS parameters.
-        source: Where it comes from, for the error message.
-
-    Returns:
-        An instance of ``schema``.
+    ``source`` names its origin in error messages.
 
     Raises:
         ConfigError: A key is unknown, missing, of the wrong type or out of range; every such key is named.
@@ -91,6 +79,13 @@ def load_config(schema: type[T], path: Path) -> T:
     return parse_config(schema, read_yaml(path), str(path))
 
 
+_PACKAGED: dict[tuple[type[Any], str, str], Any] = {}
+
+
 def default_config(schema: type[T], package: str, name: str) -> T:
-    """Load the packaged default ``<package>/config/<name>.yaml``."""
-    return load_config(schema, Path(str(files(package))) / "config" / f"{name}.yaml")
+    """The packaged default ``<package>/config/<name>.yaml``, frozen and read once per process."""
+    key = schema, package, name
+    if key not in _PACKAGED:
+        _PACKAGED[key] = load_config(schema, Path(str(files(package))) / "config" / f"{name}.yaml")
+    config: T = _PACKAGED[key]
+    return config

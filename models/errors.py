@@ -32,7 +32,7 @@ class UnreachableError(PoiseError):
 
 
 class WorkersError(PoiseError):
-    """Nobody is left who could measure, or none who may; the message names the scheduler or the worker."""
+    """No worker is left that can or may measure; the message names the scheduler or the worker."""
 
 
 class CommandError(PoiseError):

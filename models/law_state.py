@@ -1,10 +1,10 @@
-"""The state of a law, copied within a tick and put back bit for bit into a law that was built alike.
+"""The state of a law, copied within a tick and restored bit for bit in a law that was built alike.
 
-A law keeps its state where its sums need it: in arrays that compiled kernels write to, and in attributes. ``LawState``
-finds all of it once, when the law has just been built: every array that owns memory, and every object of this project
-that can change. ``capture`` then copies the arrays into memory that was taken before, and notes the attributes; what
-has been made since (a reference, a plan) is copied with them. Nothing is asked of the laws, so nothing can be forgotten
-when one of them changes. Constants are left out: the robot, configurations, whatever another library made.
+A law keeps its state in arrays that compiled kernels write to, and in attributes. ``LawState`` finds all of it once,
+when the law has just been built: every array that owns memory, and every object of this project that can change.
+``capture`` then copies the arrays into preallocated memory and records the attributes; objects made since (a
+reference, a plan) are copied with them. The laws take no part, so a change of a law cannot leave state out. Constants
+are excluded: the robot, configurations, objects of other libraries.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from models.robot_model import RobotModel
-from models.trajectory_sampler import TrajectorySampler
+from models.trajectory import TrajectorySampler
 
 PACKAGES = ("models", "planners", "controllers")
 """Whose objects are looked into."""
@@ -38,7 +38,7 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(slots=True)
 class Held:
-    """An object that was made since: its class and what its attributes were."""
+    """An object created since the construction: its class and its attributes."""
 
     kind: type
     attributes: dict[str, Any]
@@ -46,31 +46,21 @@ class Held:
 
 @dataclass(slots=True)
 class Captured:
-    """What ``LawState.capture`` returns.
+    """Result of ``LawState.capture``."""
 
-    Attributes:
-        memory: Contents of the arrays, one after the other.
-        objects: Attributes of objects and contents of containers, in the order of ``LawState.objects``; None for one
-            that is as it was built.
-    """
-
-    memory: Bytes
-    objects: list[Any]
+    memory: Bytes  # contents of the arrays, one after the other
+    objects: list[Any]  # attributes and contents, in the order of ``LawState.objects``; None when unchanged
 
 
 class LawState:
-    """Where the state of a law is.
-
-    Args:
-        law: A law that has just been built.
-        apart: Objects that are not looked into: laws of their own.
+    """Location of the state of a law that has just been built, except objects in ``apart``: separate laws.
 
     Attributes:
         arrays: Arrays that own their memory, by where they were found.
-        objects: What can change, by where it was found: objects, lists, dictionaries.
-        places: Where each array and object is, by its id.
-        found: Each array and object, by where it is.
-        sources: The same arrays, those that are contiguous flat: so they are copied fastest.
+        objects: Objects, lists and dictionaries that can change, by where they were found.
+        places: Path of each array and object, by its id.
+        found: Each array and object, by its path.
+        sources: The same arrays, flat where contiguous, which copies fastest.
         size: Memory of the arrays [bytes].
     """
 
@@ -121,7 +111,7 @@ class LawState:
         self.found[place] = value  # and lives, so that its id stays its own
 
     def is_apart(self, value: object) -> bool:
-        """Whether an object is a law of its own, or notes what the laws are told."""
+        """Whether an object is a separate law, or a record of the inputs of the laws."""
         return id(value) in self._apart
 
     def is_looked_into(self, value: object) -> bool:
@@ -142,12 +132,7 @@ class LawState:
         return views
 
     def capture(self, memory: Bytes, views: list[NDArray[Any]]) -> Captured:
-        """Copy the state.
-
-        Args:
-            memory: From ``memory``; is filled.
-            views: Its ``views``, made before.
-        """
+        """Copy the state into ``memory`` through its ``views``; both come from ``memory()``."""
         for view, array in zip(views, self.sources, strict=True):
             view[...] = array
         known, memo = self.places, dict[int, Any]()
@@ -169,7 +154,7 @@ class LawState:
         return Captured(memory, objects)
 
     def _hold(self, value: Any, memo: dict[int, Any]) -> Any:
-        """A copy of what may have been made since; what is known is kept by itself."""
+        """A copy of objects made since the construction; known objects are kept as references."""
         if type(value) in _ATOMS or id(value) in self.places or isinstance(value, (*_LEFT, *_UNCHANGING, Enum)):
             return value
         if id(value) in memo:
@@ -180,7 +165,8 @@ class LawState:
         elif isinstance(value, dict):
             held = {key: self._hold(each, memo) for key, each in value.items()}
         elif isinstance(value, (list, tuple, deque, set)):
-            held = type(value)(self._hold(each, memo) for each in value)
+            make = getattr(type(value), "_make", type(value))  # a NamedTuple takes its fields one by one
+            held = make(self._hold(each, memo) for each in value)
         elif self.is_looked_into(value):
             held = Held(type(value), {name: self._hold(each, memo) for name, each in attributes(value).items()})
         memo[id(value)] = held, value  # the value, so that its id stays its own
@@ -188,12 +174,12 @@ class LawState:
 
 
 def _live(value: Any) -> Any:
-    """Where the attributes of an object are; itself when it has slots."""
+    """Attributes of an object: its dictionary, or the object itself when it has slots."""
     return value if _slots(type(value)) else vars(value)
 
 
 def _contents(value: Any) -> Any:
-    """Attributes or items of what can change."""
+    """Attributes or items of a mutable object."""
     return value if isinstance(value, _CONTAINERS) else attributes(value)
 
 

@@ -1,4 +1,4 @@
-"""A captured state of a law as bytes and JSON, and back into a law that was built alike. Nothing in it is executed."""
+"""A captured state of a law as bytes and JSON, and back into a law that was built alike; never executes its content."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
 
 
 def restore(law: LawState, data: Bytes, told: dict[str, Any]) -> None:
-    """Put a state into the law that ``law`` was made of.
+    """Restore a state in a law like the one it was captured from.
 
     Raises:
         PoiseError: The law is of another version than the one of the state.
@@ -91,6 +91,8 @@ class _Writer:
         name = next((name for name, sequence in _SEQUENCES.items() if type(value) is sequence), "")
         if name:
             return {name: [self._write(each) for each in value]}
+        if isinstance(value, tuple) and hasattr(value, "_asdict"):
+            return {"object": [_name(type(value)), {name: self._write(each) for name, each in value._asdict().items()}]}
         if isinstance(value, Held) or self._law.is_looked_into(value):
             kind = value.kind if isinstance(value, Held) else type(value)
             held = value.attributes if isinstance(value, Held) else attributes(value)
@@ -161,7 +163,7 @@ class _Reader:
             name, held = told["object"]
             kind = _kind(name)
             values = {name: self._read(each) for name, each in held.items()}
-            if issubclass(kind, Struct):
+            if issubclass(kind, Struct | tuple):  # a named tuple
                 made = kind(**values)
             else:
                 made = object.__new__(kind)

@@ -1,7 +1,7 @@
 """The same robot in MuJoCo: free joint, floor, soles, torque motors, IMU and foot sensors, built from the same URDF.
 
-Here and in ``mujoco_spec.py`` MuJoCo's conventions meet the project's. MuJoCo writes quaternions wxyz and the velocity
-of a free joint as linear in the world, angular in the body; Pinocchio writes xyzw and both in the body:
+MuJoCo writes quaternions wxyz and the velocity of a free joint as linear in the world, angular in the body; Pinocchio
+writes xyzw and both in the body:
 
     qpos = [p_WB, wxyz, q]      qvel = [R_WB v_lin, v_ang, v]      M_pin = S^T M_mujoco S,   S = diag(R_WB, I, I)
 
@@ -33,52 +33,29 @@ ROBOTS_MAX = 30
 
 @dataclass(frozen=True, slots=True)
 class MujocoModel:
-    """A compiled MuJoCo model and where to find the robot in it.
-
-    Attributes:
-        model: The compiled model.
-        prefix: What the names of this robot begin with there; empty in a world of its own.
-        qpos: Which part of qpos is the robot's.
-        qvel: Which part of qvel is.
-        joint_qpos: Index into qpos of each joint, in the order of ``RobotModel.joint_names`` (nj,).
-        joint_qvel: Index into qvel of each joint (nj,).
-        actuator: Index into ctrl of each joint's torque motor (nj,); ctrl is in N.m and clamped to the torque limit.
-        base_body: Body of the floating base.
-        sole_sites: Sites of the left and right sole frame.
-        imu_site: Site of the IMU frame.
-        gyro: Where sensordata holds the angular velocity in the IMU frame [rad/s].
-        accel: Where it holds the specific force in the IMU frame, +g along up at rest [m/s^2].
-        sole_force: Where it holds the force that each foot puts on its sole, in the sole frame: minus the ground
-            reaction [N]; read it through ``foot_wrenches``.
-        sole_torque: The same for the torque at the sole origin [N.m].
-        hold_equality: Weld between the base and the mocap body ``hold_mocap``; ``data.eq_active`` switches it, off by
-            default.
-        hold_mocap: Index of that body among the mocap bodies.
-        bodies: Body index by REP-120 frame name and by link name.
-        own_bodies: All bodies of the robot, in a row from its base on.
-    """
+    """A compiled MuJoCo model and the indices of one robot in it."""
 
     model: mujoco.MjModel
-    prefix: str
-    qpos: slice
-    qvel: slice
-    joint_qpos: NDArray[np.int64]
-    joint_qvel: NDArray[np.int64]
-    actuator: NDArray[np.int64]
-    base_body: int
-    sole_sites: tuple[int, int]
-    imu_site: int
-    gyro: slice
-    accel: slice
-    sole_force: tuple[slice, slice]
-    sole_torque: tuple[slice, slice]
-    hold_equality: int
-    hold_mocap: int
-    bodies: dict[str, int]
-    own_bodies: slice
+    prefix: str  # of the names of this robot; empty in a world of one robot
+    qpos: slice  # the robot's part of qpos
+    qvel: slice  # the robot's part of qvel
+    joint_qpos: NDArray[np.int64]  # index into qpos of each joint, in the order of ``RobotModel.joint_names`` (nj,)
+    joint_qvel: NDArray[np.int64]  # index into qvel of each joint (nj,)
+    actuator: NDArray[np.int64]  # index into ctrl of each torque motor (nj,); ctrl is in N.m, clamped to the limit
+    base_body: int  # body of the floating base
+    sole_sites: tuple[int, int]  # left and right sole frame
+    imu_site: int  # IMU frame
+    gyro: slice  # angular velocity in the IMU frame, in sensordata [rad/s]
+    accel: slice  # specific force in the IMU frame, +g along up at rest [m/s^2]
+    sole_force: tuple[slice, slice]  # minus the ground reaction in the sole frame [N]; read through ``foot_wrenches``
+    sole_torque: tuple[slice, slice]  # the same at the sole origin [N.m]
+    hold_equality: int  # weld of the base to ``hold_mocap``; switched by ``data.eq_active``, off by default
+    hold_mocap: int  # index of that body among the mocap bodies
+    bodies: dict[str, int]  # body index by REP-120 frame name and by link name
+    own_bodies: slice  # all bodies of the robot, consecutive from its base
 
     def foot_wrenches(self, data: mujoco.MjData) -> Matrix:
-        """Ground reaction on each foot, in its sole frame at the sole origin; +z carries weight (2, 6) [N, N.m]."""
+        """Ground reaction on each foot, in its sole frame at the sole origin; +z bears weight (2, 6) [N, N.m]."""
         wrenches = np.empty((2, 6))
         for i in range(2):
             wrenches[i, :3] = data.sensordata[self.sole_force[i]]
@@ -113,12 +90,9 @@ def build_mujoco(
         timestep: Physics step [s].
         visuals: Load meshes, floor texture, light and camera for pictures; no effect on the dynamics.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
-        payload_kg: Mass of a ball at the torso's centre of mass that only the plant knows of [kg].
+        payload_kg: Mass of a ball at the torso's centre of mass that only the plant has [kg].
         terrain: The ground, or its name in ``models/config/terrain.yaml``.
         config: Solver and contact settings; the packaged ones when None.
-
-    Returns:
-        The compiled model with its indices.
 
     Raises:
         ConfigError: An argument is out of range, or the terrain is unknown.
@@ -151,19 +125,10 @@ def build_mujoco_world(
     terrain: str | Terrain = FLAT,
     config: PlantConfig | None = None,
 ) -> dict[str, MujocoModel]:
-    """Build several robots on one floor; they touch each other with soles and hulls.
+    """Build several robots by name on one floor; they touch each other with soles and hulls.
 
-    Args:
-        robots: The robots by name.
-        timestep: Physics step [s].
-        visuals: As in ``build_mujoco``.
-        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
-        payload_kg: Mass that only the plant knows of, by the robot's name [kg].
-        terrain: The ground, or its name.
-        config: Solver and contact settings; the packaged ones when None.
-
-    Returns:
-        The indices of each robot in one compiled model. All are at the origin of W: they are to be put apart.
+    Arguments are those of ``build_mujoco``; ``payload_kg`` is by the robot's name, and ``friction`` is the smallest of
+    the profiles' when None. All robots are at the origin of W: place them apart.
 
     Raises:
         ConfigError: An argument is out of range, the terrain is unknown, or there is no robot or too many.

@@ -1,8 +1,4 @@
-"""What MuJoCo is told of the robot and its floor: the URDF, and all that a URDF has no words for.
-
-Free joint, floor, torque motors, drive friction, named frames, IMU, force sensors under the soles, and, for pictures,
-camera, light and sky.
-"""
+"""MuJoCo's description of the robot and its floor: the URDF, and everything that a URDF cannot express."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ from models.types import Matrix, Vector
 from models.urdf import for_mujoco
 
 HOLD = "hold"
-"""Name of the weld and of the mocap body that carry the robot until it is released."""
+"""Name of the weld and of the mocap body that hold the robot until it is released."""
 
 ROOT_JOINT = "root_joint"
 """Name of the free joint of the base."""
@@ -55,19 +51,7 @@ def build_spec(
     terrain: Terrain,
     config: PlantConfig,
 ) -> mujoco.MjSpec:
-    """Write down the simulated robot and its floor; ``models.mujoco_model.build_mujoco`` compiles it.
-
-    Args:
-        model: The robot.
-        timestep: Physics step [s].
-        visuals: Load meshes, floor texture, light and camera for pictures; no effect on the dynamics.
-        friction: Coulomb coefficient of sole on floor [-].
-        payload_kg: Mass of a ball at the torso's centre of mass that only the plant knows of [kg].
-        terrain: The ground.
-        config: Solver and contact settings.
-
-    Returns:
-        The specification.
+    """Specification of the simulated robot and its floor; arguments as for ``models.mujoco_model.build_mujoco``.
 
     Raises:
         ValueError: MuJoCo refuses the URDF.
@@ -95,21 +79,10 @@ def build_world_spec(
     terrain: Terrain,
     config: PlantConfig,
 ) -> mujoco.MjSpec:
-    """Write down several robots on one floor; every name of a robot's begins with the robot's own and a slash.
+    """Specification of several robots on one floor, each with its name and a slash as prefix; see ``build_spec``.
 
-    They touch and see each other by soles, hulls and what lies between the hulls.
-
-    Args:
-        robots: The robots by name.
-        timestep: As for ``build_spec``, and so those below.
-        visuals: The same.
-        friction: The same.
-        payload_kg: Further mass by the robot's name; nothing for those left out [kg].
-        terrain: As for ``build_spec``.
-        config: The same.
-
-    Returns:
-        The specification.
+    They touch and see each other by soles, hulls and the capsules between the hulls. ``payload_kg`` is by the robot's
+    name.
 
     Raises:
         ValueError: MuJoCo refuses a URDF.
@@ -136,7 +109,7 @@ def build_world_spec(
 
 
 def prefix(name: str) -> str:
-    """What the names of a robot begin with in a world of several."""
+    """Prefix of a robot's names in a world of several."""
     return f"{name}/"
 
 
@@ -145,7 +118,7 @@ def _read(model: RobotModel, visuals: bool) -> Any:
 
 
 def _add_robot(spec: Any, model: RobotModel, payload_kg: float, terrain: Terrain, config: PlantConfig) -> None:
-    """All of the robot but its URDF and what pictures need."""
+    """The robot except its URDF and the parts for pictures."""
     _add_base(spec, model, config)
     _set_joints(spec, model, config)
     _add_frames(spec, model)
@@ -159,7 +132,7 @@ def _fill_gaps(spec: Any, model: RobotModel) -> None:
     """Capsules from each hull to the one before it, so that neither an arm nor a ray of another robot slips through.
 
     The one before is on the same link or, for the first of a link, the nearest of the next link above that has hulls.
-    Capsules hang at the link, as the two hulls lie in the standing posture; the thinner one gives the radius.
+    Capsules are fixed to the link, as the two hulls lie in the standing posture; the thinner one gives the radius.
     """
     data, done = model.data(), dict[str, list[tuple[Vector, float]]]()
     pin.framesForwardKinematics(model.pin, data, model.standing_configuration())
@@ -181,10 +154,10 @@ def _fill_gaps(spec: Any, model: RobotModel) -> None:
 
 
 def _let_touch(spec: Any, number: int) -> None:
-    """Have a robot meet the others, and still not itself.
+    """Let a robot collide with the others, and still not with itself.
 
-    Two geoms meet where the type of one is in the affinity of the other. Bit 0 is the ground's; robot k has the type
-    of bit k + 1 and affinity to all robots before it, and to the ground where it has had that.
+    Two geoms collide where the type of one is in the affinity of the other. Bit 0 is the ground's; robot k has the type
+    of bit k + 1 and affinity to all robots before it, and to the ground where it had it before.
     """
     for geom in spec.geoms:
         if geom.group == ROBOT_GROUP:
@@ -285,9 +258,9 @@ def _add_frames(spec: Any, model: RobotModel) -> None:
 
 
 def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: bool) -> None:
-    """A massless body for each sole carries its contact points: what it passes to the foot is the ground reaction.
+    """A massless body for each sole holds its contact points: its force on the foot is the ground reaction.
 
-    Four corners bear on level ground like the whole sole; uneven ground also touches what lies between them.
+    Four corners bear on level ground like the whole sole; uneven ground also touches the points between them.
     """
     radius = config.contact.corner_radius
     for foot in model.feet:
@@ -327,7 +300,7 @@ def _add_hulls(spec: Any, model: RobotModel) -> None:
 
 
 def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config: PlantConfig, visuals: bool) -> None:
-    """A box that nothing moves; after the base's weld, whose mocap body is the first one."""
+    """A box that only its mocap body moves; added after the base's weld, whose mocap body is the first one."""
     body = spec.worldbody.add_body(name=OBSTACLE, mocap=True)
     body.pos = parked(box)
     if box.place is not None:
@@ -339,7 +312,7 @@ def _add_obstacle(spec: Any, terrain: Terrain, box: Box, friction: float, config
 
 
 def parked(box: Box) -> tuple[float, float, float]:
-    """Where an obstacle that is not in use lies in W: deep below everything [m]."""
+    """Place of an unused obstacle in W: deep below everything [m]."""
     return 0.0, 0.0, -100.0 - box.size[2]
 
 

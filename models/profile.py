@@ -1,4 +1,4 @@
-"""Robot profiles: everything about a robot that its URDF does not say, in one YAML file.
+"""Robot profiles: everything about a robot that its URDF does not contain, in one YAML file.
 
 A profile is named (``g1``) when it is packaged in ``models/robots``, or given as a path to a user's own file.
 Lengths are in metres, angles in radians, and every field below states its unit.
@@ -43,7 +43,7 @@ class Motor:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Joint:
-    """The drive of one joint, and what differs from its type."""
+    """The drive of one joint, and its differences from the motor type."""
 
     motor: Annotated[str, Field(description="key in `motors`")]
     kp: Annotated[float | None, Field(ge=0.0, description="replaces the motor's position gain [N.m/rad]")] = None
@@ -100,7 +100,7 @@ class Hull:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ImuSensor:
-    """Noise of the inertial unit mounted at frame `imu`."""
+    """Noise of the IMU mounted at frame `imu`."""
 
     gyro_noise_density: Annotated[float, Field(ge=0.0, description="[rad/s/sqrt(Hz)]")]
     gyro_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [rad/s]")]
@@ -204,7 +204,7 @@ class Latency:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Sensors:
-    """What is measured, and how badly."""
+    """Sensors and their errors."""
 
     imu: ImuSensor
     encoders: EncoderSensor
@@ -282,14 +282,9 @@ def _robots_folder() -> Path:
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
-    """Load a robot profile.
+    """Load a robot profile by packaged name (see ``robot_names``) or path; ``source`` holds the absolute path.
 
-    Args:
-        name_or_path: Name of a packaged profile (see ``robot_names``), or the path of a profile file
-            (anything that ends in .yaml or .yml, or contains a path separator).
-
-    Returns:
-        The checked profile; ``source`` holds the absolute path of the file.
+    An argument that ends in .yaml or .yml, or contains a path separator, is a path.
 
     Raises:
         ConfigError: No such robot or file, or the file is refused; the message names the file and the key.

@@ -1,4 +1,4 @@
-"""The robot as the laws see it: one Pinocchio model with limits, drives, frames and feet from the profile."""
+"""The robot for the laws: one Pinocchio model with limits, drives, frames and feet from the profile."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from models.errors import ConfigError, JointNameError, RobotModelError
-from models.pinocchio_urdf import pinocchio_from_urdf
 from models.profile import Frame, Profile, Sole, load_profile
 from models.types import FOOT_NAMES, Matrix, Vector
-from models.urdf import resolve_uri
+from models.urdf import pinocchio_from_urdf, resolve_uri
 
 SOLE_FRAMES = ("l_sole", "r_sole")
 """REP-120 names of the sole frames, in the order of ``FOOT_NAMES``."""
@@ -25,23 +24,14 @@ _BASE_NQ = 7
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """One foot.
+    """One foot."""
 
-    Attributes:
-        name: 'left' or 'right'.
-        link: Link of the URDF that carries the sole.
-        frame_id: Pinocchio frame of the sole: origin in the sole plane, x forward, z up.
-        rectangle: x_min, x_max, y_min, y_max of the contact rectangle in the sole frame [m].
-        friction: Nominal Coulomb coefficient of sole on floor [-]; a controller takes its own margin.
-        joint_ids_v: Indices into v of the leg's joints, from base to foot.
-    """
-
-    name: str
-    link: str
-    frame_id: int
-    rectangle: tuple[float, float, float, float]
-    friction: float
-    joint_ids_v: tuple[int, ...]
+    name: str  # 'left' or 'right'
+    link: str  # link of the URDF with the sole
+    frame_id: int  # pinocchio frame of the sole: origin in the sole plane, x forward, z up
+    rectangle: tuple[float, float, float, float]  # contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
+    friction: float  # nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
+    joint_ids_v: tuple[int, ...]  # indices into v of the leg's joints, from base to foot
 
     @property
     def corners(self) -> Matrix:
@@ -80,7 +70,7 @@ class RobotModel:
     """
 
     def __init__(self, profile: Profile) -> None:
-        """Build the model; see ``load`` for what is refused."""
+        """Build the model; see ``load`` for refusals."""
         source = Path(profile.source) if profile.source else Path.cwd() / "profile.yaml"
         self.profile = profile
         self.name = profile.name
@@ -130,12 +120,12 @@ class RobotModel:
 
     @property
     def frame_names(self) -> tuple[str, ...]:
-        """Names that ``frame_id`` knows."""
+        """Names accepted by ``frame_id``."""
         return tuple(self._frames)
 
     @property
     def posture_names(self) -> tuple[str, ...]:
-        """Names that ``posture`` knows."""
+        """Names accepted by ``posture``."""
         return tuple(self._postures)
 
     def data(self) -> pin.Data:
@@ -163,24 +153,13 @@ class RobotModel:
         return self._postures[name]
 
     def joint_index(self, name: str) -> int:
-        """Position of a joint in every joint vector.
-
-        Raises:
-            JointNameError: There is no such joint.
-        """
+        """Position of a joint in every joint vector; JointNameError when there is no such joint."""
         if name not in self._index:
             raise JointNameError(f"{self.name}: unknown joint '{name}'")
         return self._index[name]
 
     def reorder(self, names: Sequence[str], values: ArrayLike) -> Vector:
-        """Put values given by name, in any order, into the order of ``joint_names``.
-
-        Args:
-            names: Every joint of the robot, once.
-            values: One value per name.
-
-        Returns:
-            A new array (nj,).
+        """Values given by name, in any order, in the order of ``joint_names`` (nj,); a new array.
 
         Raises:
             JointNameError: A name is missing, unknown or given twice, or there are not as many values as names.
@@ -233,11 +212,7 @@ class RobotModel:
         return ids
 
     def link_frame_id(self, link: str, user: str) -> int:
-        """Pinocchio id of a link of the URDF.
-
-        Args:
-            link: Name of the link.
-            user: What refers to it, for the error message.
+        """Pinocchio id of a link of the URDF; ``user`` is what refers to it, for the error message.
 
         Raises:
             RobotModelError: The URDF has no such link.

@@ -1,4 +1,4 @@
-"""One turn of a planar laser scanner, and what makes one malformed."""
+"""One turn of a planar laser scanner, and its validation."""
 
 from __future__ import annotations
 
@@ -19,23 +19,14 @@ RANGES_MAX = 20000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """Readings of a planar scanner, counter-clockwise about z of frame ``scan``, as in sensor_msgs/LaserScan.
+    """Readings of a planar scanner, counter-clockwise about z of frame ``scan``, as in sensor_msgs/LaserScan."""
 
-    Attributes:
-        t: Stamp [s].
-        angle_min: Direction of the first reading in frame ``scan``, from x towards y [rad].
-        angle_increment: From one reading to the next; negative for a scanner that turns clockwise [rad].
-        ranges: Distances (n,) [m]; +inf: nothing in range, -inf: too close to measure, nan: no reading (REP 117).
-        range_min: Shortest distance that counts [m].
-        range_max: Longest distance that counts [m].
-    """
-
-    t: float
-    angle_min: float
-    angle_increment: float
-    ranges: Vector
-    range_min: float
-    range_max: float
+    t: float  # stamp [s]
+    angle_min: float  # direction of the first reading in frame ``scan``, from x towards y [rad]
+    angle_increment: float  # from one reading to the next; negative for a scanner that turns clockwise [rad]
+    ranges: Vector  # (n,) [m]; +inf: nothing in range, -inf: too close to measure, nan: no reading (REP 117)
+    range_min: float  # shortest valid distance [m]
+    range_max: float  # longest valid distance [m]
 
     @property
     def angle_max(self) -> float:
@@ -44,10 +35,10 @@ class Scan:
 
     @property
     def points(self) -> Matrix:
-        """What was hit, in the scanner's plane (k, 2) [m].
+        """Points that the scan hit, in the scanner's plane (k, 2) [m].
 
-        A reading that is too close to measure counts as hit at ``range_min``; other readings outside the range are left
-        out, as the message asks.
+        A reading that is too close to measure counts as a hit at ``range_min``; other readings outside the range are
+        left out.
         """
         ranges = np.where(np.isneginf(self.ranges), self.range_min, self.ranges)
         index = np.flatnonzero((ranges >= self.range_min) & (ranges <= self.range_max))
@@ -56,11 +47,7 @@ class Scan:
 
 
 def check_scan(scan: Scan) -> None:
-    """Refuse a malformed scan.
-
-    Raises:
-        MessageError: Names the field.
-    """
+    """Raise MessageError for a malformed scan, naming the field."""
     for name in ("t", "angle_min", "angle_increment", "range_min", "range_max"):
         value = getattr(scan, name)
         if not math.isfinite(value):

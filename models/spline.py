@@ -12,8 +12,7 @@ from models.types import Matrix, Vector
 def min_jerk(u: float) -> tuple[float, float, float]:
     """Minimum-jerk blend s = 10 u^3 - 15 u^4 + 6 u^5 of u in [0, 1], ds/du and d2s/du2; both vanish at both ends.
 
-    References:
-        T. Flash, N. Hogan, "The coordination of arm movements", J. Neuroscience 1985, eq. (7).
+    Source: T. Flash, N. Hogan, "The coordination of arm movements", J. Neuroscience 1985, eq. (7).
     """
     left = 1.0 - u
     return (
@@ -27,19 +26,7 @@ def min_jerk(u: float) -> tuple[float, float, float]:
 def quintic_step(
     position: float, velocity: float, acceleration: float, end: tuple[float, float, float], left: float, dt: float
 ) -> tuple[float, float, float]:
-    """State after ``dt`` on the quintic from a present state to an end state ``left`` seconds ahead.
-
-    Args:
-        position: Present position.
-        velocity: Present velocity.
-        acceleration: Present acceleration.
-        end: Position, velocity and acceleration at the end.
-        left: Time to the end [s]; at least ``dt``.
-        dt: Step [s].
-
-    Returns:
-        Position, velocity, acceleration.
-    """
+    """Position, velocity and acceleration after ``dt`` [s] on the quintic to ``end``, ``left`` >= dt [s] ahead."""
     h = left
     dp = end[0] - position - velocity * h - 0.5 * acceleration * h * h
     dv = end[1] - velocity - acceleration * h
@@ -56,20 +43,12 @@ def quintic_step(
 
 
 def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
-    """Velocities at the points such that the cubic through them overshoots none of them.
+    """Velocities (n, k) [rad/s] such that the cubic through the points (n, k) [rad] at times (n,) [s] overshoots none.
 
     v_i = 0 where the slopes d on both sides differ in sign, else their weighted harmonic mean
     (w1 + w2) / (w1 / d_left + w2 / d_right), w1 = 2 T_right + T_left, w2 = T_right + 2 T_left; zero at both ends.
 
-    Args:
-        times: Strictly increasing (n,) [s].
-        q: Points (n, k) [rad].
-
-    Returns:
-        Velocities (n, k) [rad/s].
-
-    References:
-        F. Fritsch, J. Butland, "A method for constructing local monotone piecewise cubic interpolants", 1984.
+    Source: F. Fritsch, J. Butland, "A method for constructing local monotone piecewise cubic interpolants", 1984.
     """
     v = np.zeros_like(q)
     if len(times) < 3:
@@ -86,17 +65,10 @@ def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
 
 
 def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
-    """Accelerations at the points: of the two cubic Hermite segments' the smaller, zero where they differ in sign.
+    """Accelerations at the points (n, k) [rad/s^2] for velocities (n, k) [rad/s]; zero at both ends.
 
-    Taking the smaller keeps a short segment from making its long neighbour swing. Zero at both ends.
-
-    Args:
-        times: Strictly increasing (n,) [s].
-        q: Points (n, k) [rad].
-        v: Velocities at the points (n, k) [rad/s].
-
-    Returns:
-        Accelerations (n, k) [rad/s^2].
+    The smaller of those of the two cubic Hermite segments, zero where they differ in sign. Taking the smaller keeps a
+    short segment from making its long neighbour overshoot.
     """
     a = np.zeros_like(q)
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
@@ -110,15 +82,9 @@ def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
 
 
 def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
-    """Quintics through points with given velocities; accelerations as ``knot_accelerations`` has them.
+    """Quintics through points with given velocities; accelerations are those of ``knot_accelerations``.
 
-    Args:
-        times: Strictly increasing (n,) [s].
-        q: Points (n, k) [rad].
-        v: Velocities at the points (n, k) [rad/s].
-
-    Returns:
-        c (n - 1, 6, k) with q(t) = sum_j c_j u^j and u = (t - t_i) / (t_{i+1} - t_i) on segment i.
+    Returns c (n - 1, 6, k) with q(t) = sum_j c_j u^j and u = (t - t_i) / (t_{i+1} - t_i) on segment i.
     """
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     a = knot_accelerations(times, q, v)
@@ -144,14 +110,9 @@ def evaluate_quintic(
     length: float,
     curve: NDArray[np.float64],
 ) -> None:
-    """Evaluate one segment of ``quintic_coefficients``.
+    """Evaluate a segment of ``quintic_coefficients`` of ``length`` [s] at u in [0, 1].
 
-    Args:
-        coefficients: (n - 1, 6, k).
-        segment: Which one.
-        u: Normalised time in it, 0 to 1.
-        length: Its length [s].
-        curve: Out, position [rad], velocity [rad/s] and acceleration [rad/s^2] (3, k).
+    Writes position [rad], velocity [rad/s] and acceleration [rad/s^2] to ``curve`` (3, k).
     """
     c = coefficients[segment]
     for j in range(c.shape[1]):

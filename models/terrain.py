@@ -1,4 +1,4 @@
-"""Ground as data: tiles, slopes and stairs as blocks, and how high the ground is anywhere."""
+"""Ground as data: tiles, slopes and stairs as blocks, and the height of the ground anywhere."""
 
 from __future__ import annotations
 
@@ -30,50 +30,29 @@ _DEPTH = 0.5
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Box:
-    """A box on the ground that can be moved about.
+    """A box on the ground that can be moved about."""
 
-    Attributes:
-        size: Its extent along x, y and z [m].
-        place: Where its middle stands at the start, x and y in W [m]; None for out of the way.
-    """
-
-    size: tuple[Positive, Positive, Positive]
-    place: tuple[float, float] | None = None
+    size: tuple[Positive, Positive, Positive]  # along x, y and z [m]
+    place: tuple[float, float] | None = None  # of its middle at the start, x and y in W [m]; None when out of the way
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Terrain:
-    """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x.
+    """Ground on which a robot starts at the origin, on a level patch at height zero, heading along x."""
 
-    Attributes:
-        kind: ``flat``; ``tiles`` of random height; ``slope``: a plane; ``stairs``: level treads.
-        height: Tiles lie at a uniformly random height from 0 to this; each stair rises by this, down if negative [m].
-        size: Edge of a tile, or depth of a tread [m].
-        pitch: Slope along x, up positive [rad].
-        roll: Slope across, along y, up positive; reached gradually over ``ease`` [rad].
-        ease: Length over which a slope across turns from level to ``roll``, in strips [m].
-        strips: How many.
-        patch: The level patch reaches this far ahead of the origin, and ``width`` behind this [m].
-        length: The ground reaches this far ahead [m].
-        width: And this far to either side [m].
-        give: Time in which the ground undoes a penetration; the floor's own when None. Long means soft [s].
-        seed: Of the random heights.
-        obstacle: A box in the way; None for none.
-    """
-
-    kind: Literal["flat", "tiles", "slope", "stairs"]
-    height: float = 0.0
-    size: Positive = 0.4
-    pitch: Angle = 0.0
-    roll: Angle = 0.0
-    ease: Positive = 0.8
-    strips: Annotated[int, Field(ge=1, le=32)] = 8
-    patch: Positive = 0.4
-    length: Positive = 12.0
-    width: Positive = 3.0
-    give: Positive | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
-    obstacle: Box | None = None
+    kind: Literal["flat", "tiles", "slope", "stairs"]  # slope: a plane; stairs: level treads
+    height: float = 0.0  # tiles: uniformly random from 0 to this; stairs: rise of each, down if negative [m]
+    size: Positive = 0.4  # edge of a tile, or depth of a tread [m]
+    pitch: Angle = 0.0  # slope along x, up positive [rad]
+    roll: Angle = 0.0  # slope across, along y, up positive; reached gradually over ``ease`` [rad]
+    ease: Positive = 0.8  # length over which a slope across turns from level to ``roll``, in strips [m]
+    strips: Annotated[int, Field(ge=1, le=32)] = 8  # number of strips
+    patch: Positive = 0.4  # the level patch reaches this far ahead of the origin, and ``width`` behind this [m]
+    length: Positive = 12.0  # the ground reaches this far ahead [m]
+    width: Positive = 3.0  # and this far to either side [m]
+    give: Positive | None = None  # time to undo a penetration, long on soft ground; the floor's when None [s]
+    seed: Annotated[int, Field(ge=0)] = 0  # of the random heights
+    obstacle: Box | None = None  # optional
 
     def __post_init__(self) -> None:
         if self.kind == "tiles" and self.height < 0.0:
@@ -82,19 +61,12 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A box of ground whose top face is walked on.
+    """A box of ground whose top face is walked on."""
 
-    Attributes:
-        top: Middle of the top face in W [m].
-        half: Half its length along x and along y, measured along the face [m].
-        pitch: Slope of the face along x, up positive [rad].
-        roll: Slope along y, up positive [rad]; a block has one of both.
-    """
-
-    top: tuple[float, float, float]
-    half: tuple[float, float]
-    pitch: float = 0.0
-    roll: float = 0.0
+    top: tuple[float, float, float]  # middle of the top face in W [m]
+    half: tuple[float, float]  # half its length along x and along y, measured along the face [m]
+    pitch: float = 0.0  # slope of the face along x, up positive [rad]
+    roll: float = 0.0  # slope along y, up positive [rad]; a block has one of both
 
     @property
     def rotation(self) -> Matrix:
@@ -131,7 +103,7 @@ class Block:
 
 
 def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain:
-    """The terrain of a name of ``models/config/terrain.yaml``, or the terrain given, with another seed if one is given.
+    """The terrain itself, or by its name in ``models/config/terrain.yaml``, with another seed if one is given.
 
     Raises:
         ConfigError: The name is unknown.
@@ -160,11 +132,7 @@ def blocks(terrain: Terrain) -> list[Block]:
 
 
 class Ground:
-    """Height of a terrain, for scores.
-
-    Args:
-        terrain: The terrain.
-    """
+    """Height of a terrain, for scores."""
 
     def __init__(self, terrain: Terrain) -> None:
         self._blocks = blocks(terrain)

@@ -7,6 +7,6 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 
 def use_one_thread() -> None:
-    """Hold this process, where it has not imported numpy yet, and its children to one thread; the user's word wins."""
+    """Limit this process, before it imports numpy, and its children to one thread, unless the user has set a number."""
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")

@@ -1,7 +1,8 @@
-"""Joint trajectories: the check at the door, and the sampler that executes what passed it."""
+"""Joint trajectories: validation, and the smooth curve through the points."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -14,9 +15,105 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, default_config
 from models.errors import JointNameError, TrajectoryError
-from models.spline import quintic_coefficients
-from models.trajectory_sampler import TrajectorySampler, fill_points
+from models.spline import evaluate_quintic, monotone_velocities, quintic_coefficients
 from models.types import JointTrajectory, Matrix, Vector
+
+if TYPE_CHECKING:
+    from models.robot_model import RobotModel
+
+
+class TrajectorySampler:
+    """Smooth curve through the points of a joint trajectory that has passed ``validate_trajectory``; checks nothing.
+
+    On each segment of length T, with u = (t - t_i) / T, every joint follows the quintic q(u) = sum_k c_k u^k that meets
+    position, velocity and acceleration at both ends, so position, velocity and acceleration are continuous.
+
+    Velocities that the trajectory leaves out and the accelerations are those of ``models/spline.py``. A first point
+    later than t = 0 is reached from ``start_q`` (nj,) [rad] at ``start_v`` (nj,) [rad/s], at rest when None; one at t =
+    0 is replaced by ``start_q``, so that the curve never steps. Joints that the trajectory does not name hold
+    ``start_q``.
+    """
+
+    def __init__(
+        self, traj: JointTrajectory, model: RobotModel, start_q: Vector, start_v: Vector | None = None
+    ) -> None:
+        columns = np.array([model.joint_index(name) for name in traj.joint_names], dtype=np.intp)
+        times, q, v, tau = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
+        self.duration = float(times[-1])
+        """Time of the last point [s]."""
+        self.ends_moving = bool(v[-1].any())
+        """Whether a joint has a velocity at the last point."""
+        self._times: list[float] = times.tolist()
+        self._efforts = tau
+        self._end = np.zeros((3, model.nj))
+        self._end[0] = q[-1]
+        self._end.flags.writeable = False
+        self.coefficients = quintic_coefficients(times, q, v)  # (n - 1, 6, nj)
+        """Coefficients of the powers of u on each segment (n - 1, 6, nj) [rad]."""
+
+    def sample(self, t: float) -> tuple[Vector, Vector, Vector]:
+        """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (nj,), at time t since the start [s].
+
+        Before 0 the start is returned, after the end the last point at rest.
+        """
+        if t >= self.duration or len(self._times) < 2:
+            # Copies, because a compiled law would compile again, in the loop, for an array that is read-only.
+            return self._end[0].copy(), self._end[1].copy(), self._end[2].copy()
+        i, u, length = self._locate(t)
+        curve = np.empty(self._end.shape)
+        evaluate_quintic(self.coefficients, i, u, length, curve)
+        return curve[0], curve[1], curve[2]
+
+    def effort(self, t: float) -> Vector:
+        """Feed-forward torque, linear between points (nj,) [N.m]; zero where the trajectory gives none."""
+        if self._efforts is None:
+            rest: Vector = self._end[1]
+            return rest
+        if t >= self.duration or len(self._times) < 2:
+            last: Vector = self._efforts[-1]
+            return last
+        i, u, _ = self._locate(t)
+        blend: Vector = (1.0 - u) * self._efforts[i] + u * self._efforts[i + 1]
+        return blend
+
+    def _locate(self, t: float) -> tuple[int, float, float]:
+        """Segment, normalised time in it and its length [s]."""
+        i = max(bisect_right(self._times, t) - 1, 0)
+        length = self._times[i + 1] - self._times[i]
+        return i, max((t - self._times[i]) / length, 0.0), length
+
+
+def fill_points(
+    traj: JointTrajectory, columns: NDArray[np.intp], nj: int, start_q: Vector, start_v: Vector | None
+) -> tuple[Vector, Matrix, Matrix, Matrix | None]:
+    """Points of every joint of the robot, from the start on.
+
+    Returns:
+        Times (m,) [s], positions [rad], velocities [rad/s] and, where given, torques [N.m], each (m, nj). m is n, or
+        n + 1 when a lead-in from ``start_q`` comes first.
+    """
+    lead_in = int(traj.times[0] > 0.0)
+    m = len(traj.times) + lead_in
+    times = np.zeros(m)
+    times[lead_in:] = traj.times
+    q = np.tile(start_q, (m, 1))
+    v = np.zeros((m, nj))
+    q[1:, columns] = traj.positions[1 - lead_in :]
+    if m == 1:
+        q[0, columns] = traj.positions[0]
+    if traj.velocities is None:
+        v[:, columns] = monotone_velocities(times, q[:, columns])
+    else:
+        v[lead_in:, columns] = traj.velocities
+    if lead_in and start_v is not None:
+        v[0, columns] = start_v[columns]
+    if traj.efforts is None:
+        return times, q, v, None
+    tau = np.zeros((m, nj))
+    tau[lead_in:, columns] = traj.efforts
+    tau[0, columns] = traj.efforts[0]
+    return times, q, v, tau
+
 
 __all__ = ["TrajectoryLimits", "TrajectorySampler", "default_limits", "thin", "validate_trajectory"]
 
@@ -58,10 +155,10 @@ def validate_trajectory(
     """Refuse a trajectory that the robot must not execute.
 
     Args:
-        traj: Trajectory to check.
+        traj: Trajectory to validate.
         model: Robot that is to execute it.
-        start_q: Where the joints are when it starts (nj,) [rad]; without it the start jump is not checked.
-        start_v: How fast the joints move then (nj,) [rad/s]; zero when None.
+        start_q: Joint positions when it starts (nj,) [rad]; without it the start jump is not checked.
+        start_v: Joint velocities then (nj,) [rad/s]; zero when None.
         require_all: Whether every joint of the robot must be named.
         end_at_rest: Whether velocities at the last point must be zero.
         elapsed: Age of ``start_q`` [s]; the joint may have travelled at its velocity limit since.
@@ -129,7 +226,7 @@ def _check_finite(traj: JointTrajectory) -> None:
 
 
 def _check_times(traj: JointTrajectory) -> None:
-    """None before the start, each after the one before."""
+    """No time before the start, strictly increasing."""
     times = traj.times
     if times[0] < 0.0:
         raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
@@ -148,7 +245,7 @@ def _check_start(
     elapsed: float,
     limits: TrajectoryLimits,
 ) -> None:
-    """The first point near enough to where the joints are."""
+    """The first point is near the present joint positions."""
     allowed = limits.start_jump + model.v_max[columns] * (float(traj.times[0]) + elapsed)  # (k,)
     jump = traj.positions[0] - start_q[columns]  # (k,)
     _refuse_first(
@@ -248,14 +345,9 @@ def _refuse_first(
 
 
 def thin(trajectory: JointTrajectory, points_max: int) -> JointTrajectory:
-    """Leave out points until a trajectory has at most so many, the first and the last always kept.
+    """Every n-th point of a trajectory and the last, so that it has at most ``points_max`` (2 or more).
 
-    Args:
-        trajectory: With points close enough that the curve through every n-th is the same for all that matters.
-        points_max: At least 2.
-
-    Returns:
-        Every n-th point and the last; the trajectory itself where it is short enough.
+    The points must be so close that this changes the curve only negligibly. A short trajectory is returned unchanged.
     """
     count = len(trajectory.times)
     if count <= points_max:

@@ -1,31 +1,29 @@
-"""Finding a URDF and refusing an unusable one with the file, the joint or link, and the cause."""
+"""Finding and reading a URDF for Pinocchio and MuJoCo; an unusable one is refused with file, part, and cause."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 
 from models.errors import RobotModelError
+from models.types import Matrix
 
 DATA_PACKAGE = "example-robot-data"
-"""Distribution that carries the packaged robots' URDFs and meshes."""
+"""Distribution of the packaged robots' URDFs and meshes."""
 
 _DATA_SHARE = Path("share") / "example-robot-data"
 _PACKAGE = "package://"
 
 
 def data_folder() -> Path:
-    """Folder that ``package://example-robot-data/`` stands for.
-
-    Raises:
-        RobotModelError: The package is not installed.
-    """
+    """Folder that ``package://example-robot-data/`` stands for; RobotModelError when the package is not installed."""
     candidates: list[Path] = []
     with suppress(PackageNotFoundError):
         candidates.append(Path(str(distribution(DATA_PACKAGE).locate_file("cmeel.prefix"))) / _DATA_SHARE)
@@ -38,16 +36,11 @@ def data_folder() -> Path:
 
 
 def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> Path:
-    """Turn a file reference into a path (which need not exist).
+    """Path of a file reference; it need not exist.
 
-    Args:
-        uri: ``package://PACKAGE/PATH``, ``file://PATH``, an absolute path, or a path relative to ``relative_to``.
-        relative_to: Folder of the file that contains the reference.
-        packages: Packages, or folders that hold packages, to look in first.
-
-    Returns:
-        ``package://`` of a package other than the packaged data is looked for in ``packages`` and then in the folders
-        above ``relative_to``.
+    ``package://PACKAGE/PATH`` outside the packaged data is searched in ``packages`` (packages, or folders of packages)
+    and then in the folders above ``relative_to``, the folder of the file with the reference. ``file://PATH``, absolute
+    paths and paths relative to ``relative_to`` are accepted too.
     """
     if uri.startswith("file://"):
         return Path(uri[len("file://") :])
@@ -63,13 +56,7 @@ def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> P
 
 
 def read_urdf(path: Path) -> ET.Element:
-    """Parse a URDF and check what Pinocchio and MuJoCo would misread or crash on.
-
-    Args:
-        path: The URDF file.
-
-    Returns:
-        Its ``<robot>`` element.
+    """The ``<robot>`` element of a URDF, refused where Pinocchio or MuJoCo would misread it or crash.
 
     Raises:
         RobotModelError: Unreadable, not XML, no links, a joint without usable limits or of a kind other than revolute
@@ -181,15 +168,10 @@ def _number(text: str | None, where: str) -> float:
 
 
 def for_mujoco(path: Path, *, visuals: bool) -> ET.Element:
-    """The URDF as MuJoCo's reader wants it: inertias untouched, links unfused, no collision shapes.
+    """The URDF for MuJoCo's reader, with a ``<mujoco>`` block: inertias untouched, links unfused, no collision shapes.
 
-    Args:
-        path: The URDF file.
-        visuals: Keep the visual shapes whose mesh MuJoCo can read (STL, OBJ), with absolute paths; a visual in another
-            format is replaced by the link's collision shape where that can be read, else left out.
-
-    Returns:
-        A ``<robot>`` element with a ``<mujoco>`` block.
+    With ``visuals``, visual shapes whose mesh MuJoCo can read (STL, OBJ) stay, with absolute paths; a visual in another
+    format is replaced by the link's collision shape where that can be read, else left out.
     """
     robot = ET.Element("robot", {"name": path.stem})
     options = {"strippath": "false", "discardvisual": "false" if visuals else "true", "fusestatic": "false"}
@@ -224,3 +206,48 @@ def _readable(shape: ET.Element, folder: Path) -> bool:
     file = resolve_uri(mesh.get("filename", ""), folder)
     mesh.set("filename", str(file))
     return file.suffix.lower() in (".stl", ".obj") and file.is_file()
+
+
+def pinocchio_from_urdf(urdf: Path) -> pin.Model:
+    """Check a URDF and build its Pinocchio model with a free-flying base.
+
+    Raises:
+        RobotModelError: The URDF is unusable (see ``read_urdf``), or a moving body has no mass or an impossible
+            inertia; file, joint or link, and cause are named.
+    """
+    read_urdf(urdf)
+    return _checked(lambda: pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer()), urdf)
+
+
+def pinocchio_from_element(robot: ET.Element, urdf: Path, *, bodies: bool = True) -> pin.Model:
+    """The same for a ``<robot>`` element; ``urdf`` names it in an error, and ``bodies`` is whether they are checked."""
+    check_urdf(robot, urdf)
+    text = ET.tostring(robot, encoding="unicode")
+    return _checked(lambda: pin.buildModelFromXML(text, pin.JointModelFreeFlyer()), urdf, bodies=bodies)
+
+
+def possible(inertia: Matrix) -> bool:
+    """Whether a body with mass could have this inertia about its centre of mass (3, 3) [kg.m^2]."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    return bool(low > 0.0 and low + middle >= high * (1.0 - 1e-6))  # 1e-6: rounding of printed inertias
+
+
+def _checked(build: Callable[[], pin.Model], urdf: Path, *, bodies: bool = True) -> pin.Model:
+    try:
+        model = build()
+    except Exception as error:  # Pinocchio raises several kinds, none of them narrower
+        raise RobotModelError(f"{urdf}: Pinocchio refuses it: {error}") from error
+    if bodies:
+        _check_bodies(model, urdf)
+    return model
+
+
+def _check_bodies(model: pin.Model, urdf: Path) -> None:
+    for joint, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
+        where = f"{urdf}: the body moved by joint '{joint}'" if joint != "root_joint" else f"{urdf}: the base"
+        if inertia.mass <= 0.0:
+            raise RobotModelError(f"{where} has no mass")
+        if not possible(inertia.inertia):
+            low, middle, high = np.linalg.eigvalsh(inertia.inertia)
+            moments = f"{low:.3g}, {middle:.3g}, {high:.3g} kg.m^2"
+            raise RobotModelError(f"{where} has an impossible inertia: principal moments {moments}")

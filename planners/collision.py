@@ -15,17 +15,9 @@ from planners.motion_config import CollisionConfig
 
 
 def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
-    """Collision bodies of a URDF, every mesh replaced by its convex hull.
+    """Collision bodies of a URDF, every mesh replaced by its convex hull; no collision pairs.
 
-    Args:
-        model: Model built from ``urdf``; joints may be followed by frames of one's own.
-        urdf: Path of the URDF.
-
-    Returns:
-        Geometry model without collision pairs.
-
-    Raises:
-        RobotModelError: A mesh is missing or unreadable.
+    The model may have more frames than the URDF. Raises RobotModelError when a mesh is missing or unreadable.
     """
     try:
         geometry = pin.buildGeomFromUrdf(
@@ -49,12 +41,8 @@ def _parents(urdf: str) -> list[str]:
 class SelfCollision:
     """Distances between bodies of one robot.
 
-    Bodies at most ``config.near`` joints apart touch by construction and are not compared; neither are bodies whose
-    hulls overlap in the posture 'stand', because a hull is larger than its body (``ignored`` names them).
-
-    Args:
-        model: The robot.
-        config: Margins.
+    Bodies at most ``config.near`` joints apart touch by construction and are not compared. Bodies whose hulls overlap
+    in the posture 'stand' are not compared either, because a hull is larger than its body; ``ignored`` names them.
 
     Raises:
         RobotModelError: A collision mesh of the URDF cannot be loaded.
@@ -101,14 +89,9 @@ class SelfCollision:
         return int(self._pairs[pair][0]), int(self._pairs[pair][1])
 
     def distances(self, q: Vector, reach: float) -> Vector:
-        """Distance between the bodies of every pair.
+        """Distance between the bodies of every pair at q (nq,), negative when bodies overlap (pairs,) [m].
 
-        Args:
-            q: Configuration (nq,) [m, rad].
-            reach: Pairs that are surely further apart than this are not computed [m].
-
-        Returns:
-            Distances, negative when bodies overlap, infinite when not computed (pairs,) [m].
+        Infinite for pairs with bounding spheres further apart than ``reach`` [m].
         """
         pin.forwardKinematics(self._model, self._joint_data, q)
         pin.updateGeometryPlacements(self._model, self._joint_data, self.geometry, self._data)
@@ -124,7 +107,7 @@ class SelfCollision:
 
 
 def _joints_apart(model: pin.Model, first: int, second: int) -> int:
-    """Number of joints on the way from one body to another through the tree."""
+    """Number of joints between two bodies in the tree."""
     a, b = list(model.supports[first]), list(model.supports[second])
     shared = sum(1 for x, y in zip(a, b, strict=False) if x == y)
     return len(a) + len(b) - 2 * shared

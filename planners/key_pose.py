@@ -1,4 +1,4 @@
-"""One key pose at a time: what the start allows, the configuration that reaches it, and why it cannot be reached."""
+"""One key pose: bounds of a start, the configuration that reaches the pose, or the reason why none does."""
 
 from __future__ import annotations
 
@@ -24,14 +24,7 @@ _LISTED = 3
 
 
 class KeyPoseSolver:
-    """Solves key poses and refuses them with a reason.
-
-    Args:
-        model: The robot.
-        config: Margins and tolerances.
-        collision: Its self-collision pairs.
-        ik: Its inverse kinematics.
-    """
+    """Solves key poses and refuses them with a reason."""
 
     def __init__(self, model: RobotModel, config: MotionConfig, collision: SelfCollision, ik: WholeBodyIk) -> None:
         self._model = model
@@ -42,11 +35,7 @@ class KeyPoseSolver:
         self._legs = sorted(i - 6 for foot in model.feet for i in foot.joint_ids_v)
 
     def clipped(self, joints: Vector) -> Vector:
-        """A start posture inside the joint limits.
-
-        Raises:
-            UnreachableError: A joint is further outside than ``limits.start_overrun``.
-        """
+        """The start posture inside the joint limits; UnreachableError beyond ``limits.start_overrun``."""
         inside = np.clip(joints, self._model.q_lower, self._model.q_upper)
         overrun = np.abs(joints - inside)
         worst = int(overrun.argmax())
@@ -58,13 +47,9 @@ class KeyPoseSolver:
         return inside
 
     def bounds(self, stance: Stance, *safe: Vector) -> Bounds:
-        """Bounds of a motion that starts on ``stance``.
+        """Bounds of a motion that starts on ``stance``; ``safe`` joint positions (nj,) [rad] may lie inside the margin.
 
-        Where the start already is inside a margin, the margin is reduced to what it has, so that the robot can leave.
-
-        Args:
-            stance: The start.
-            safe: Joint positions that are allowed although they may lie inside the margin (nj,) [rad].
+        Where the start is already inside a margin, the margin is reduced to its distance, so that the robot can leave.
 
         Raises:
             UnreachableError: The soles are not on one plane, or the CoM is not above the support polygon.
@@ -94,16 +79,7 @@ class KeyPoseSolver:
         )
 
     def solve(self, goal: PoseGoal, seed: Vector, stance: Stance, bounds: Bounds) -> Vector:
-        """Solve a key pose.
-
-        Args:
-            goal: The key pose.
-            seed: Configuration before it (nq,) [m, rad].
-            stance: Where the soles are.
-            bounds: What has to be respected.
-
-        Returns:
-            Configuration (nq,) [m, rad].
+        """Configuration (nq,) of a key pose, solved from the configuration before it (nq,) [m, rad].
 
         Raises:
             UnreachableError: A target is missed by more than its tolerance, or nothing satisfies the bounds; the

@@ -1,8 +1,8 @@
-"""Motions as data: the schema of ``planners/motions/*.yaml`` and what is refused when a file is read."""
+"""Motions as data: the schema of ``planners/motions/*.yaml``, and the files that are read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import field
 from importlib.resources import files
 from pathlib import Path
@@ -25,7 +25,7 @@ JointValues = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FrameTarget:
-    """Where a key pose wants one frame."""
+    """Target of one frame in a key pose."""
 
     offset: Annotated[
         Vector3 | None, Field(description="position relative to `anchor`, along base_footprint's axes [unit]")
@@ -55,7 +55,7 @@ class FrameTarget:
 class KeyPose:
     """One pose on the way."""
 
-    name: Annotated[str, Field(min_length=1, description="what to call it in messages")]
+    name: Annotated[str, Field(min_length=1, description="name in messages")]
     duration: Annotated[float, Field(gt=0.0, le=60.0, description="time to get there; more if the joints need it [s]")]
     hold: Annotated[float, Field(ge=0.0, le=60.0, description="time to stay there [s]")] = 0.0
     posture: Annotated[str, Field(description="named posture that free joints tend to, or 'start'")] = "stand"
@@ -72,7 +72,7 @@ class KeyPose:
 class Motion:
     """A motion: key poses in order. It ends at rest in the last one."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="what it is called by")]
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="name in commands")]
     description: Annotated[str, Field(min_length=1, description="one line")]
     key_poses: Annotated[tuple[KeyPose, ...], Field(min_length=1, description="in order")]
 
@@ -83,14 +83,7 @@ class Motion:
 
 
 def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[str, Motion]:
-    """Read the packaged motions and a user's own.
-
-    Args:
-        model: Robot that they are checked against.
-        extra: Further motion files.
-
-    Returns:
-        Motions by name, sorted.
+    """The packaged and the user's motions by name, sorted; ``extra`` names more motion files.
 
     Raises:
         ConfigError: A file is refused; the message names the file and the key.
@@ -106,11 +99,7 @@ def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[st
 
 
 def motion_files(folder: Path) -> tuple[Path, ...]:
-    """Motion files in a folder, by name.
-
-    Raises:
-        ConfigError: There are none.
-    """
+    """Motion files in a folder, by name; ConfigError when there are none."""
     found = tuple(sorted(folder.glob("*.yaml")))
     if not found:
         raise ConfigError(f"{folder}: no motion files (*.yaml) there")
@@ -118,7 +107,7 @@ def motion_files(folder: Path) -> tuple[Path, ...]:
 
 
 def load_motion(path: Path, model: RobotModel) -> Motion:
-    """Read one motion file and check its frames, postures and joints against a robot.
+    """Read one motion file and validate its frames, postures and joints against a robot.
 
     Raises:
         ConfigError: The file is refused; the message names the file and the key.
@@ -150,3 +139,14 @@ def _check_joint(model: RobotModel, joint: str, value: float, where: str) -> Non
     i = model.joint_index(joint)
     if not model.q_lower[i] <= value <= model.q_upper[i]:
         raise ConfigError(f"{where}: {value:g} rad is outside [{model.q_lower[i]:g}, {model.q_upper[i]:g}]")
+
+
+def calibration_motions() -> tuple[Path, ...]:
+    """Files for the ``extra`` of ``MotionPlanner``: 'calibrate_joints' and 'calibrate_feet'."""
+    return tuple(sorted((Path(str(files("planners"))) / "motions" / "calibration").glob("*.yaml")))
+
+
+def variant(motion: str, robot: str, names: Container[str]) -> str:
+    """The robot-specific version of a motion, ``<motion>_<robot>``, if it is among the names."""
+    own = f"{motion}_{robot}"
+    return own if own in names else motion

@@ -15,15 +15,13 @@ from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import JointTrajectory, Matrix, Vector
-from planners.arguments import rotation, vector
 from planners.collision import SelfCollision
-from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal
+from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, rotation, vector
 from planners.key_pose import KeyPoseSolver
 from planners.library import START, FrameTarget, KeyPose, Motion, load_library
 from planners.motion_config import MotionConfig
-from planners.path_check import check_path
+from planners.path import blend_time, check_path, smooth_curve
 from planners.stance import Stance, stand_on
-from planners.timing import blend_time, smooth_curve
 from planners.whole_body_ik import Bounds, WholeBodyIk
 
 _DECIMALS = 9
@@ -41,7 +39,7 @@ class MotionPlanner:
 
     Args:
         model: The robot.
-        config: Margins, tolerances and weights; the packaged ``planners/config/motion.yaml`` when None.
+        config: The packaged ``planners/config/motion.yaml`` when None.
         extra: Motion files beside the packaged ones.
 
     Raises:
@@ -109,22 +107,15 @@ class MotionPlanner:
         start_q: ArrayLike,
         duration: float | None = None,
     ) -> JointTrajectory:
-        """Plan a motion that brings one frame to a pose and stays there.
+        """Plan a motion that brings one frame to a pose and stays there; result and errors as for ``plan``.
 
         Args:
             frame: base_link, torso, gaze, l_wrist or r_wrist.
             position: Origin of the frame in base_footprint, the mid-point of the soles (3,) [m], or None when free.
             orientation: Quaternion xyzw of the frame in base_footprint (4,), or None when free.
             start_q: Joint positions to start from (nj,) [rad].
-            duration: Time to get there [s]; as short as the limits allow, but at least ``pose.min_duration``, when
-                None. More is taken when the joints need it.
-
-        Returns:
-            As ``plan``.
-
-        Raises:
-            CommandError: The frame cannot be moved, or a value is malformed; the message names it.
-            UnreachableError: The pose or the way to it violates a bound; the message names what stops it.
+            duration: Time to get there [s], more when the joints need it; when None as short as the limits allow, not
+                below ``pose.min_duration``.
         """
         if frame not in TARGET_FRAMES:
             raise CommandError(f"frame '{frame}' cannot be moved; these can: {', '.join(TARGET_FRAMES)}")
@@ -172,7 +163,7 @@ class MotionPlanner:
         posture = np.array(stance.q[7:] if pose.posture == START else self._model.posture(pose.posture))
         for joint, value in pose.prefer.get(self._model.name, {}).items():
             posture[self._model.joint_index(joint)] = value
-        wanted = pose.joints.get(self._model.name, {})
+        targets = pose.joints.get(self._model.name, {})
         return PoseGoal(
             name=name,
             frames=tuple(self._frame_goal(frame, target, given) for frame, target in pose.frames.items()),
@@ -180,7 +171,7 @@ class MotionPlanner:
             com=self._nominal.com[:2],
             base=self._places["base_link"],
             torso=self._places["torso"].rotation,
-            joints={self._model.joint_index(joint): value for joint, value in wanted.items()},
+            joints={self._model.joint_index(joint): value for joint, value in targets.items()},
         )
 
     def _frame_goal(self, frame: str, target: FrameTarget, given: Mapping[str, Vector]) -> FrameGoal:

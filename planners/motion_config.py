@@ -12,7 +12,7 @@ from models.config import STRICT
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LimitConfig:
-    """How much of the joints' abilities a motion may use."""
+    """Limits of a motion, relative to those of the joints."""
 
     velocity_fraction: Annotated[float, Field(gt=0.0, le=1.0, description="share of the velocity limit [1]")]
     acceleration: Annotated[float, Field(gt=0.0, description="largest joint acceleration [rad/s^2]")]
@@ -35,7 +35,7 @@ class BalanceConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CollisionConfig:
-    """How the robot keeps off itself."""
+    """Self-collision."""
 
     margin: Annotated[float, Field(ge=0.0, description="distance kept between bodies [m]")]
     path_slack: Annotated[float, Field(ge=0.0, description="less distance allowed between key poses [m]")]
@@ -88,7 +88,7 @@ class PoseConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MotionConfig:
-    """Everything that ``MotionPlanner`` can be tuned with."""
+    """Parameters of ``MotionPlanner``."""
 
     sample_rate: Annotated[float, Field(ge=50.0, le=500.0, description="points per second [Hz]")]
     limits: LimitConfig

@@ -1,4 +1,4 @@
-"""Where the robot stands: base and soles on the floor for given joints, and the polygon it may balance over."""
+"""Stance for given joints: base and soles on the floor, and the support polygon."""
 
 from __future__ import annotations
 
@@ -14,21 +14,13 @@ from models.types import Matrix, Vector
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """A configuration on planted soles; everything is expressed in base_footprint, the mid-point of the soles.
+    """A configuration on planted soles; everything is expressed in base_footprint, the mid-point of the soles."""
 
-    Attributes:
-        q: Configuration: base position (3), base quaternion xyzw (4), joints (nj) [m, rad].
-        soles: Pose of the left and the right sole.
-        polygon: Corners of the support polygon, counter-clockwise (n, 2) [m].
-        edges: Rows (n_x, n_y, c) of the polygon's edges; n . p + c is minus the distance of p to the edge (n, 3) [m].
-        com: Centre of mass (3,) [m].
-    """
-
-    q: Vector
-    soles: tuple[pin.SE3, pin.SE3]
-    polygon: Matrix
-    edges: Matrix
-    com: Vector
+    q: Vector  # base position, base quaternion xyzw, joints (nq,) [m, rad]
+    soles: tuple[pin.SE3, pin.SE3]  # left and right
+    polygon: Matrix  # corners of the support polygon, counter-clockwise (n, 2) [m]
+    edges: Matrix  # rows (n_x, n_y, c) with n . p + c = minus the distance of p to the edge (n, 3) [m]
+    com: Vector  # (3,) [m]
 
     def margin(self, point: Vector) -> float:
         """Distance of a ground point from the edge of the support polygon, negative outside [m]."""
@@ -36,17 +28,10 @@ class Stance:
 
 
 def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tuple[pin.SE3, pin.SE3]]:
-    """Place the base so that the mean of both sole poses is the origin.
+    """Configuration (nq,) with the mean of both sole poses at the origin, and the poses of the left and the right sole.
 
-    T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right.
-
-    Args:
-        model: The robot.
-        data: Workspace of ``model.pin``; holds the frames of the result afterwards.
-        joints: Joint positions (nj,) [rad].
-
-    Returns:
-        Configuration (nq,) [m, rad] and the poses of the left and the right sole.
+    T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right. ``data``
+    holds the frames of the result afterwards.
     """
     q = pin.neutral(model.pin)
     q[7:] = joints
@@ -61,15 +46,9 @@ def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tu
 
 
 def stand_on(model: RobotModel, data: pin.Data, joints: Vector) -> Stance:
-    """The stance that joint positions imply when both soles are planted.
+    """The stance that joint positions (nj,) [rad] imply when both soles are planted.
 
-    Args:
-        model: The robot.
-        data: Workspace of ``model.pin``.
-        joints: Joint positions (nj,) [rad].
-
-    Returns:
-        The stance; its polygon is the convex hull of both contact rectangles projected onto the floor.
+    Its polygon is the convex hull of both contact rectangles projected onto the floor.
     """
     q, soles = plant(model, data, joints)
     corners = np.vstack(

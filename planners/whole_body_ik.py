@@ -18,37 +18,39 @@ References:
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 import placo
 
+from models.errors import RobotModelError
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import Matrix, Vector
+from models.urdf import read_urdf
 from planners.collision import SelfCollision, hull_geometry
 from planners.goals import TARGET_FRAMES, PoseGoal
 from planners.motion_config import MotionConfig
-from planners.placo_robot import PREFIX, placo_robot
 from planners.stance import Stance
 
 _ALL_AXES = "xyz"
 
+PREFIX = "motion/"
+"""Put before REP-120 names in placo's model, where a link of the URDF may already have that name."""
+
+_AGREEMENT = 1e-9
+"""Largest difference between both models' frames and CoM [m]: rounding of printed numbers only."""
+
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What a solution has to respect on one stance.
+    """Bounds of a solution on one stance."""
 
-    Attributes:
-        lower, upper: Joint limits, margins included (nj,) [rad].
-        com_margin: Distance of the CoM from the edge of the support polygon [m].
-        gaps: Distance that each pair of bodies keeps (pairs,) [m].
-    """
-
-    lower: Vector
+    lower: Vector  # joint limits, margins included (nj,) [rad]
     upper: Vector
-    com_margin: float
-    gaps: Vector
+    com_margin: float  # distance of the CoM from the edge of the support polygon [m]
+    gaps: Vector  # least distance of each pair of bodies (pairs,) [m]
 
 
 def chain(model: RobotModel, frame: str) -> frozenset[int]:
@@ -62,11 +64,6 @@ class WholeBodyIk:
 
     Tasks are created once and switched by their weights: placo sums tasks in the order of their addresses, so that
     creating them anew for each problem would make results differ in their last bits.
-
-    Args:
-        model: The robot.
-        config: Tolerances and weights.
-        collision: Its self-collision pairs.
     """
 
     def __init__(self, model: RobotModel, config: MotionConfig, collision: SelfCollision) -> None:
@@ -105,22 +102,19 @@ class WholeBodyIk:
         """Plant the soles and set the bounds of every problem to come."""
         for task, sole in zip(self._soles, stance.soles, strict=True):
             task.T_world_frame = sole.homogeneous
-        self._polygon.polygon = list(stance.polygon[::-1].copy())  # placo wants it clockwise
+        self._polygon.polygon = list(stance.polygon[::-1].copy())  # clockwise in placo
         self._polygon.margin = bounds.com_margin
         for i, name in enumerate(self._model.joint_names):
             self._robot.set_joint_limits(name, float(bounds.lower[i]), float(bounds.upper[i]))
 
     def reach(self, goal: PoseGoal, seed: Vector, avoid: list[int], habits: float = 1.0) -> Vector | None:
-        """Solve one key pose.
+        """Configuration (nq,) that comes closest to a key pose; None when placo's QP has no solution.
 
         Args:
             goal: The key pose.
             seed: Configuration to start from (nq,) [m, rad].
             avoid: Pairs of ``SelfCollision`` to keep apart.
-            habits: Factor on the weights of what is not a target of the key pose: CoM, base, torso and posture.
-
-        Returns:
-            The configuration that comes closest (nq,) [m, rad]; None when placo's QP has no solution.
+            habits: Factor on the weights beside the targets of the key pose: CoM, base, torso and posture.
         """
         weights = self._config.weights
         named = {frame.frame: frame for frame in goal.frames}
@@ -145,11 +139,11 @@ class WholeBodyIk:
         busy = frozenset[int]().union(*(self._chains[name] for name in named))
         for i in range(self._model.nj):
             habit = weights.leg_posture if i in self._legs else weights.posture if i in busy else weights.idle_posture
-            wanted = goal.joints.get(i)
+            target_joint = goal.joints.get(i)
             self._aim_joint(
                 i,
-                float(goal.posture[i]) if wanted is None else wanted,
-                habits * habit if wanted is None else weights.target_joint,
+                float(goal.posture[i]) if target_joint is None else target_joint,
+                habits * habit if target_joint is None else weights.target_joint,
             )
         self._set_pairs(avoid)
         self._robot.state.q = seed.copy()
@@ -157,7 +151,7 @@ class WholeBodyIk:
         return self._iterate(self._config.solver.max_iterations)
 
     def follow(self, joints: Vector, base: pin.SE3, com: Vector, seed: Vector) -> Vector | None:
-        """Configuration between two key poses: the legs are chosen, all the rest is given.
+        """Configuration (nq,) between two key poses: solves for the legs; all else is given. None without a solution.
 
         Twelve rows of planted soles, three of the base's orientation, one of its height, two of the CoM and one for
         each joint outside the legs determine a robot with six-joint legs completely; more joints follow ``joints``.
@@ -167,9 +161,6 @@ class WholeBodyIk:
             base: Pose of base_link; of its position only the height counts.
             com: CoM in base_footprint (2,) [m].
             seed: A configuration near by (nq,) [m, rad].
-
-        Returns:
-            The configuration (nq,) [m, rad]; None when placo's QP has no solution.
         """
         for name, task in self._frames.items():
             weight = 1.0 if name == "base_link" else 0.0
@@ -211,3 +202,51 @@ class WholeBodyIk:
             if np.abs(step).max() < self._config.solver.settled:
                 break
         return np.array(self._robot.state.q)
+
+
+def placo_robot(model: RobotModel) -> placo.RobotWrapper:
+    """Robot of placo without collision bodies, in the posture 'stand'; REP-120 frames are named ``PREFIX`` + name.
+
+    Raises:
+        RobotModelError: placo does not read the URDF as Pinocchio does.
+    """
+    robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _kinematic_urdf(model))
+    if tuple(robot.joint_names()) != model.joint_names:
+        raise RobotModelError(f"{model.urdf}: placo orders the joints differently from Pinocchio")
+    robot.state.q = model.standing_configuration()
+    robot.update_kinematics()
+    data = model.data()
+    pin.framesForwardKinematics(model.pin, data, robot.state.q)
+    gaps = {
+        name: np.abs(robot.get_T_world_frame(PREFIX + name) - data.oMf[model.frame_id(name)].homogeneous).max()
+        for name in (*SOLE_FRAMES, *TARGET_FRAMES)
+    }
+    gaps["CoM"] = np.abs(robot.com_world() - pin.centerOfMass(model.pin, data, robot.state.q)).max()
+    for name, gap in gaps.items():
+        if gap > _AGREEMENT:
+            raise RobotModelError(f"{model.urdf}: placo and Pinocchio disagree on {name} by {gap:.3g}")
+    return robot
+
+
+def _kinematic_urdf(model: RobotModel) -> str:
+    """The URDF without shapes, and with a link for each REP-120 frame."""
+    root = read_urdf(model.urdf)
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    for name in (*SOLE_FRAMES, *TARGET_FRAMES):
+        frame = model.pin.frames[model.frame_id(name)]
+        parent = model.pin.frames[frame.parentFrame]
+        placement = parent.placement.actInv(frame.placement)
+        ET.SubElement(root, "link", name=PREFIX + name)
+        joint = ET.SubElement(root, "joint", name=f"{PREFIX}{name}_joint", type="fixed")
+        ET.SubElement(joint, "parent", link=parent.name)
+        ET.SubElement(joint, "child", link=PREFIX + name)
+        xyz, rpy = placement.translation, pin.rpy.matrixToRpy(placement.rotation)
+        ET.SubElement(joint, "origin", xyz=printed(xyz), rpy=printed(rpy))
+    return ET.tostring(root, encoding="unicode")
+
+
+def printed(values: Vector) -> str:
+    """Numbers as a URDF has them, exact to the last bit."""
+    return " ".join(f"{value:.17g}" for value in values)

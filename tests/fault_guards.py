@@ -10,28 +10,28 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from msgspec import structs
 
-from bridge import calibrating, closed_loop, lockstep
-from controllers import command_signature, joint_servo, preflight, torque_limiter
-from controllers.arbitration import NOBODY, Arbiter
+from bridge import calibrating, closed_loop
+from controllers import command_signature, joint_servo, preflight, stack, torque_limiter
+from controllers.arbitration import NO_SOURCE, Arbiter
 from controllers.command_signature import VerifiedCommand, Verifier
-from controllers.estimation import foot_sensors, guard
-from controllers.estimation.guard import EstimatorHealth, SensorBuffer
+from controllers.estimation import feet, samples
+from controllers.estimation.samples import EstimatorHealth, SensorBuffer
 from controllers.joint_monitor import JointMonitor
 from controllers.joint_servo import JointServo
-from controllers.law_switch import LawSwitch
 from controllers.obstacle_stop import ObstacleStop
 from controllers.qp.solve import QPSolver
+from controllers.stack import ControlStack
 from controllers.supervisor import Supervisor
 from controllers.supervisor_config import SupervisorConfig
-from controllers.torque_limiter import TorqueLimiter
 from controllers.whole_body import WholeBodyController
 from models import profile, trajectory
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import CommandReply, JointCommand, Mode, SolveStatus
-from planners.gait.lifted import Lifted
-from planners.gait.orders import Orders
+from planners.gait.commands import Commands
+from planners.gait.contact import AirborneDetector
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _always(value: Any) -> Callable[..., Any]:
 
 def _supervisor(**changes: Any) -> Guard:
     config = replace(default_config(SupervisorConfig, "controllers", "supervisor"), **changes)
-    return _of(lockstep, "Supervisor", lambda model, gait: Supervisor(model, config, gait=gait))
+    return _of(stack, "Supervisor", lambda model, gait: Supervisor(model, config, gait=gait))
 
 
 def _take_everything(
@@ -80,7 +80,7 @@ def _take_everything(
     return 0
 
 
-_accept = guard._accept
+_accept = samples._accept
 
 
 def _take_full_scale(new_joints: Any, new_imu: Any, new_wrenches: Any, scales: Any, *kept: Any) -> int:
@@ -135,10 +135,10 @@ _load = profile.load_config
 MONITOR = _of(JointMonitor, "step", _always(None))
 DRIVERS = _of(JointServo, "overdue", _always(False))
 COASTING = _of(EstimatorHealth, "count", _count_no_drop_out)
-TILT = _of(lockstep, "tilt", _always(0.0))
-FINITE = _of(guard, "_accept", _take_everything)
+TILT = _of(stack, "tilt", _always(0.0))
+FINITE = _of(samples, "_accept", _take_everything)
 STAMPS = _of(SensorBuffer, "_goes_on", lambda self, t: True)
-FEET = _of(foot_sensors, "_judge", _believe_the_sensors)
+FEET = _of(feet, "_judge", _believe_the_sensors)
 NO_TORQUES = _of(WholeBodyController, "fall_back", _repeat_for_ever)
 WALK = _of(Supervisor, "_walk", lambda self: self._enter(Mode.WALK, "at once"))
 NAMES = _of(trajectory, "_check_names", lambda traj, model, require_all: np.arange(model.nj))
@@ -160,7 +160,7 @@ GUARDS: dict[str, Guard] = {
     "stamps_old": COASTING,
     "stamps_old_10ms": STAMPS,
     "stamp_in_the_future": _of(SensorBuffer, "_goes_on", lambda self, t: self.t < t),
-    "gyro_saturated": _of(guard, "_accept", _take_full_scale),
+    "gyro_saturated": _of(samples, "_accept", _take_full_scale),
     "imu_out_20ms": FINITE,
     "imu_out_20ms_walk": FINITE,
     "imu_out_100ms": COASTING,
@@ -173,13 +173,11 @@ GUARDS: dict[str, Guard] = {
     "qp_infeasible": _of(QPSolver, "_relaxed", _always((None, np.nan))),
     "qp_nan_1_tick": _of(WholeBodyController, "fall_back", _damp_at_once),
     "qp_nan": NO_TORQUES,
-    "torque_nan_1_tick": Guard(
-        ((joint_servo, "_take", _take_setpoint), (TorqueLimiter, "limit", lambda self, q, v, dt, target: target))
-    ),
+    "torque_nan_1_tick": _of(joint_servo, "_accept", _take_setpoint),
     "torque_nan": DRIVERS,
     "text_of_1_mb": _of(Supervisor, "text", lambda self, command: _text(self, command[:100])),
     "text_unknown": _supervisor(motions=("squat", "fly")),
-    "stand_while_walking": _of(LawSwitch, "gait_active", False),
+    "stand_while_walking": _of(ControlStack, "gait_active", False),
     "squat_while_walking": _supervisor(walking_motions=("wave", "squat")),
     "calibrate_walking": _of(calibrating, "Mode", SimpleNamespace(STAND=Mode.WALK)),
     "second_motion": _of(Supervisor, "_start_motion", _never_busy),
@@ -187,11 +185,13 @@ GUARDS: dict[str, Guard] = {
     "walk_while_damped": WALK,
     "stand_while_fallen": _of(Supervisor, "fault", _fault_without_latch),
     "velocity_standing": _of(closed_loop, "Mode", SimpleNamespace(WALK=Mode.STAND)),
-    "velocity_nan": _of(Orders, "set_velocity", lambda self, *velocity: self._limiter.set(*velocity)),
+    "velocity_nan": _of(
+        Commands, "set_velocity", lambda self, state, velocity: structs.replace(state, target=velocity)
+    ),
     "unsigned": _of(Verifier, "verify", lambda self, line: VerifiedCommand("teleop", line)),
     "forged": _of(command_signature.hmac, "compare_digest", _always(True)),
     "replayed": _of(Verifier, "_check_stamp", _always(None)),
-    "two_commanders": _of(Arbiter, "in_command", _always(NOBODY)),
+    "two_commanders": _of(Arbiter, "in_command", _always(NO_SOURCE)),
     "locked_out": _of(Arbiter, "locks", _always(())),
     "trajectory_unknown_joint": _both(
         NAMES,
@@ -212,7 +212,7 @@ GUARDS: dict[str, Guard] = {
     "profile_not_a_number": SCHEMA,
     "urdf_without_a_link": _of(RobotModel, "link_frame_id", lambda self, link, user: 1),
     "urdf_heavier": _of(preflight, "_mass", _always([])),
-    "lifted": _of(Lifted, "update", _always(False)),
+    "lifted": _of(AirborneDetector, "update", lambda self, airborne, *_: (airborne, False)),
     "obstacle": _of(ObstacleStop, "limit", lambda self, velocity, t: (velocity, "")),
     "fall": _both(TILT, NO_TORQUES),
 }

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.gait import GaitPlanner
-from planners.gait.phase import GaitPhase
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitPhase
 from tests.support import standing
 
 DT = 0.002

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.joint_servo import JointServo
+from controllers.joint_servo import JointServo, drive_torque
 from models.robot_model import RobotModel
 from models.types import JointCommand
 
@@ -27,3 +27,10 @@ def armed(model: RobotModel, t: float = -1.0) -> tuple[JointServo, float]:
         servo.command(hold(model), t + k * DT)
         servo.step(t + k * DT, q, zero, DT)
     return servo, t + (k + 1) * DT
+
+
+def torque_of(servo: JointServo, t: float, q: Vector, v: Vector, dt: float) -> Vector:
+    """Torques of one step; those that the drives give with its command."""
+    command = servo.step(t, q, v, dt)
+    np.testing.assert_array_equal(drive_torque(servo.model, command, q, v), servo.torque)
+    return servo.torque

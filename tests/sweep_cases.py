@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.results import NOT_RUN
+from benchmarks.core.results import NOT_RUN
 from models.threads import THREAD_VARIABLES
 
 

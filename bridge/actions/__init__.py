@@ -1,1 +1,1 @@
-"""What the actions of the graph do with its topics and services."""
+"""Actions of the graph, built on its topics and services."""

@@ -1,4 +1,4 @@
-"""One goal at a time: a newer one ends the older, and begins when that has stopped the robot."""
+"""One goal at a time: a newer one ends the older, and begins once the robot has stopped."""
 
 from __future__ import annotations
 
@@ -6,23 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from bridge.actions.ears import Ears
+from bridge.actions.robot import RobotClient
 from models.errors import PoiseError
 
 REPLACED, DEACTIVATED = "replaced by a newer goal", "the action server was deactivated"
-"""Why a goal cannot go on, besides the robot's own reasons."""
+"""Reasons that end a goal, besides those of the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended.
-
-    Attributes:
-        success: Whether it was reached.
-        message: Why not, or how.
-        cancelled: Whether it was ended because somebody asked for it.
-        code: What the action's own error code is, where it has one.
-    """
+    """How a goal ended, with the reason in ``message``; ``code`` is the action's error code, where it has one."""
 
     success: bool
     message: str
@@ -31,12 +24,7 @@ class Outcome:
 
 
 class Turn:
-    """The right of one goal to move the robot.
-
-    Args:
-        turns: Of all goals.
-        number: Of this one.
-    """
+    """The right of one goal, by its number, to move the robot."""
 
     def __init__(self, turns: Turns, number: int) -> None:
         self._turns, self._number = turns, number
@@ -46,48 +34,39 @@ class Turn:
         """Why the goal cannot go on; empty while it can."""
         if self._turns.newest != self._number:
             return REPLACED
-        return DEACTIVATED if self._turns.closed else self._turns.ears.stopped
+        return DEACTIVATED if self._turns.closed else self._turns.robot.stopped
 
 
 class Turns:
-    """Gives the robot to one goal after the other.
+    """Gives the robot to one goal after the other; ``newest`` is the newest's number, ``closed`` set while inactive."""
 
-    Args:
-        ears: Hear what the robot does.
-
-    Attributes:
-        ears: The same.
-        newest: Number of the newest goal.
-        closed: Whether no goal may go on: the node is not active.
-    """
-
-    def __init__(self, ears: Ears) -> None:
-        self.ears, self.newest, self.closed = ears, 0, False
+    def __init__(self, robot: RobotClient) -> None:
+        self.robot, self.newest, self.closed = robot, 0, False
         self._taken = False
 
     async def take(self) -> Turn:
-        """Have the goal before end, and wait until it has."""
+        """End the goal before, and wait until it has ended."""
         self.newest += 1
         turn = Turn(self, self.newest)
         while self._taken:
-            await self.ears.turn()
+            await self.robot.turn()
         self._taken = True
         return turn
 
     def release(self) -> None:
-        """The goal has ended, and what it did to the robot too."""
+        """Report that the goal and its effect on the robot have ended."""
         self._taken = False
 
 
 class Action(Protocol):
-    """What an action does."""
+    """Behaviour of an action."""
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Why a goal is refused before it does anything; None for a good one."""
+        """Why a goal is refused beforehand; None for a valid one."""
         ...
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
-        """Do it. Whatever the outcome, the robot is at rest afterwards, or does what somebody else wants."""
+        """Execute the goal. Afterwards the robot is at rest or follows another client, whatever the outcome."""
         ...
 
     def result(self, outcome: Outcome) -> Any:
@@ -96,15 +75,7 @@ class Action(Protocol):
 
 
 def goal(turns: Turns, action: Action) -> Callable[[Any], Any]:
-    """Callback of an action server.
-
-    Args:
-        turns: Gives the robot to it.
-        action: Does it.
-
-    Returns:
-        Coroutine function; it sets the goal's state by the outcome. An error of poise aborts the goal with its text.
-    """
+    """Action server callback; sets the goal's state by the outcome. A ``PoiseError`` aborts the goal with its text."""
 
     async def execute(handle: Any) -> Any:
         outcome = action.refusal(handle.request)

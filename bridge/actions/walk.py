@@ -1,4 +1,4 @@
-"""``walk_to``: to a pose, and there it stands."""
+"""``walk_to``: walk to a pose and stand there."""
 
 from __future__ import annotations
 
@@ -6,37 +6,31 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from bridge.actions.ears import Ears
 from bridge.actions.goals import Outcome, Turn
-from models.nodes import topics
+from bridge.actions.robot import RobotClient
+from models.status import RouteState, RouteStatus
 from models.types import Mode
 
 
 class WalkTo:
-    """Walks to a pose in ``odom``.
+    """Walks to a pose in ``odom``; ``publish`` publishes a goal on ``goal_pose``."""
 
-    Args:
-        ears: Hear and ask.
-        kind: Type of the action.
-        publish: Publishes a goal on ``goal_pose``.
-    """
-
-    def __init__(self, ears: Ears, kind: Any, publish: Callable[[Any], None]) -> None:
-        self._ears, self._kind, self._publish = ears, kind, publish
+    def __init__(self, robot: RobotClient, kind: Any, publish: Callable[[Any], None]) -> None:
+        self._robot, self._kind, self._publish = robot, kind, publish
 
     def refusal(self, request: Any) -> Outcome | None:
-        """What is wrong with the pose the gait planner says."""
+        """Refuse nothing: the gait planner checks the pose."""
         return None
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
-        """Do it; see ``WalkTo.action``."""
-        ears = self._ears
-        ears.begin()
-        reply = await ears.set_mode(Mode.WALK)
+        """Execute the goal; see ``WalkTo.action``."""
+        robot = self._robot
+        robot.begin()
+        reply = await robot.set_mode(Mode.WALK)
         if not reply.accepted:
             return Outcome(False, reply.reason)
-        if not await ears.until(lambda: ears.mode == Mode.WALK.value, ears.config.answer_timeout):
-            return await self._stand(Outcome(False, f"mode '{ears.mode}' goes on"))
+        if not await robot.until(lambda: robot.mode == Mode.WALK.value, robot.config.answer_timeout):
+            return await self._stand(Outcome(False, f"mode '{robot.mode}' goes on"))
         return await self._stand(await self._walk(handle, turn))
 
     def result(self, outcome: Outcome) -> Any:
@@ -45,38 +39,38 @@ class WalkTo:
 
     async def _walk(self, handle: Any, turn: Turn) -> Outcome:
         """Publish the goal until it is answered, and follow the route to its end."""
-        ears, goal, begin = self._ears, handle.request.goal, time.monotonic()
-        next_time, config = begin, ears.config
+        robot, goal, begin = self._robot, handle.request.goal, time.monotonic()
+        next_time, config = begin, robot.config
         while True:
             now = time.monotonic()
-            word, _, reason = (ears.route[-1] if ears.route else "").partition(": ")
-            running = any(each.startswith(topics.ROUTE_RUNNING) for each in ears.route)
-            if why := turn.ended or ("" if ears.mode == Mode.WALK.value else f"mode '{ears.mode}'"):
+            newest = robot.route[-1] if robot.route else RouteStatus(RouteState.ENDED)
+            running = any(status.state is RouteState.RUNNING for status in robot.route)
+            if why := turn.ended or ("" if robot.mode == Mode.WALK.value else f"mode '{robot.mode}'"):
                 return Outcome(False, why)
             if handle.is_cancel_requested:
                 return Outcome(False, "cancelled", cancelled=True)
-            if running and word == topics.ROUTE_DONE:
+            if running and newest.state is RouteState.DONE:
                 return Outcome(True, "there")
-            if running and word in (topics.ROUTE_ENDED, topics.ROUTE_REFUSED):
-                return Outcome(False, reason)
+            if running and newest.state is not RouteState.RUNNING:
+                return Outcome(False, newest.reason)
             if not running and now - begin > config.answer_timeout:
-                return Outcome(False, reason or f"no answer on {topics.GAIT_ROUTE} within {config.answer_timeout:g} s")
+                return Outcome(False, newest.reason or f"no answer to the goal within {config.answer_timeout:g} s")
             if now - begin > config.walk_timeout:
                 return Outcome(False, f"not there within {config.walk_timeout:g} s")
             if not running and now >= next_time:
                 next_time = now + config.goal_period
                 self._publish(goal)
-            left = ears.distance(goal.pose.position.x, goal.pose.position.y)
-            handle.publish_feedback(self._kind.Feedback(distance=left, route=ears.route[-1] if ears.route else ""))
-            await ears.turn()
+            left = robot.distance(goal.pose.position.x, goal.pose.position.y)
+            handle.publish_feedback(self._kind.Feedback(distance=left, route=str(newest) if robot.route else ""))
+            await robot.turn()
 
     async def _stand(self, outcome: Outcome) -> Outcome:
-        """Come to a standstill, whatever the outcome; one that does not come is no success."""
-        ears = self._ears
-        if ears.mode != Mode.WALK.value:
+        """Come to a standstill, whatever the outcome; without a standstill it is no success."""
+        robot = self._robot
+        if robot.mode != Mode.WALK.value:
             return outcome
-        reply = await ears.set_mode(Mode.STAND)
-        stood = reply.accepted and await ears.until(lambda: ears.mode != Mode.WALK.value, ears.config.stand_timeout)
+        reply = await robot.set_mode(Mode.STAND)
+        stood = reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, robot.config.stand_timeout)
         if stood:
-            return Outcome(outcome.success, f"{outcome.message}; mode '{ears.mode}'", outcome.cancelled)
+            return Outcome(outcome.success, f"{outcome.message}; mode '{robot.mode}'", outcome.cancelled)
         return Outcome(False, f"{outcome.message}; no standstill: {reply.reason}", outcome.cancelled)

@@ -1,7 +1,7 @@
-"""``ros2 launch bridge humanoid.launch.py robot:=talos``: what ``poise up`` runs, from a sourced ROS 2.
+"""``ros2 launch bridge humanoid.launch.py robot:=talos``: runs ``poise up`` from a sourced ROS 2.
 
-One process starts, configures, activates and watches over the others, and ends them with itself, as ``poise up`` does.
-This file imports nothing of poise: the Python of ``ros2`` need not be the one that poise is installed in.
+Like ``poise up``, one process starts, configures, activates, supervises and ends the others. This file imports nothing
+of poise: the Python of ``ros2`` may be another one.
 """
 
 from __future__ import annotations
@@ -32,14 +32,7 @@ END_TIME = "15.0"
 
 
 def command(given: Mapping[str, str]) -> list[str]:
-    """Command line of ``poise up``.
-
-    Args:
-        given: Value of each launch argument.
-
-    Raises:
-        ValueError: A flag is neither true nor false; it is named.
-    """
+    """Command line of ``poise up`` from the values of the launch arguments; ``ValueError`` names an invalid flag."""
     line = [str(POISE), "up"]
     for name, value in given.items():
         if name not in FLAGS:
@@ -52,7 +45,7 @@ def command(given: Mapping[str, str]) -> list[str]:
 
 
 def generate_launch_description() -> Any:
-    """What ``ros2 launch`` calls."""
+    """Entry point of ``ros2 launch``."""
     from launch import LaunchDescription
     from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
     from launch.substitutions import LaunchConfiguration

@@ -11,9 +11,9 @@ from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
 from bridge.actions.config import ActionsConfig
-from bridge.actions.ears import Ears
 from bridge.actions.goals import Action, Turns, goal
 from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory
+from bridge.actions.robot import RobotClient
 from bridge.actions.walk import WalkTo
 from models.config import default_config
 from models.errors import MessageError
@@ -25,16 +25,13 @@ from models.nodes.qos import EVENT
 from models.nodes.spin import run
 
 FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"
-"""Where MoveIt looks for it."""
+"""Name that MoveIt uses."""
 
 
 class ActionServerNode(PoiseNode):
     """Offers ``execute_motion``, ``walk_to`` and ``joint_trajectory_controller/follow_joint_trajectory``.
 
     Its executor must await coroutines: rclpy's events executor does not.
-
-    Args:
-        kwargs: Passed to rclpy.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -42,27 +39,27 @@ class ActionServerNode(PoiseNode):
         self._config = declare_config(self, default_config(ActionsConfig, "bridge", "actions"))
 
     def configure(self) -> None:
-        """Build the actions; without their types this refuses, and says how they are built."""
+        """Build the actions; refused without their types, with the command that builds them."""
         motion, walk = (interface("poise_interfaces", "action", name) for name in ("ExecuteMotion", "WalkTo"))
-        ears = Ears(self, self._config)
-        self._turns = Turns(ears)
+        robot = RobotClient(self, self._config)
+        self._turns = Turns(robot)
         goals = self.announce(PoseStamped, topics.GOAL_POSE, EVENT)
-        self._offer(motion, "execute_motion", ExecuteMotion(ears, motion))
-        self._offer(walk, "walk_to", WalkTo(ears, walk, goals.publish))
+        self._offer(motion, "execute_motion", ExecuteMotion(robot, motion))
+        self._offer(walk, "walk_to", WalkTo(robot, walk, goals.publish))
         try:
             follow = interface("control_msgs", "action", "FollowJointTrajectory")
         except MessageError as error:
             self.values[FOLLOW] = str(error)
             return
         motions = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
-        self._offer(follow, FOLLOW, FollowJointTrajectory(ears, follow, self.model, motions.publish))
+        self._offer(follow, FOLLOW, FollowJointTrajectory(robot, follow, self.model, motions.publish))
 
     def activate(self) -> None:
-        """Take goals."""
+        """Accept goals."""
         self._turns.closed = False
 
     def deactivate(self) -> None:
-        """End the goal that there is, and take none."""
+        """End the present goal and accept none."""
         self._turns.closed = True
 
     def _offer(self, kind: Any, name: str, action: Action) -> None:
@@ -78,7 +75,7 @@ class ActionServerNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([ActionServerNode], args, make=SingleThreadedExecutor))
 
 

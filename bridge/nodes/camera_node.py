@@ -1,4 +1,4 @@
-"""Node ``camera_node``: draws what the simulated robot's camera sees, beside the plant and never in its way."""
+"""Node ``camera_node``: images of the simulated robot's camera, rendered beside the plant."""
 
 from __future__ import annotations
 
@@ -14,45 +14,42 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
-from bridge.camera_config import CameraConfig
+from bridge.plants.camera_config import CameraConfig
 from bridge.render import GL_ADVICE
-from controllers.nodes.due import Due
+from controllers.nodes.estimate_topics import Due
 from models.camera import Pinhole
 from models.config import default_config
 from models.errors import ConfigError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.camera import image_message, info_message
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import declare_config, describe
+from models.nodes.perception import image_message, info_message
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import run
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
 
 if TYPE_CHECKING:
-    from bridge.camera import SimulatedCamera
+    from bridge.plants.camera import SimulatedCamera
 
 NICENESS = 10
-"""Of this process: the robot's processes go first."""
+"""Niceness of this process: the robot's processes go first."""
 
 
 class CameraNode(PoiseNode):
-    """Publishes ``camera/image_raw`` and ``camera/camera_info`` while somebody listens to the pictures.
+    """Publishes ``camera/image_raw`` and ``camera/camera_info`` while the images have a subscriber.
 
-    It draws the newest true state that the bridge publishes, in its own time: where drawing takes long, pictures are
-    left out. Without a GL it says what brings one, and publishes nothing.
-
-    Args:
-        kwargs: Passed to rclpy.
+    It renders the newest true state of the driver and skips images when rendering is slow. Without OpenGL it reports
+    the package to install, and publishes nothing.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("camera_node", **kwargs)
         self._config = declare_config(self, default_config(CameraConfig, "bridge", "camera"))
-        text = describe("Ground of the simulated world, as the bridge has it: flat, tiles, box, ...")
+        text = describe("Ground of the simulated world, as the driver has it: flat, tiles, box, ...")
         self._terrain = str(self.declare_parameter("terrain", FLAT, text).value)
         self._camera: SimulatedCamera | None = None
         self._odometry = b""
@@ -76,29 +73,29 @@ class CameraNode(PoiseNode):
         self.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True)
 
     def activate(self) -> None:
-        """Get hold of a GL, if there is one."""
+        """Open the camera if OpenGL is available."""
         self._due = Due(self._period)
         self._missing = self._open()
         if self._missing:
             self.get_logger().warning(self._missing)
 
     def deactivate(self) -> None:
-        """Let go of it."""
+        """Close the camera."""
         camera, self._camera = self._camera, None
         if camera is not None:
             camera.close()
 
     def _open(self) -> str:
-        """Build the camera; returns why there is none, empty when there is."""
+        """Build the camera; returns why it cannot, empty otherwise."""
         if ctypes.util.find_library("EGL") is None:
             return GL_ADVICE
         try:
-            from bridge.camera import SimulatedCamera  # loads MuJoCo with its GL
+            from bridge.plants.camera import SimulatedCamera  # loads MuJoCo with OpenGL
 
             self._camera = SimulatedCamera(self.model, self._config, self._terrain)
         except PoiseError:
             raise
-        except Exception as error:  # whatever the GL of this machine comes up with
+        except Exception as error:  # any error of this machine's OpenGL
             return f"{GL_ADVICE} (starting it failed: {type(error).__name__}: {error})"
         return ""
 
@@ -120,7 +117,7 @@ class CameraNode(PoiseNode):
             self._camera.target = point
 
     def _on_joints(self, data: bytes) -> None:
-        """A true state is complete, if base and joints are of the same tick."""
+        """Render a true state once base and joints of the same tick have arrived."""
         camera = self._camera
         if camera is None or not self.active or not self._images.get_subscription_count():
             return
@@ -140,19 +137,19 @@ class CameraNode(PoiseNode):
         self._took = time.monotonic() - begin
 
     def before_diagnostics(self) -> None:
-        """Report how long pictures take."""
+        """Report the rendering time."""
         if not self.active:
             return
         self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK
         listened = self._images.get_subscription_count() > 0
-        self.message = self._missing or ("drawing" if listened else "nobody listens to the pictures")
+        self.message = self._missing or ("drawing" if listened else "no subscriber to the pictures")
         self.values["newest picture took [ms]"] = f"{1e3 * self._took:.1f}"
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    os.environ.setdefault("LP_NUM_THREADS", "1")  # drawing in software takes one core at most
+    os.environ.setdefault("LP_NUM_THREADS", "1")  # software rendering uses one core at most
     os.nice(NICENESS)
     sys.exit(run([CameraNode], args))
 

@@ -1,8 +1,4 @@
-"""Estimator, gait planner and controller in one process: state, reference and schedule go over as objects.
-
-Planners and controllers do not know each other; here they are put together. Why this is the default deployment was
-decided by the latency benchmark; see ``docs/graph.md``.
-"""
+"""Estimator, gait planner and controller as three nodes in one process, the default by ``docs/graph.md``."""
 
 from __future__ import annotations
 
@@ -10,9 +6,10 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from controllers.input_log import InputLog
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
-from models.applied import Applied
+from controllers.stack import ControlStack
 from models.nodes.spin import run
 from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
@@ -28,31 +25,23 @@ def factories(
     law: type[BalanceControllerNode] = BalanceControllerNode,
     observer: type[StateEstimatorNode] = StateEstimatorNode,
 ) -> list[Callable[[], Any]]:
-    """What makes gait planner, controller and estimator, in this order; subclasses of theirs may stand in."""
-    gaits: list[GaitPlannerNode] = []
-    controllers: list[BalanceControllerNode] = []
-    estimators: list[StateEstimatorNode] = []
-    applied = Applied()
+    """Constructors of gait planner, controller and estimator, in this order; subclasses may replace them."""
+    stack = ControlStack(log=InputLog())
+    nodes: dict[str, Any] = {}
 
-    def gait() -> GaitPlannerNode:
-        gaits.append(planner(applied=applied))
-        return gaits[0]
+    def make(name: str, kind: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:
+        def construct() -> Any:
+            nodes[name] = kind(*arguments)
+            return nodes[name]
 
-    def controller() -> BalanceControllerNode:
-        controllers.append(law(local=True, gait=gaits[0], applied=applied))
-        return controllers[0]
+        return construct
 
-    def hand_over(state: RobotState, stamp: int) -> tuple[bool, bool] | None:
-        controllers[0].on_state(state, stamp)
-        gaits[0].tell(stamp, state)
-        controllers[0].keep(state, estimators[0].sensors, stamp)
-        return controllers[0].scheduled
+    def tick(state: RobotState, stamp: int) -> None:
+        nodes["gait"].before_tick(state.t)
+        nodes["law"].on_state(state, stamp)
+        nodes["gait"].publish(stamp, state)
 
-    def estimator() -> StateEstimatorNode:
-        estimators.append(observer(hand_over, applied))
-        return estimators[0]
-
-    return [gait, controller, estimator]
+    return [make("gait", planner, stack), make("law", law, stack), make("observer", observer, tick, stack)]
 
 
 if __name__ == "__main__":

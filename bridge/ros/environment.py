@@ -1,15 +1,18 @@
-"""Environment of the graph's processes: loopback only unless told otherwise, one thread per numerical library."""
+"""Environment of the graph's processes: loopback only by default, one thread per numerical library."""
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import socket
 import tempfile
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
+from typing import IO
 
 from models.errors import PoiseError
 from models.nodes.spin import SUPERVISED, log_variables
@@ -24,18 +27,17 @@ DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
 UNICAST_PORT, PARTICIPANTS = 10, 32
 """Port of a domain's first participant after the discovery port, each next one is two on; how many are sought."""
 
+CLAIMS_MAX = 16
+"""Domains that a process holds at a time: the last ones returned."""
+
 _domains = itertools.count(os.getpid())
+_claims: deque[IO[str]] = deque(maxlen=CLAIMS_MAX)
 
 
 def graph_environment(*, domain_id: int | None = None, network: bool = False) -> dict[str, str]:
-    """Variables that differ from this process's environment.
+    """Environment variables to change, by name; a user-defined profile file is kept.
 
-    Args:
-        domain_id: ROS domain; that of the environment when None.
-        network: Whether other machines may join.
-
-    Returns:
-        Names and values; a profile file of the user's own is kept.
+    ``domain_id`` is the ROS domain, that of the environment when None; ``network`` lets other machines join.
     """
     variables = dict.fromkeys(THREAD_VARIABLES, "1")
     variables[SUPERVISED] = "1"
@@ -57,10 +59,7 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
 
 @contextmanager
 def roomy_profile(size: int) -> Iterator[None]:
-    """Nodes made meanwhile have receive buffers of a size [bytes] beside all that the graph's profile says.
-
-    A profile of the user's own is left as it is.
-    """
+    """Context in which new nodes get receive buffers of a size [bytes], unless the user has set a profile."""
     given = os.environ.get(PROFILE_VARIABLE)
     if given != _packaged_profile():
         yield
@@ -82,20 +81,33 @@ def _packaged_profile() -> str:
 
 
 def free_domain() -> int:
-    """A ROS domain that nobody on this machine is in; the next call gives another one.
+    """A ROS domain that no process on this machine uses; the next call returns another one.
 
-    Raises:
-        PoiseError: All are taken.
+    A locked file claims the domain for this process, so that processes that start graphs at the same time never share
+    one. Raises ``PoiseError`` when all are in use.
     """
     for candidate in itertools.islice(_domains, DOMAIN_MAX):
         domain = 1 + candidate % DOMAIN_MAX
-        if _is_free(domain):
+        claim = _claim(domain)
+        if claim is not None and _is_free(domain):
+            _claims.append(claim)
             return domain
     raise PoiseError("every ROS domain is in use")
 
 
+def _claim(domain: int) -> IO[str] | None:
+    """Lock file of a domain, held while open; None where another process holds it."""
+    file = (Path(tempfile.gettempdir()) / f"poise-domain-{os.getuid()}-{domain}.lock").open("w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        return None
+    return file
+
+
 def _is_free(domain: int) -> bool:
-    """Whether nobody listens in a domain: at its multicast port or, in graphs on loopback, at that of a participant."""
+    """Whether no socket is bound at a domain's multicast port or, in graphs on loopback, at that of a participant."""
     first = DISCOVERY_PORT + DOMAIN_STEP * domain
     for port in (first, *(first + UNICAST_PORT + 2 * participant for participant in range(PARTICIPANTS))):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -1,4 +1,4 @@
-"""Listens to ``imu/data`` of a running robot and hands every sample on."""
+"""Receives ``imu/data`` of a running robot and passes every sample on."""
 
 from __future__ import annotations
 
@@ -28,16 +28,10 @@ SPIN = 0.1
 
 
 class ImuListener:
-    """Counts what it hands on.
+    """Passes samples to ``take`` (stamp [ns], sample, serialised message) and counts them.
 
-    Args:
-        take: Called with stamp [ns], sample and serialised message.
-
-    Attributes:
-        first: Stamp of the first sample [ns]; None before it.
-        last: Stamp of the newest sample [ns].
-        count: Samples handed on.
-        refused: Malformed messages, and stamps that are not newer than the last one's.
+    ``first`` and ``last`` are stamps [ns], None before the first; ``refused`` counts malformed messages, and stamps
+    that are not newer than the last one.
     """
 
     def __init__(self, take: Callable[[int, ImuSample, bytes], None]) -> None:
@@ -51,7 +45,7 @@ class ImuListener:
         return 0.0 if self.first is None else (self.last - self.first) / NANOSECONDS
 
     def on_message(self, data: bytes) -> None:
-        """Hand a message on."""
+        """Pass a message on."""
         try:
             stamp, sample = self._codec.decode(data)
         except MessageError:
@@ -68,17 +62,10 @@ class ImuListener:
     def listen(
         self, seconds: float | None, stop: Stop, *, network: bool = False, namespace: str = "", silence: float = 5.0
     ) -> None:
-        """Hand samples on for a time on their stamps, or until a signal, which never interrupts a sample.
+        """Pass samples on for a time on their stamps [s], or until a signal, which never interrupts a sample.
 
-        Args:
-            seconds: For how long [s]; None for as long as they come.
-            stop: Set by the signal.
-            network: Whether the robot may run on another machine.
-            namespace: Of the robot; empty for none.
-            silence: Longest wait for a sample [s].
-
-        Raises:
-            CommandError: No sample came for so long.
+        ``stop`` is set by the signal; with ``network`` the robot may run on another machine. Raises ``CommandError``
+        when no sample arrives within ``silence`` [s].
         """
         join_graph(network=network)
         context = Context()

@@ -1,4 +1,4 @@
-"""Which nodes share a process in the graph, and with what parameters each one starts."""
+"""Processes of the graph, their nodes, and the nodes' start parameters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from bridge.ros.processes import Parameters, ProcessSpec
 from models.errors import PoiseError
 
-BRIDGE = ProcessSpec("bridge.nodes.mujoco_bridge", ("mujoco_bridge",))
+BRIDGE = ProcessSpec("bridge.nodes.robot_driver", ("robot_driver",))
 CONTROL = ProcessSpec("bridge.nodes.control", ("gait_planner", "balance_controller", "state_estimator"))
 ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
 CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
@@ -18,24 +18,21 @@ SUPERVISOR = ProcessSpec("controllers.nodes.supervisor", ("supervisor",))
 ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional=True)
 CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
 
-REALTIME_NODES = ("mujoco_bridge", "state_estimator", "balance_controller")
+REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
 """Where permitted, the processes of the tick run before everything else and keep their memory."""
 
-CALIBRATED_NODES = ("mujoco_bridge", "state_estimator")
+CALIBRATED_NODES = ("robot_driver", "state_estimator")
 """Nodes with the parameter ``calibration_dir``."""
 
-LOCKSTEP_NODES = frozenset({"mujoco_bridge", "state_estimator", "balance_controller", "supervisor"})
+LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 
 def process_specs(*, merged: bool, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
-    """Processes of the graph, the plant's first.
+    """Processes of the graph, the plant's first; actions and camera run in separate ones.
 
-    Args:
-        merged: Whether estimator, gait planner and controller share a process; apart, there is no gait planner, because
-            its reference would have to travel at 1 kHz.
-        actions: Whether to offer actions, in a process of their own.
-        camera: Whether to draw the robot's camera, in a process of its own.
+    Unless ``merged``, estimator and controller are apart and there is no gait planner, because its reference would have
+    to be transferred at 1 kHz.
     """
     control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
     return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *([CAMERA] if camera else [])]
@@ -46,20 +43,20 @@ def activation_order(specs: Sequence[ProcessSpec]) -> list[str]:
     return [*(name for spec in specs for name in spec.nodes if name not in BRIDGE.nodes), *BRIDGE.nodes]
 
 
+def sensor_rate(extra: Parameters) -> float | None:
+    """Rate of the sensor topics where the driver's parameters set one [Hz]."""
+    driver = extra.get("robot_driver", {})
+    rate = driver.get("sensor_rate") or driver.get("rate")
+    return float(str(rate)) if rate else None
+
+
 def node_parameters(
     specs: list[ProcessSpec], robot: str, lockstep: bool, calibrations: Path, extra: Parameters
 ) -> dict[str, dict[str, object]]:
-    """Parameters of every node: the robot, lockstep where it matters, and the caller's.
+    """Parameters of every node: the robot, lockstep where needed, and ``extra`` by node, which override all others.
 
-    Args:
-        specs: Processes of the graph.
-        robot: Profile, by name or path.
-        lockstep: Whether the plant waits for the command of each tick.
-        calibrations: Folder of the calibration files.
-        extra: Further parameters by node; they go before all others.
-
-    Raises:
-        PoiseError: A node is unknown; the known ones are listed.
+    ``calibrations`` is the folder of the calibration files. Raises ``PoiseError`` for an unknown node and lists the
+    valid ones.
     """
     names = [name for spec in specs for name in spec.nodes]
     unknown = [name for name in extra if name not in names]
@@ -70,6 +67,9 @@ def node_parameters(
         realtime = REALTIME if name in REALTIME_NODES and not lockstep else {}
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
         result[name] = {"robot": robot, **realtime, **calibrated, **extra.get(name, {})}
+    rate = sensor_rate(extra)
+    if rate is not None and "supervisor" in result:
+        result["supervisor"].setdefault("sensor_rate", rate)
     if lockstep:
         for name in result.keys() & LOCKSTEP_NODES:
             result[name]["lockstep"] = True

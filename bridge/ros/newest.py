@@ -1,4 +1,4 @@
-"""Messages of subscriptions that belong to no executor: what arrives between two looks costs nothing here."""
+"""Messages of subscriptions without executor: messages between two polls cost nothing."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import Any
 
 
 def ignore(message: Any) -> None:
-    """Callback of subscriptions that are polled; nothing ever calls it."""
+    """Callback of polled subscriptions; never called."""
 
 
 def newest(subscription: Any) -> bytes | None:
-    """Newest serialised message of a raw subscription of depth 1, or None when nothing new has come."""
+    """Newest serialised message of a raw subscription of depth 1, or None."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if taken is None else bytes(taken[0])

@@ -1,4 +1,4 @@
-"""Records a running robot from its topics without burdening the graph: it looks a hundred times a second."""
+"""Records a running robot from its topics at little cost to the graph: it polls a hundred times a second."""
 
 from __future__ import annotations
 
@@ -22,13 +22,10 @@ from models.types import Matrix, Vector
 
 
 class Observer:
-    """Keeps the newest sample of each topic at every ``poll`` and joins them by their stamps afterwards.
+    """Stores the newest sample of each topic at every ``poll`` and joins them by their stamps afterwards.
 
-    Its subscriptions belong to no executor, so the samples between two polls cost nothing here.
-
-    Args:
-        model: The robot.
-        context: ROS context of the process; the default one when None.
+    Its subscriptions have no executor, so samples between two polls cost nothing. ``context`` is a ROS context, the
+    default one when None.
     """
 
     def __init__(self, model: RobotModel, context: Context | None = None) -> None:
@@ -49,11 +46,7 @@ class Observer:
         self.stamp = 0.0
 
     def poll(self) -> None:
-        """Take what has arrived since the last poll.
-
-        Raises:
-            PoiseError: A message is malformed.
-        """
+        """Read new messages; ``PoiseError`` for a malformed one."""
         data = newest(self._odom)
         if data is not None:
             stamp, pose, twist = self._odom_codec.decode(data)
@@ -74,29 +67,22 @@ class Observer:
 
     @property
     def ready(self) -> bool:
-        """Whether a sample of everything has arrived."""
+        """Whether every topic has a sample."""
         return all((self._base_rows, self._joint_rows, self._estimate_rows, *self._foot_rows[: len(self._feet)]))
 
     @property
     def place(self) -> tuple[float, float, float]:
-        """Where the robot takes itself to stand: x [m], y [m] and heading [rad] of the middle between its soles."""
+        """Estimated stance: x [m], y [m] and heading [rad] of the middle between the soles."""
         q = np.concatenate([self._estimate_rows[-1][1], self._joint_rows[-1][1][: self._model.nj]])
         return sole_middle(self._model, self._data, q)
 
     @property
     def base_position(self) -> Vector:
-        """Where the base really is in the newest sample (3,) [m]; NaN before the first."""
+        """True base position of the newest sample (3,) [m]; NaN before the first."""
         return self._base_rows[-1][1][:3] if self._base_rows else np.full(3, np.nan)
 
     def recording(self, events: list[tuple[float, str]]) -> Recording:
-        """What was seen, at the stamps of the true base pose; joints and wrenches are interpolated to these.
-
-        Args:
-            events: Stamp [s] and text of what happened.
-
-        Raises:
-            PoiseError: One of the topics was silent.
-        """
+        """The run at the stamps of the true base, others interpolated; ``PoiseError`` when a topic was silent."""
         named = {topics.GROUND_TRUTH: self._base_rows, topics.JOINT_STATES: self._joint_rows}
         named |= dict(zip(self._foot_topics, self._foot_rows, strict=False))
         silent = [name for name, rows in named.items() if len(rows) < 2]
@@ -126,7 +112,7 @@ class Observer:
 
 
 def _append(rows: list[tuple[int, Vector]], stamp: int, values: Vector) -> None:
-    """Keep a sample; one that is not newer than the last begins a new run, as after a reset."""
+    """Append a sample; one that is not newer than the last begins a new run, as after a reset."""
     if rows and stamp <= rows[-1][0]:
         rows.clear()
     rows.append((stamp, values))

@@ -1,4 +1,4 @@
-"""What an operator has the robot do: words, services, velocities and pushes, all from one loop."""
+"""Commands of an operator: words, services, velocities and pushes, all from one loop."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from std_srvs.srv import Trigger
 from bridge.ros.client import Client, signed
 from controllers.command_signature import Signer
 from models.nodes import topics
+from models.nodes.odometry import Velocity, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT
-from models.nodes.velocity import Velocity, velocity_to_twist
 from models.types import Vector
 
 SOURCE = "teleop"
-"""Source of commands that an operator is (controllers/config/arbitration.yaml)."""
+"""The operator's source of commands (controllers/config/arbitration.yaml)."""
 
 MODE_SERVICES = {
     "stand": "mode/stand",
@@ -36,20 +36,13 @@ MODE_SERVICES = {
 class Operator:
     """Publishers and service clients of an operator: the page of ``poise view``, or ``poise teleop``.
 
-    The page's buttons are pressed in threads of the web server. They ``post`` what is to be done, and the page's loop
-    does it: rclpy's objects are used from one thread.
-
-    Args:
-        client: Inside its context.
-        signer: Signs words; None sends them as they are.
-        tell: Called with every answer.
-
-    Attributes:
-        services: Client of each of ``MODE_SERVICES``, by its name.
+    Buttons of the page run in threads of the web server. They ``post`` actions, and the page's loop executes them:
+    rclpy's objects are used from one thread. ``client`` is inside its context; ``signer`` None sends words unsigned;
+    ``report`` is called with every answer; ``services`` are the clients of ``MODE_SERVICES`` by name.
     """
 
-    def __init__(self, client: Client, tell: Callable[[str], object], signer: Signer | None = None) -> None:
-        self._tell, self._signer = tell, signer
+    def __init__(self, client: Client, report: Callable[[str], object], signer: Signer | None = None) -> None:
+        self._report, self._signer = report, signer
         words, velocities = topics.source_topics(SOURCE)
         self._words = client.publisher(String, words, EVENT)
         self._velocities = client.publisher(Twist, velocities, COMMAND)
@@ -59,11 +52,11 @@ class Operator:
         self._driving = False
 
     def post(self, action: Callable[[], object]) -> None:
-        """Have something done by the loop; from any thread."""
+        """Have the loop execute an action; from any thread."""
         self._posted.put(action)
 
     def do_posted(self) -> None:
-        """Do what was posted since the last time."""
+        """Execute the posted actions."""
         with suppress(queue.Empty):
             while True:
                 self._posted.get_nowait()()
@@ -71,18 +64,18 @@ class Operator:
     def say(self, text: str) -> None:
         """Publish a word as ``SOURCE``."""
         self._publish_word(text)
-        self._tell(f"said {text}")
+        self._report(f"said {text}")
 
     def call(self, name: str) -> None:
-        """Call a service of ``MODE_SERVICES``; the answer is told when it comes."""
+        """Call a service of ``MODE_SERVICES``; the answer is reported on arrival."""
         client = self.services[name]
         if not client.service_is_ready():
-            self._tell(f"{MODE_SERVICES[name]}: nobody offers it: is the robot up? (poise up)")
+            self._report(f"{MODE_SERVICES[name]}: the service is absent: is the robot up? (poise up)")
             return
         client.call_async(Trigger.Request()).add_done_callback(lambda future: self._answer(name, future))
 
     def drive(self, velocity: Velocity | None) -> None:
-        """Publish a velocity; None says zero once and falls silent, so that other sources are heard again."""
+        """Publish a velocity; None publishes zero once, then leaves the command to other sources."""
         if velocity is not None or self._driving:
             given = velocity or (0.0, 0.0, 0.0)
             if self._signer is None:
@@ -97,7 +90,7 @@ class Operator:
         message.header.frame_id = topics.BASE_FRAME
         message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, np.asarray(force))
         self._pushes.publish(message)
-        self._tell(f"pushed with {np.linalg.norm(force):.0f} N")
+        self._report(f"pushed with {np.linalg.norm(force):.0f} N")
 
     def _publish_word(self, text: str) -> None:
         self._words.publish(String(data=signed(text, self._signer)))
@@ -106,4 +99,4 @@ class Operator:
         error = future.exception()
         answer = None if error else future.result()
         text = str(error if answer is None else answer.message or answer.success)
-        self._tell(text if text.startswith(f"{name}: ") else f"{name}: {text}")
+        self._report(text if text.startswith(f"{name}: ") else f"{name}: {text}")

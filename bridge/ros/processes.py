@@ -1,4 +1,4 @@
-"""One operating-system process of the graph: what it hosts, how it starts and how it ends."""
+"""Processes of the graph: start, end, and lifecycle transitions of their nodes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
@@ -22,24 +24,18 @@ Parameters = Mapping[str, Mapping[str, object]]
 """Parameter values by node name, then by parameter name."""
 
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/tf", "/tf_static")
-"""Topics that a namespace does not move by itself: they are remapped into it, as Nav2 does."""
+"""Absolute topics, which are remapped into the namespace, as Nav2 does."""
 
 STOP_SIGNALS = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
-"""What a process is sent to end it, and how long it is given each time [s]."""
+"""Signals that end a process, and the wait after each [s]."""
 
 CLEAN_EXITS = (0, -signal.SIGTERM)
-"""Exit codes of a process that ended when told to: 0 once its nodes are up, the signal's while it still imports."""
+"""Exit codes of a process that ended on request: 0 once its nodes are up, the signal's while it still imports."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessSpec:
-    """What a process runs.
-
-    Attributes:
-        module: Python module with a ``main``.
-        nodes: Names of the nodes it hosts, in the order of their activation.
-        optional: Whether the graph goes on without it once it has crashed too often.
-    """
+    """A Python module with a ``main``, and its nodes in activation order; the graph runs on without an optional one."""
 
     module: str
     nodes: tuple[str, ...]
@@ -56,11 +52,7 @@ def ros_arguments(nodes: Sequence[str], parameters: Parameters) -> list[str]:
 
 
 def absolute_namespace(namespace: str) -> str:
-    """A namespace with its leading slash; empty for none.
-
-    Raises:
-        PoiseError: It is no valid name.
-    """
+    """A namespace with its leading slash, empty for none; ``PoiseError`` when it is no valid name."""
     given = namespace.strip("/")
     if not given:
         return ""
@@ -77,20 +69,16 @@ def namespace_rules() -> list[str]:
 
 
 def in_namespace(namespace: str) -> dict[str, Any]:
-    """Keyword arguments of a node of rclpy that lives in a robot's namespace, as ``absolute_namespace`` gives it."""
+    """Keyword arguments of an rclpy node in a robot's namespace, as ``absolute_namespace`` returns it."""
     if not namespace:
         return {}
     return {"namespace": namespace, "cli_args": ["--ros-args", *namespace_rules()]}
 
 
 def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
-    """Command line of nodes in a namespace, their parameters in a file: ``-p node:name:=value`` finds no node there.
+    """Command line of nodes in a namespace such as ``/robot_1``, with their parameters written to ``file``.
 
-    Args:
-        nodes: Names of the nodes.
-        parameters: Values by node.
-        namespace: Such as ``/robot_1``.
-        file: Is written.
+    ``-p node:name:=value`` finds no node in a namespace.
     """
     write_parameters(file, {f"{namespace}/{node}": parameters.get(node, {}) for node in nodes})
     return ["--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}", *namespace_rules()]
@@ -105,19 +93,9 @@ def write_parameters(file: Path, parameters: Parameters) -> None:
 class GraphProcess:
     """Starts and ends one process.
 
-    Args:
-        spec: What it runs.
-        parameters: Values by node.
-        environment: Variables beside those of this process.
-        output: Where its output goes; this process's when None.
-        namespace: Of its nodes, as ``absolute_namespace`` gives it.
-        folder: Where the parameters of nodes in a namespace are written.
-        arguments: Command line instead of that which follows from parameters and namespace.
-
-    Attributes:
-        spec: What it runs.
-        restarts: How often it was started again.
-        output: Where its output goes from the next start on.
+    ``environment`` is in addition to that of this process; ``output`` is a file, this process's output when None, from
+    the next start on. ``namespace`` is as ``absolute_namespace`` returns it, with parameter files in ``folder``.
+    ``arguments`` replace the command line that follows from parameters and namespace.
     """
 
     def __init__(
@@ -150,11 +128,11 @@ class GraphProcess:
 
     @property
     def exit_code(self) -> int | None:
-        """How it ended; None while it runs or before the start."""
+        """Exit code; None while it runs or before the start."""
         return self._process.poll() if self._process is not None else None
 
     def start(self) -> None:
-        """Start in a session of its own, so that Ctrl-C reaches the launcher alone."""
+        """Start in a new session, so that Ctrl-C reaches the launcher alone."""
         self._process = subprocess.Popen(
             self._command,
             env=self._environment,
@@ -171,11 +149,7 @@ class GraphProcess:
 
 
 def stop_all(processes: Sequence[GraphProcess]) -> dict[str, int | None]:
-    """End processes, the gentle way first.
-
-    Returns:
-        Exit code by module.
-    """
+    """End processes, gracefully first; returns the exit code by module."""
     for number, patience in STOP_SIGNALS:
         left = [process for process in processes if process.pid and process.exit_code is None]
         for process in left:
@@ -184,3 +158,87 @@ def stop_all(processes: Sequence[GraphProcess]) -> dict[str, int | None]:
         while any(process.exit_code is None for process in left) and time.monotonic() < end:
             time.sleep(0.01)
     return {process.spec.module: process.exit_code for process in processes}
+
+
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE = Transition.TRANSITION_DEACTIVATE
+_LABELS = {CONFIGURE: "configure", ACTIVATE: "activate", DEACTIVATE: "deactivate"}
+_UNCONFIGURED, _INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
+_GOALS = {CONFIGURE: _INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE, DEACTIVATE: _INACTIVE}
+_STARTS = {CONFIGURE: _UNCONFIGURED, ACTIVATE: _INACTIVE, DEACTIVATE: State.PRIMARY_STATE_ACTIVE}
+
+ASK_AGAIN = 1.0
+"""Time without an answer after which a node's state is requested [s]."""
+
+
+class _Change:
+    """One transition of one node.
+
+    A reply is lost when the node has not yet discovered its reader, and DDS does not report that. So a node that does
+    not answer is asked for its state: the goal means a lost reply, the start a lost request. One that refuses is asked
+    too: it may have reached the goal by an earlier request.
+    """
+
+    def __init__(self, node: Any, name: str, transition: int) -> None:
+        self.name, self.done, self.refused = name, False, False
+        self._transition = transition
+        self._node = node
+        self._change = node.create_client(ChangeState, f"{name}/change_state")
+        self._get = node.create_client(GetState, f"{name}/get_state")
+        self._reply: Any = None
+        self._state: Any = None
+        self._asked = 0.0
+
+    def update(self) -> None:
+        """Send what is due and process replies."""
+        now = time.monotonic()
+        if self._reply is None:
+            if self._change.service_is_ready() and self._get.service_is_ready():
+                self._send(now)
+        elif self._reply.done() and self._reply.result().success:
+            self.done = True
+        elif self._state is not None and self._state.done():
+            state = self._state.result().current_state.id
+            self._state = None
+            if state == _GOALS[self._transition] or self._reply.done():
+                self.done, self.refused = True, state != _GOALS[self._transition]
+            elif state == _STARTS[self._transition]:
+                self._send(now)
+        elif now - self._asked > ASK_AGAIN or (self._reply.done() and self._state is None):
+            self._asked = now
+            self._state = self._get.call_async(GetState.Request())
+
+    def _send(self, now: float) -> None:
+        request = ChangeState.Request()
+        request.transition.id = self._transition
+        self._reply = self._change.call_async(request)
+        self._asked = now
+
+    def close(self) -> None:
+        """Destroy the clients."""
+        self._node.destroy_client(self._change)
+        self._node.destroy_client(self._get)
+
+
+def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], transition: int, timeout: float) -> None:
+    """Request a transition (``CONFIGURE``, ``ACTIVATE`` or ``DEACTIVATE``) of several nodes at once and wait for all.
+
+    ``spin`` serves callbacks for a short while and raises to give up. Raises ``PoiseError`` with the name of a node
+    that refuses, or does not answer within ``timeout`` [s].
+    """
+    end = time.monotonic() + timeout
+    changes = [_Change(node, name, transition) for name in names]
+    try:
+        while left := [change for change in changes if not change.done]:
+            for change in left:
+                change.update()
+            spin()
+            if time.monotonic() > end:
+                late = ", ".join(change.name for change in left)
+                raise PoiseError(f"{late}: no answer to '{_LABELS[transition]}' in {timeout:.0f} s")
+    finally:
+        for change in changes:
+            change.close()
+    refused = [change.name for change in changes if change.refused]
+    if refused:
+        raise PoiseError(f"{', '.join(refused)}: refused to {_LABELS[transition]}; the log says why")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,58 @@ from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
+from bridge.nodes.action_server import ActionServerNode
+from bridge.nodes.camera_node import CameraNode
+from bridge.nodes.robot_driver import RobotDriver
 from bridge.ros.environment import free_domain, join_graph
-from bridge.ros.node_classes import NODES, parameters
+from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.nodes.foot_sensor_node import FootSensorNode
+from controllers.nodes.imu_node import ImuNode
+from controllers.nodes.motor_controller import MotorControllerNode
+from controllers.nodes.state_estimator import StateEstimatorNode
+from controllers.nodes.supervisor import SupervisorNode
+from controllers.nodes.vision_node import VisionNode
+from controllers.stack import ControlStack
 from models.errors import PoiseError
 from models.nodes.base import PoiseNode
+from planners.nodes.gait_planner import GaitPlannerNode
+from planners.nodes.motion_planner import MotionPlannerNode
+
+NODES: Mapping[str, type[Any]] = {
+    "robot_driver": RobotDriver,
+    "state_estimator": StateEstimatorNode,
+    "balance_controller": BalanceControllerNode,
+    "gait_planner": GaitPlannerNode,
+    "motion_planner": MotionPlannerNode,
+    "supervisor": SupervisorNode,
+    "action_server": ActionServerNode,
+    "imu_node": ImuNode,
+    "foot_sensor_node": FootSensorNode,
+    "motor_controller": MotorControllerNode,
+    "camera_node": CameraNode,
+    "vision_node": VisionNode,
+}
+"""Class of each node by its default name."""
+
+
+def make_node(name: str, **kwargs: Any) -> Any:
+    """A node by its default name; the gait planner gets a new control stack."""
+    arguments = (ControlStack(),) if name == "gait_planner" else ()
+    return NODES[name](*arguments, **kwargs)
+
+
+OF_RCLPY = frozenset({"use_sim_time", "start_type_description_service"})
+"""Parameters that rclpy declares in every node."""
+
+
+def parameters(node: PoiseNode) -> dict[str, Any]:
+    """Descriptor of each parameter that a node has declared, without those of rclpy, by name."""
+    names = [name for name in node.get_parameters_by_prefix("") if name not in OF_RCLPY]
+    return dict(zip(names, node.describe_parameters(names), strict=True))
+
 
 FILE = Path("docs/reference.md")
-"""Where the reference is kept, from the root of the repository."""
+"""Path of the reference in the repository."""
 
 HEAD = """# Reference
 
@@ -48,15 +93,11 @@ TYPES = {
 }
 
 HUGE = 1e300
-"""A bound beyond this is none."""
+"""Bounds beyond this count as unbounded."""
 
 
 def reference() -> str:
-    """The text of ``docs/reference.md``.
-
-    Raises:
-        PoiseError: A node cannot be configured.
-    """
+    """The text of ``docs/reference.md``; ``PoiseError`` when a node cannot be configured."""
     join_graph(domain_id=free_domain())
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -66,7 +107,7 @@ def reference() -> str:
     try:
         for name, arguments in given:
             line = ["--ros-args", "--log-level", "error", *arguments]
-            nodes.append(NODES[name](context=context, cli_args=line, enable_rosout=False))
+            nodes.append(make_node(name, context=context, cli_args=line, enable_rosout=False))
             nodes[-1].trigger_configure()
             if nodes[-1].message != "configured":
                 raise PoiseError(f"{name}: {nodes[-1].message}")
@@ -113,12 +154,12 @@ def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
     for name in ("parameter_events", "rosout"):
         found.pop(f"/{name}", None)
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):
-        everybody = "every node" if len(sources) == len(NODES) else ", ".join(sources)
-        yield topic, kind, qos, everybody or "you", ", ".join(sinks) or "anybody"
+        publishers = "every node" if len(sources) == len(NODES) else ", ".join(sources)
+        yield topic, kind, qos, publishers or "you", ", ".join(sinks) or "any"
 
 
 def _services(node: PoiseNode) -> list[Any]:
-    """Services that are neither of the lifecycle nor of parameters: those have the node's name before theirs."""
+    """Services other than those of lifecycle and parameters, whose names begin with the node's."""
     return [service for service in node.services if not _short(service.srv_name).startswith(f"{node.get_name()}/")]
 
 
@@ -148,12 +189,12 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> Iterator[s
 
 
 def _short(name: str) -> str:
-    """Relative name of what lies in the root namespace because the node does; absolute names keep their slash."""
+    """Name relative to the root namespace for a node in it; absolute names keep their slash."""
     return name if name in ABSOLUTE else name.removeprefix("/")
 
 
 HEADED, WITH_HEAD = ("balance_controller", "vision_node"), ("-p", "robot:=talos", "-p", "follow:=true")
-"""Nodes with further topics where the robot has a head, which the G1 has not, and what brings these out."""
+"""Nodes with further topics for a robot with a head, unlike the G1, and parameters that show these."""
 
 ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events", "/rosout"})
 """Topics that a namespace does not move."""
@@ -193,7 +234,7 @@ def _value(value: Any) -> str:
 
 
 def main() -> None:
-    """Write the reference, or say that it cannot be."""
+    """Write the reference, or report why it cannot be written."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ.setdefault("ROS_LOG_DIR", folder)
         text = reference()

@@ -1,4 +1,4 @@
-"""When each stage of a tick ended in the process of the laws, on the monotonic clock."""
+"""End time of each stage of a tick in the process of the laws, on the monotonic clock."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.ros.latency_probe import CAPACITY
+from bridge.driver.latency_probe import CAPACITY
 
 COLUMNS = ("stamp", "arrived", "estimated", "planned", "solved", "commanded")
-"""Of a row: stamp of the sensors; joints out of the middleware; state estimated; reference of the gait there;
-whole-body tick done; command handed to the middleware. All [ns], each after the one before."""
+"""Stamp of the sensors; joints received; state estimated; gait planned; whole-body tick done; command sent [ns]."""
 
 STAMP, ARRIVED, ESTIMATED, PLANNED, SOLVED, COMMANDED = range(len(COLUMNS))
 
@@ -21,11 +20,11 @@ LEFT, RIGHT = 1, 2
 
 
 class StageProbe:
-    """Keeps one row per joint sample in arrays allocated beforehand; when they are full, nothing more.
+    """Stores one row per joint sample in preallocated arrays; nothing more when they are full.
 
     Attributes:
-        table: Times by ``COLUMNS`` (n, 6) [ns]; 0 where a tick did not come so far.
-        contacts: Feet that the tick's reference has in contact (n,), as ``LEFT`` and ``RIGHT``.
+        table: Times by ``COLUMNS`` (n, 6) [ns]; 0 for stages that a tick did not reach.
+        contacts: Feet in contact by the tick's reference (n,), as ``LEFT`` and ``RIGHT``.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -34,7 +33,7 @@ class StageProbe:
         self._row = -1
 
     def begin(self) -> None:
-        """Note that a joint sample has come out of the middleware."""
+        """Record the arrival of a joint sample from the middleware."""
         now = time.monotonic_ns()
         if self._row + 1 < len(self.table):
             self._row += 1
@@ -43,23 +42,23 @@ class StageProbe:
             self._row = len(self.table)
 
     def state(self, stamp: int) -> None:
-        """Note that the state of a stamp [ns] has been estimated."""
+        """Record the end of the estimation of a stamp [ns]."""
         if 0 <= self._row < len(self.table):
             self.table[self._row, STAMP] = stamp
             self.table[self._row, ESTIMATED] = time.monotonic_ns()
 
     def note(self, column: int) -> None:
-        """Note that a stage of the present tick has ended; a later word on the same stage counts."""
+        """Record the end of a stage of the present tick; a later call for the same stage replaces it."""
         if 0 <= self._row < len(self.table):
             self.table[self._row, column] = time.monotonic_ns()
 
     def touch(self, contacts: tuple[bool, bool] | None) -> None:
-        """Note the contacts of the present tick's reference."""
+        """Record the contacts of the present tick's reference."""
         if contacts is not None and 0 <= self._row < len(self.table):
             self.contacts[self._row] = LEFT * contacts[0] + RIGHT * contacts[1]
 
     def rows(self) -> dict[str, NDArray[np.int64] | NDArray[np.uint8]]:
-        """``stages`` and ``contacts``, as far as they were filled."""
+        """``stages`` and ``contacts`` of the filled rows."""
         count = min(self._row + 1, len(self.table))
         return {"stages": self.table[:count], "contacts": self.contacts[:count]}
 
@@ -69,7 +68,7 @@ class StageProbe:
 
 
 def cost(ticks: int = 20_000) -> float:
-    """What the rows of one tick cost here, measured in a loop [s]."""
+    """Time that the rows of one tick cost, measured in a loop [s]."""
     probe = StageProbe(ticks)
     begin = time.perf_counter()
     for stamp in range(ticks):

@@ -1,17 +1,21 @@
-"""Walks a running robot: on ``cmd_vel`` for a time, as a joystick would, or to a pose, as a navigation stack would."""
+"""Longer requests to a running robot: walks at a velocity or to a pose, and reaching."""
 
 from __future__ import annotations
 
+import math
 import time
 
 from geometry_msgs.msg import PoseStamped, Twist
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 
 from bridge.ros.client import Client
 from models.errors import CommandError
 from models.nodes import topics
+from models.nodes.interfaces import interface
+from models.nodes.odometry import Velocity, velocity_from_twist, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, SENSOR
-from models.nodes.velocity import Velocity, velocity_from_twist, velocity_to_twist
+from models.nodes.services import PACKAGE
+from models.status import MotionState, RouteState, RouteStatus
 from models.types import CommandReply, Mode
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
@@ -30,19 +34,10 @@ STANDSTILL_TIMEOUT = 10.0
 
 
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
-    """Request mode walk, repeat a velocity for a time, stop, and wait until the robot stands.
+    """Request mode walk, repeat a velocity for ``seconds``, stop, and wait until the robot stands.
 
-    Args:
-        client: Talks to the robot.
-        velocity: Forward [m/s], left [m/s], turn [rad/s].
-        seconds: How long [s].
-
-    Returns:
-        Whether the robot stands again, and what happened.
-
-    Raises:
-        CommandError: Nobody listens, or a service does not answer.
-        MessageError: A velocity is not finite.
+    ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again. Raises
+    ``CommandError`` without a subscriber or an answer, ``MessageError`` when the velocity is not finite.
     """
     message = velocity_to_twist(velocity)
     velocity_from_twist(message)
@@ -51,7 +46,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
         return reply
     publisher = client.publisher(Twist, topics.CMD_VEL, COMMAND)
     if not client.wait(lambda: publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value, 5.0):
-        raise CommandError(f"nobody listens on {topics.CMD_VEL}: is the robot up? start it with: poise up")
+        raise CommandError(f"no subscriber on {topics.CMD_VEL}: is the robot up? start it with: poise up")
     end = time.monotonic() + seconds
     while time.monotonic() < end and client.mode == Mode.WALK.value:
         publisher.publish(message)
@@ -62,21 +57,14 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
 
 
 def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
-    """Request mode walk, send a goal, wait until the robot is there, and have it stand.
+    """Request mode walk, send a goal, wait until the robot has arrived, and request mode stand.
 
-    Args:
-        client: Talks to the robot.
-        goal: x [m], y [m] and heading [rad] of the middle between the soles, in ``odom``.
-
-    Returns:
-        Whether the robot got there, and what happened.
-
-    Raises:
-        CommandError: Nobody listens, or a service does not answer.
+    ``goal`` is x [m], y [m] and heading [rad] of the middle between the soles, in ``odom``. The reply is accepted when
+    the robot arrived. Raises ``CommandError`` without a subscriber or an answer.
     """
-    words: list[str] = []
+    routes: list[RouteStatus] = []
     margins: list[float] = []
-    client.subscribe(String, topics.GAIT_ROUTE, lambda message: words.append(message.data), EVENT)
+    client.subscribe_status(RouteStatus, topics.ROUTE_STATUS, routes.append)
     client.subscribe(Float64, topics.GAIT_CAPTURE_MARGIN, lambda message: margins.append(message.data), SENSOR)
     reply = client.trigger("mode/walk")
     if not reply.accepted:
@@ -85,31 +73,68 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
     message = pose_message(Foothold(*goal), topics.ODOM_FRAME)
     margins.clear()
 
-    def begun() -> bool:  # the planner tells its margin once it has taken over the robot
+    def begun() -> bool:  # the planner publishes its margin once it controls the robot
         return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(margins)
 
     if not client.wait(begun, ANSWER_TIMEOUT):
-        raise CommandError(f"nobody listens on {topics.GOAL_POSE}: is the robot up? start it with: poise up")
+        raise CommandError(f"no subscriber on {topics.GOAL_POSE}: is the robot up? start it with: poise up")
     end = time.monotonic() + ANSWER_TIMEOUT
-    while not words and time.monotonic() < end:
+    while not routes and time.monotonic() < end:
         publisher.publish(message)
-        client.wait(lambda: bool(words), 1.0)
-    if not words:
-        return CommandReply(False, f"no answer on {topics.GAIT_ROUTE}; mode '{client.mode}'")
-    word, _, more = words[-1].partition(": ")
-    if word == topics.ROUTE_RUNNING:
-        steps = int(more.split()[0]) if more.split()[0].isdecimal() else 0
-        client.wait(lambda: not words[-1].startswith(topics.ROUTE_RUNNING), (steps + 5) * STEP_TIMEOUT)
+        client.wait(lambda: bool(routes), 1.0)
+    if not routes:
+        return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
+    limit = (routes[-1].footsteps + 5) * STEP_TIMEOUT
+    client.wait(lambda: routes[-1].state is not RouteState.RUNNING, limit)
     if client.mode != Mode.WALK.value:
         return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
-    stood = _stand(client, f"goal {words[-1]}")
-    return CommandReply(stood.accepted and words[-1] == topics.ROUTE_DONE, stood.reason)
+    stood = _stand(client, f"goal {routes[-1]}")
+    return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
 
 
-def _stand(client: Client, told: str) -> CommandReply:
-    """Have a walking robot come to a standstill."""
+def _stand(client: Client, outcome: str) -> CommandReply:
     reply = client.trigger("mode/stand")
     if not reply.accepted:
         return reply
     stands = client.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT)
-    return CommandReply(stands, f"{told}; mode '{client.mode}'")
+    return CommandReply(stands, f"{outcome}; mode '{client.mode}'")
+
+
+PLAN_TIMEOUT = 30.0
+"""Longest wait for a plan [s]."""
+
+END_TIMEOUT = 10.0
+"""Longest wait for the end of the motion beyond the time that it was planned for [s]."""
+
+
+def reach(
+    client: Client,
+    frame: str,
+    position: tuple[float, float, float],
+    *,
+    frame_id: str,
+    duration: float = 0.0,
+    execute: bool = True,
+) -> CommandReply:
+    """Request a plan from ``plan_motion``, execute it, and wait until the frame has arrived.
+
+    ``frame`` is moved (also an alias such as ``left_hand``) to ``position`` (3,) [m] in ``frame_id`` within
+    ``duration`` [s], 0: as short as the joints allow. The reply is accepted when the motion was planned and, with
+    ``execute``, played to its end. Raises ``CommandError`` when the service is absent or does not answer,
+    ``MessageError`` when its type is not built.
+    """
+    kind = interface(PACKAGE, "srv", "PlanMotion")
+    request = kind.Request(frame=frame, duration=duration, execute=execute)
+    request.target.header.frame_id = frame_id
+    place = request.target.pose.position
+    place.x, place.y, place.z = position
+    client.motions.clear()
+    answer = client.call(kind, topics.PLAN_MOTION, request, answer_timeout=PLAN_TIMEOUT)
+    if not answer.success or not execute:
+        return CommandReply(bool(answer.success), str(answer.message))
+    end = answer.trajectory.points[-1].time_from_start
+    motions = client.motions
+    done = client.wait(
+        lambda: any(m.state is MotionState.DONE for m in motions), math.ceil(end.sec + 1e-9 * end.nanosec) + END_TIMEOUT
+    )
+    return CommandReply(done, f"{answer.message}; {'done' if done else 'its end was not reported'}")

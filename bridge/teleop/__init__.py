@@ -1,1 +1,1 @@
-"""``poise teleop``: keyboard or gamepad to words and velocities."""
+"""``poise teleop``: words and velocities from keyboard or gamepad."""

@@ -1,4 +1,4 @@
-"""Schema of ``bridge/config/teleop.yaml``, where the unit of every value stands."""
+"""Schema of ``bridge/config/teleop.yaml``, which has units and meanings."""
 
 from __future__ import annotations
 
@@ -13,21 +13,15 @@ from models.config import STRICT
 Axis = Literal["forward", "left", "turn"]
 
 Deed = Literal["halt", "walk", "stand", "wave", "E-STOP", "quit"]
-"""What a key or a button does at once."""
+"""Immediate action of a key or a button."""
 
 Move = Literal["forward", "backward", "left", "right", "turn left", "turn right"]
-"""What a key does to the velocity."""
+"""Velocity change of a key."""
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GamepadConfig:
-    """Axes and buttons by the kernel's numbers.
-
-    Attributes:
-        axes: Number of the axis of each velocity.
-        deadband: Smaller deflections are none, in parts of the full one [-].
-        buttons: What each button does.
-    """
+    """Axes and buttons by the kernel's numbers; see ``bridge/config/teleop.yaml``."""
 
     axes: Annotated[dict[Axis, Annotated[int, Field(ge=0)]], Field(min_length=3)]
     deadband: Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -36,15 +30,7 @@ class GamepadConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TeleopConfig:
-    """Keys, steps and rates; see ``bridge/config/teleop.yaml``.
-
-    Attributes:
-        rate: Of the velocities [Hz].
-        idle: Without a key for so long the velocity goes to zero [s].
-        keys: What each key does.
-        steps: By how much a key changes a velocity [m/s], [m/s], [rad/s].
-        gamepad: Axes and buttons.
-    """
+    """Keys, steps and rates; see ``bridge/config/teleop.yaml``."""
 
     rate: Positive
     idle: Positive

@@ -13,19 +13,18 @@ from std_msgs.msg import String
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 from bridge.teleop.config import TeleopConfig
-from bridge.teleop.gamepad import Gamepad
-from bridge.teleop.keys import KeyLaw, keyboard, limits_of, read_keys
+from bridge.teleop.input import Gamepad, KeyLaw, keyboard, limits_of, read_keys
 from controllers.command_signature import Signer
 from models.config import default_config
 from models.nodes import topics
+from models.nodes.odometry import Velocity
 from models.nodes.qos import LATCHED
 from models.nodes.spin import Stop
-from models.nodes.velocity import Velocity
 from models.robot_model import RobotModel
-from planners.gait.scaling import load_gait_config
+from planners.gait.config import load_gait_config
 
 QUIT, HALT, STOP = "quit", "halt", "stop"
-"""Deeds that are no words of the robot, and the word for the second: it ends what another word has begun, too."""
+"""Actions other than words of the robot, and the word for the second: it also ends motions."""
 
 
 def teleop(
@@ -39,16 +38,10 @@ def teleop(
 ) -> None:
     """Steer the running robot as ``teleop`` until Ctrl-C or the key that quits.
 
-    Args:
-        robot: Profile whose limits hold, by name or path; the one that the graph names when empty.
-        gamepad: Device of a gamepad; keys of the terminal when None.
-        network: Whether the robot may run on another machine.
-        namespace: Of the robot; empty for none.
-        signer: Signs words; None sends them as they are.
-        say: Called with each line for the terminal.
-
-    Raises:
-        PoiseError: There is no terminal, no robot or no gamepad, or one of them goes.
+    ``robot`` is the profile with the limits, by name or path, that of the graph when empty; with ``network`` it may run
+    on another machine. ``gamepad`` is its device; None uses the keys of the terminal. ``signer`` None sends words
+    unsigned; ``say`` takes lines for the terminal. Raises ``PoiseError`` when terminal, robot or gamepad is missing or
+    disappears.
     """
     config = default_config(TeleopConfig, "bridge", "teleop")
     stop = Stop()
@@ -63,10 +56,10 @@ def teleop(
         else:
             say("  ".join(f"{'space' if key == ' ' else key}: {meaning}" for key, meaning in config.keys.items()))
         operator = Operator(client, say, signer)
-        stack.callback(operator.drive, None)  # whatever happens: zero, then silence
+        stack.callback(operator.drive, None)  # in any case: zero, then silence
         commander = [""]
         client.subscribe(String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED)
-        told: tuple[object, ...] = ()
+        shown: tuple[object, ...] = ()
         while not stop.requested:
             now = time.monotonic()
             if pad is not None:
@@ -79,14 +72,14 @@ def teleop(
                     return
                 _do(operator, deed)
             operator.drive(velocity if any(velocity) else None)
-            if (client.mode, commander[0], velocity) != told:
-                told = client.mode, commander[0], velocity
+            if (client.mode, commander[0], velocity) != shown:
+                shown = client.mode, commander[0], velocity
                 say(_line(client.mode, commander[0], velocity))
             client.spin(1.0 / config.rate)
 
 
 def _do(operator: Operator, deed: str) -> None:
-    """A service where there is one of that name, a word elsewhere."""
+    """Call the service of that name, otherwise publish a word."""
     if deed in operator.services:
         operator.call(deed)
     else:
@@ -94,7 +87,7 @@ def _do(operator: Operator, deed: str) -> None:
 
 
 def _line(mode: str, commander: str, velocity: Velocity) -> str:
-    """What the operator sees."""
+    """Status line for the operator."""
     forward, left, turn = velocity
     return (
         f"mode {mode or 'unknown'}, in command: {commander or 'unknown'}, "

@@ -1,1 +1,1 @@
-"""The page of ``poise view``: a robot in a browser, and buttons for what its topics and services offer."""
+"""The page of ``poise view``: a robot in a browser, with buttons for its topics and services."""

@@ -10,8 +10,8 @@ import numpy as np
 from bridge.stability import LOADED_FRACTION, Balance, balance
 from bridge.support_polygon import support_polygon
 from bridge.view.config import ViewConfig
+from bridge.view.listener import Snapshot
 from bridge.view.robot_scene import WORLD
-from bridge.view.snapshot import Snapshot
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -33,20 +33,11 @@ RADIUS = 0.02
 """Of the balls at CoM, DCM and ZMP [m]."""
 
 LIFT = 0.003
-"""Lines on the floor are drawn so far above it [m]."""
+"""Height of lines above the floor [m]."""
 
 
 class BalanceScene:
-    """What tells how the robot keeps its balance.
-
-    Args:
-        scene: viser's scene.
-        model: The robot.
-        config: Lengths of arrows.
-
-    Attributes:
-        balls: At CoM, DCM and ZMP.
-    """
+    """Markers of the balance of the robot in a viser scene; ``balls`` are at CoM, DCM and ZMP."""
 
     def __init__(self, scene: Any, model: RobotModel, config: ViewConfig) -> None:
         self._scene, self._model, self._config, self._data = scene, model, config, model.data()
@@ -57,7 +48,7 @@ class BalanceScene:
         self._corners = [foot.corners for foot in model.feet]
 
     def show(self, snapshot: Snapshot) -> Balance:
-        """Draw a moment; returns its balance."""
+        """Draw a snapshot; returns its balance."""
         state = balance(self._model, self._data, snapshot.q, snapshot.v, snapshot.wrenches)
         floor = float(state.soles[:, 2].min())
         self.balls["com"].position = state.com
@@ -72,7 +63,7 @@ class BalanceScene:
         return state
 
     def _show_forces(self, snapshot: Snapshot, state: Balance) -> None:
-        """Ground reactions from the soles, and what pushes the robot, at its CoM."""
+        """Ground reactions at the soles, and the estimated push at the CoM."""
         arrows: list[Any] = []
         colors: list[Any] = []
         for foot, wrench in zip(self._model.feet, snapshot.wrenches, strict=True):
@@ -93,14 +84,12 @@ class BalanceScene:
             colors.append(color)
 
     def _show_polygon(self, snapshot: Snapshot, state: Balance, floor: float) -> None:
-        """Edge of the soles that bear load."""
         loaded = snapshot.wrenches[:, 2] > LOADED_FRACTION * self._model.mass * GRAVITY
         polygon = support_polygon(tuple(state.corners[loaded])) if loaded.any() else np.empty((0, 2))
         lines = _closed(np.column_stack([polygon, np.full(len(polygon), floor + LIFT)]))
         self._draw(f"{WORLD}/balance/polygon", len(lines) > 0, self._scene.add_line_segments, lines, COLORS["polygon"])
 
     def _show_footsteps(self, snapshot: Snapshot, floor: float) -> None:
-        """Outlines of the coming footsteps."""
         for side, name in enumerate(("left", "right")):
             holds = [hold for foot, hold in snapshot.footsteps if foot == side]
             lines = [_closed(outline(hold, self._corners[side], floor + LIFT)) for hold in holds]
@@ -108,7 +97,7 @@ class BalanceScene:
             self._draw(f"{WORLD}/gait/{name}", len(drawn) > 0, self._scene.add_line_segments, drawn, COLORS[name])
 
     def _draw(self, name: str, there: bool, add: Any, points: Matrix, colors: Any) -> None:
-        """Put a thing of changing size in place of the one of before."""
+        """Replace an object of changing size."""
         if there:
             add(name, points.astype(np.float32), colors)
         else:
@@ -116,18 +105,12 @@ class BalanceScene:
 
 
 def outline(hold: Foothold, corners: Matrix, height: float) -> Matrix:
-    """Corners of a sole at a foothold, in W (4, 3) [m].
-
-    Args:
-        hold: Where it stands.
-        corners: In the sole's frame (4, 3) [m].
-        height: Of the floor that it is drawn on [m].
-    """
+    """Corners of a sole at a foothold, in W (4, 3) [m], from those in its frame (4, 3) [m] and the floor height [m]."""
     c, s = math.cos(hold.yaw), math.sin(hold.yaw)
     turned = corners[:, :2] @ np.array([[c, s], [-s, c]])
     return np.column_stack([turned + np.array([hold.x, hold.y]), np.full(len(corners), height)])
 
 
 def _closed(points: Matrix) -> Matrix:
-    """Line segments round points (n, 3): (n, 2, 3)."""
+    """Closed line segments through points (n, 3): (n, 2, 3)."""
     return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

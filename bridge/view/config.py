@@ -1,4 +1,4 @@
-"""Schema of ``bridge/config/view.yaml``, where the unit of every value stands."""
+"""Schema of ``bridge/config/view.yaml``, which has the units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from models.config import STRICT
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ViewConfig:
-    """How often the page is drawn, and what it shows; see ``bridge/config/view.yaml``."""
+    """Rates and contents of the page; see ``bridge/config/view.yaml``."""
 
     rate: Positive
     plot_rate: Positive

@@ -1,19 +1,20 @@
-"""Buttons and sticks of the page, and what the robot says."""
+"""Controls of the page: buttons, sticks and pushes."""
 
 from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from bridge.ros.operator import MODE_SERVICES, Operator
 from bridge.view.config import ViewConfig
-from bridge.view.snapshot import Snapshot, Words
-from bridge.view.sticks import Sticks
+from bridge.view.listener import Snapshot, Words
 from models.heading import heading
+from models.nodes.odometry import Velocity
 from models.types import Mode, Vector
 from planners.gait.config import VelocityConfig
 
@@ -30,18 +31,7 @@ _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
 
 class Controls:
-    """The page's side bar.
-
-    Args:
-        gui: viser's gui.
-        operator: What the buttons do.
-        config: Largest push.
-        words: Text commands that get a button.
-        limits: Of the velocity sticks.
-
-    Attributes:
-        sticks: For velocities.
-    """
+    """The page's side bar in viser's gui; ``words`` are the text commands with a button."""
 
     def __init__(
         self, gui: Any, operator: Operator, config: ViewConfig, words: Sequence[str], limits: VelocityConfig
@@ -55,7 +45,7 @@ class Controls:
             button.on_click(self._calls(name))
         said = gui.add_button_group("say", words)
         said.on_click(self._says)
-        self.sticks = Sticks(gui, limits, config.drive_idle, self.tell)
+        self.sticks = Sticks(gui, limits, config.drive_idle, self.report)
         with gui.add_folder("push, in simulation"):
             most = config.push_force_max
             force = gui.add_slider("force [N]", 0.0, most, PUSH_STEP, min(PUSH_FIRST, most))
@@ -66,10 +56,10 @@ class Controls:
 
     @property
     def follow(self) -> bool:
-        """Whether the robot is to stay in the middle of the picture."""
+        """Whether the camera follows the robot."""
         return bool(self._follow.value)
 
-    def tell(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Show the newest answer."""
         self._answer.content = f"`{text[:ANSWER_MAX]}`"
 
@@ -81,7 +71,7 @@ class Controls:
             ("mode", words.mode or "unknown"),
             ("drivers", words.drivers or "unknown"),
             ("gait", words.phase or "unknown"),
-            ("in command", words.commander or "nobody"),
+            ("in command", words.commander or "none"),
             ("capture margin", "-" if math.isnan(snapshot.margin) else f"{100 * snapshot.margin:.1f} cm"),
             ("time", f"{snapshot.t:.1f} s"),
         ]
@@ -109,12 +99,69 @@ class Controls:
 
 
 def force_from(size: float, direction: float, yaw: float) -> Vector:
-    """A push in W (3,) [N].
-
-    Args:
-        size: [N].
-        direction: Heading of the push from that of the robot [deg].
-        yaw: Heading of the robot in W [rad].
-    """
+    """A push in W (3,) [N] of a size [N], at an angle to the robot's heading [deg], which is ``yaw`` in W [rad]."""
     angle = yaw + math.radians(direction)
     return size * np.array([math.cos(angle), math.sin(angle), 0.0])
+
+
+STICK_STEP = 0.05
+"""Of the velocity sticks [m/s], [rad/s]."""
+
+
+class DeadMan:
+    """Detects whether the operator is present: the browser is connected, and a stick was moved within ``idle`` [s]."""
+
+    def __init__(self, idle: float) -> None:
+        self._idle = idle
+        self._who: int | None = None
+        self._when = 0.0
+
+    def touch(self, who: int, now: float) -> None:
+        """A browser has moved a stick at a time [s]."""
+        self._who, self._when = who, now
+
+    def there(self, browsers: Collection[int], now: float) -> bool:
+        """Whether the operator is present at a time [s], given the connected browsers."""
+        return self._who in browsers and now - self._when <= self._idle
+
+
+class Sticks:
+    """Three sliders and a box that publishes their velocity, until ``idle`` [s] without a touch, which is reported."""
+
+    def __init__(self, gui: Any, limits: VelocityConfig, idle: float, report: Callable[[str], object]) -> None:
+        self._dead_man, self._report, self._idle = DeadMan(idle), report, idle
+        ends = {
+            "forward [m/s]": (-limits.backward, limits.forward),
+            "left [m/s]": (-limits.lateral, limits.lateral),
+            "turn [rad/s]": (-limits.turn, limits.turn),
+        }
+        with gui.add_folder("velocity, in mode walk"):
+            hint = f"Publish the sticks' velocity, for {idle:g} s after the last touch."
+            self._drive = gui.add_checkbox("drive", initial_value=False, hint=hint)
+            self._sliders = [
+                gui.add_slider(label, round(low, 2), round(high, 2), STICK_STEP, 0.0)
+                for label, (low, high) in ends.items()
+            ]
+            gui.add_button("sticks to zero").on_click(lambda _: self._zero())
+        for handle in (self._drive, *self._sliders):
+            handle.on_update(self._on_touch)
+
+    def velocity(self, browsers: Collection[int]) -> Velocity | None:
+        """Forward [m/s], left [m/s], turn [rad/s]; None while the sticks are idle or no browser is connected."""
+        if not self._drive.value:
+            return None
+        if not self._dead_man.there(browsers, time.monotonic()):
+            self._drive.value = False
+            self._zero()
+            self._report(f"sticks released: not moved for {self._idle:g} s, or the browser is gone")
+            return None
+        forward, left, turn = (float(slider.value) for slider in self._sliders)
+        return forward, left, turn
+
+    def _on_touch(self, event: Any) -> None:
+        if event.client_id is not None:  # from a browser, not from this program
+            self._dead_man.touch(event.client_id, time.monotonic())
+
+    def _zero(self) -> None:
+        for slider in self._sliders:
+            slider.value = 0.0

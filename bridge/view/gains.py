@@ -1,4 +1,4 @@
-"""Sliders bound to the parameters of a node that may be changed while it runs."""
+"""Sliders for the parameters of a node that may be changed while it runs."""
 
 from __future__ import annotations
 
@@ -16,26 +16,18 @@ STEPS = 200
 """Positions of a slider [-]."""
 
 REACH = 4.0
-"""A slider goes to so many times the value that it starts with, where the parameter's own range goes farther [-]."""
+"""Upper end of a slider as a multiple of its first value, within the parameter's range [-]."""
 
 USUAL = "whole_body."
-"""What most names begin with: left out of the labels, for which there is little room."""
+"""Common prefix of names, omitted from the short labels."""
 
 
 class Gains:
     """A slider for each float parameter of a node that is not read-only and has a range.
 
-    What is asked comes later, in the client's callbacks. A value that the node refuses is told with its reason, and
-    the slider goes back.
-
-    Args:
-        gui: viser's gui.
-        place: Tab that the sliders go into; entered as a context.
-        client: Inside its context.
-        operator: Post what the sliders ask for.
-        node: Name of the node.
-        tell: Called with what was accepted and refused.
-        timeout: A question without an answer for so long is asked again [s].
+    Answers arrive in the client's callbacks. A refused value is reported with its reason, and the slider goes back.
+    ``place`` is the tab of the sliders, entered as a context; ``client`` is inside its context; ``operator`` executes
+    the requests, which are repeated after ``timeout`` [s] without an answer.
     """
 
     def __init__(
@@ -45,10 +37,10 @@ class Gains:
         client: Client,
         operator: Operator,
         node: str,
-        tell: Callable[[str], object],
+        report: Callable[[str], object],
         timeout: float,
     ) -> None:
-        self._gui, self._place, self._operator, self._node, self._tell = gui, place, operator, node, tell
+        self._gui, self._place, self._operator, self._node, self._report = gui, place, operator, node, report
         self._parameters, self._timeout = client.parameters_of(node), timeout
         self._asked_at: float | None = None
         self._asked: dict[str, int] = {}
@@ -56,7 +48,7 @@ class Gains:
         self.sliders: dict[str, Any] = {}
 
     def ask(self) -> None:
-        """Ask for the parameters, once the node is there, and again where no answer has come in time."""
+        """Request the parameters once the node exists, and again after the timeout."""
         now = time.monotonic()
         due = self._asked_at is None or (not self.sliders and now - self._asked_at > self._timeout)
         if due and self._parameters.services_are_ready():
@@ -78,7 +70,7 @@ class Gains:
             self._then(self._parameters.get_parameters(names), lambda values: self._on_values(free, values))
 
     def _on_values(self, descriptors: list[Any], answer: Any) -> None:
-        if self.sliders:  # a late answer to a question that was asked again
+        if self.sliders:  # a late answer to a repeated request
             return
         with self._place:
             for item, value in zip(descriptors, answer.values, strict=True):
@@ -100,36 +92,36 @@ class Gains:
         self._accepted[item.name] = value
 
         def on_update(event: Any) -> None:
-            if event.client is not None:  # moved by hand, not by us
+            if event.client is not None:  # moved by the user
                 value = float(slider.value)
                 self._operator.post(lambda: self.move(item.name, value))
 
         slider.on_update(on_update)
 
     def move(self, name: str, value: float) -> None:
-        """Have the node take a value; where it refuses the newest one, the slider goes back."""
+        """Set a value on the node; when it refuses the newest one, the slider goes back."""
         self._asked[name] = number = self._asked.get(name, 0) + 1
 
         def on_result(answer: Any) -> None:
             result = answer.results[0]
             if result.successful:
                 self._accepted[name] = value
-                self._tell(f"{name} = {value:g}")
+                self._report(f"{name} = {value:g}")
             else:
-                self._tell(f"{name} = {value:g} refused: {result.reason}")
+                self._report(f"{name} = {value:g} refused: {result.reason}")
                 if number == self._asked[name]:
                     self.sliders[name].value = self._accepted[name]
 
         self._then(self._parameters.set_parameters([Parameter(name, value=value)]), on_result)
 
     def _then(self, future: Any, go_on: Callable[[Any], None]) -> None:
-        """Go on with an answer, or tell why there is none."""
+        """Continue with an answer, or report why there is none."""
 
         def done(future: Any) -> None:
             error = future.exception()
             if error is None:
                 go_on(future.result())
             else:
-                self._tell(f"parameters of {self._node}: {error}")
+                self._report(f"parameters of {self._node}: {error}")
 
         future.add_done_callback(done)

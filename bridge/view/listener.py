@@ -1,9 +1,9 @@
-"""Hears a running robot for the page, thirty times a second, without burdening the graph."""
+"""Subscriptions of the page, polled thirty times a second, and the records to draw."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,32 +17,72 @@ from std_msgs.msg import Float64, String
 from bridge.ros.client import Client
 from bridge.ros.newest import ignore, newest
 from bridge.ros.processes import in_namespace
-from bridge.view.snapshot import Snapshot, Words
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds, wrench_vector
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
-from models.nodes.tick_timer import MEDIAN, TAIL
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.types import Mode, Vector
+from models.status import ControlStatus
+from models.types import Matrix, Mode, Vector
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose
 
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """State of the robot at one stamp, from its topics; W is ``odom``.
+
+    Attributes:
+        t: Stamp of the joint states [s].
+        q: Estimated configuration (nq,) [m, rad].
+        v: Estimated velocity (nv,) [m/s, rad/s].
+        tau: Measured joint torques (nj,) [N.m].
+        wrenches: Ground reaction on each foot in its sole frame (2, 6) [N, N.m]; zero without a sensor.
+        push: Estimated push about the CoM in W: force, moment (6,) [N, N.m].
+        footsteps: Foot (0 left, 1 right) and place of the coming footsteps in W.
+        margin: Distance of the DCM inside the region from which one step brings it to rest [m]; NaN when not walking.
+    """
+
+    t: float
+    q: Vector
+    v: Vector
+    tau: Vector
+    wrenches: Matrix
+    push: Vector
+    footsteps: tuple[tuple[int, Foothold], ...]
+    margin: float
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Status texts of the robot.
+
+    Attributes:
+        mode: Of the supervisor; empty before the first word.
+        drivers: State of the joint drivers.
+        phase: Of the gait.
+        commander: Source in command.
+        faults: Latched faults, and the messages of nodes with errors, by node.
+        tick_median: Of the controller's last ticks [us]; NaN before its first diagnostics.
+        tick_tail: 99th percentile of these [us].
+    """
+
+    mode: str = ""
+    drivers: str = ""
+    phase: str = ""
+    commander: str = ""
+    faults: tuple[tuple[str, str], ...] = ()
+    tick_median: float = float("nan")
+    tick_tail: float = float("nan")
+
+
 SILENCE = 3.0
-"""A node whose diagnostics have not come for so long counts as gone, and joints that have not as old [s]."""
+"""Age of diagnostics above which a node counts as stopped, and of joints above which they are old [s]."""
 
 
 class Listener:
-    """Keeps the newest word of every topic that the page shows.
-
-    The sensors' subscriptions belong to no executor and are looked at once for each picture; words come through the
-    client's.
-
-    Args:
-        model: The robot.
-        client: Inside its context.
-    """
+    """Stores the newest message of every topic of the page; sensor subscriptions are polled once per picture."""
 
     def __init__(self, model: RobotModel, client: Client) -> None:
         self._model = model
@@ -59,7 +99,7 @@ class Listener:
         self._joint_state: tuple[Vector, Vector] | None = None
         self._wrenches, self._push = np.zeros((2, 6)), np.zeros(6)
         self._footsteps: tuple[tuple[int, Foothold], ...] = ()
-        self._margin, self._heard = float("nan"), time.monotonic()
+        self._margin, self._received = float("nan"), time.monotonic()
         self._words = Words()
         self._statuses: dict[str, tuple[float, Any]] = {}
         self.refused = 0
@@ -75,16 +115,14 @@ class Listener:
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+        client.subscribe_status(ControlStatus, topics.CONTROL_STATUS, self._on_control)
 
     def poll(self) -> Snapshot | None:
-        """What is known now; None before joints and base have been heard.
-
-        A malformed message is counted in ``refused`` and left out.
-        """
+        """Newest state; None before joints and base have arrived. Malformed messages are counted in ``refused``."""
         joint_codec, odom_codec, foot_codecs = self._codecs
         if (joints := self._take(self._joints, joint_codec)) is not None:
             stamp, q, v, self._tau = joints
-            self._t, self._joint_state, self._heard = to_seconds(stamp), (q, v), time.monotonic()
+            self._t, self._joint_state, self._received = to_seconds(stamp), (q, v), time.monotonic()
         if (odom := self._take(self._odom, odom_codec)) is not None:
             self._base = odom[1:]
         for foot, subscription in enumerate(self._feet):
@@ -105,7 +143,7 @@ class Listener:
         )
 
     def _take(self, subscription: Any, codec: Any) -> Any:
-        """Newest sample of a subscription, decoded; None for nothing new, or a malformed one."""
+        """Newest decoded sample of a subscription; None without a new or valid one."""
         try:
             data = newest(subscription)
             return None if data is None else codec.decode(data)
@@ -114,15 +152,17 @@ class Listener:
             return None
 
     def words(self) -> Words:
-        """What the robot says of itself."""
+        """Status texts of the robot."""
         now = time.monotonic()
         faults = [
             (name, str(status.message))
             for name, (_, status) in sorted(self._statuses.items())
             if status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
         ]
-        faults += [(name, "silent") for name, (heard, _) in sorted(self._statuses.items()) if now - heard > SILENCE]
-        if now - self._heard > SILENCE:
+        faults += [
+            (name, "silent") for name, (received, _) in sorted(self._statuses.items()) if now - received > SILENCE
+        ]
+        if now - self._received > SILENCE:
             faults.append((topics.JOINT_STATES, "silent: the picture is old"))
         return replace(self._words, faults=tuple(faults))
 
@@ -131,10 +171,10 @@ class Listener:
         self._node.destroy_node()
 
     def _word(self, field: str) -> Any:
-        def hear(message: String) -> None:
+        def on_word(message: String) -> None:
             self._words = replace(self._words, **{field: message.data})
 
-        return hear
+        return on_word
 
     def _on_push(self, message: WrenchStamped) -> None:
         self._push = wrench_vector(message.wrench)
@@ -154,16 +194,6 @@ class Listener:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self._statuses[status.name] = (time.monotonic(), status)
-            values = {item.key: item.value for item in status.values}
-            if MEDIAN in values and status.name.endswith("balance_controller"):
-                self._words = replace(
-                    self._words, tick_median=_number(values[MEDIAN]), tick_tail=_number(values.get(TAIL, ""))
-                )
 
-
-def _number(text: str) -> float:
-    """A figure of the diagnostics; NaN where it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
+    def _on_control(self, status: ControlStatus) -> None:
+        self._words = replace(self._words, tick_median=status.tick_median_us, tick_tail=status.tick_tail_us)

@@ -25,31 +25,17 @@ from models.config import default_config
 from models.errors import PoiseError
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
-from planners.gait.scaling import load_gait_config
+from planners.gait.config import load_gait_config
 
 CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))
-"""Where the first look is from, and at what, beside a robot that stands in the middle [m]."""
+"""Position and target of the first view, for a robot at the origin [m]."""
 
 TUNED = "balance_controller"
 """Node whose gains get sliders."""
 
 
 class Page:
-    """The page of one robot.
-
-    Args:
-        model: The robot.
-        client: Inside its context.
-        host: Address to listen on.
-        port: TCP port to listen on.
-        signer: Signs words; None sends them as they are.
-
-    Attributes:
-        url: Where the page is.
-
-    Raises:
-        PoiseError: The port is taken.
-    """
+    """The page of one robot at ``url``, unsigned without ``signer``; ``PoiseError`` when the port is in use."""
 
     def __init__(
         self, model: RobotModel, client: Client, *, host: str, port: int, signer: Signer | None = None
@@ -63,7 +49,7 @@ class Page:
         self._listener = Listener(model, client)
         self.robot = RobotScene(scene, model)
         self._balance = BalanceScene(scene, model, self._config)
-        self._operator = Operator(client, lambda text: self._controls.tell(text), signer)
+        self._operator = Operator(client, lambda text: self._controls.report(text), signer)
         words = (*default_config(SupervisorConfig, "controllers", "supervisor").motions, "stop")
         limits = load_gait_config(model).velocity
         tabs = gui.add_tab_group()
@@ -76,11 +62,11 @@ class Page:
         with tabs.add_tab("gains") as tab:
             gui.add_markdown(f"Parameters of `{TUNED}` that may be changed while it runs.")
             self._gains = Gains(
-                gui, tab, client, self._operator, TUNED, self._controls.tell, self._config.answer_timeout
+                gui, tab, client, self._operator, TUNED, self._controls.report, self._config.answer_timeout
             )
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Show and steer until ``stop`` says so."""
+        """Show and steer until ``stop`` returns True."""
         next_picture = next_plot = next_drive = time.monotonic()
         while not stop():
             self._operator.do_posted()
@@ -100,7 +86,7 @@ class Page:
             self._client.spin(max(min(next_picture, next_drive) - time.monotonic(), 0.001))
 
     def close(self) -> None:
-        """Let go of the robot, leave the graph, and end the server."""
+        """Release the sticks, leave the graph, and end the server."""
         with ExitStack() as stack:
             stack.callback(self._server.stop)
             stack.callback(self._listener.close)
@@ -131,20 +117,11 @@ def view(
     say: Callable[[str], object] = print,
     timeout: float = 10.0,
 ) -> None:
-    """Serve the page of the running robot until Ctrl-C.
+    """Serve the page of the running robot at ``host`` and the TCP ``port`` until Ctrl-C.
 
-    Args:
-        robot: Profile, by name or path; the one that the graph names when empty.
-        host: Address to listen on.
-        port: TCP port to listen on.
-        network: Whether the robot may run on another machine.
-        namespace: Of the robot; empty for none.
-        signer: Signs words; None sends them as they are.
-        say: Called with each line for the terminal.
-        timeout: Longest wait for a robot [s].
-
-    Raises:
-        PoiseError: There is no robot, or the port is taken.
+    ``robot`` is a profile, by name or path, that of the graph when empty, which is awaited for ``timeout`` [s]; with
+    ``network`` it may run on another machine. ``signer`` None sends words unsigned; ``say`` takes lines for the
+    terminal. Raises ``PoiseError`` when there is no robot, or the port is in use.
     """
     stop = Stop()
     with Client(network=network, namespace=namespace) as client:
@@ -160,11 +137,7 @@ def view(
 
 
 def _serve(host: str, port: int, robot: str) -> Any:
-    """Start viser's server.
-
-    Raises:
-        PoiseError: The port is taken: viser itself would take the next one in silence.
-    """
+    """Start viser's server; ``PoiseError`` when the port is in use, where viser would silently take the next one."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

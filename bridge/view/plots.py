@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bridge.view.config import ViewConfig
-from bridge.view.snapshot import Snapshot, Words
+from bridge.view.listener import Snapshot, Words
 from models.robot_model import RobotModel
 
 COLORS = ("#3070d0", "#d05030", "#30a050", "#a040b0", "#c09020", "#606060", "#20a0a0", "#d060a0")
@@ -16,13 +16,7 @@ COLORS = ("#3070d0", "#d05030", "#30a050", "#a040b0", "#c09020", "#606060", "#20
 
 
 class LivePlots:
-    """Keeps the last seconds and draws them.
-
-    Args:
-        gui: viser's gui, inside the folder that holds the plots.
-        model: The robot.
-        config: Window and number of joints.
-    """
+    """Stores the last seconds and draws them, in the gui folder of the plots."""
 
     def __init__(self, gui: Any, model: RobotModel, config: ViewConfig) -> None:
         self._model, self._config = model, config
@@ -35,8 +29,8 @@ class LivePlots:
         self._names = gui.add_markdown("")
 
     def add(self, snapshot: Snapshot, words: Words) -> None:
-        """Take a moment, and draw what has come so far."""
-        if self._rows and snapshot.t < self._rows[-1][0]:  # the simulation began anew
+        """Add a snapshot and redraw."""
+        if self._rows and snapshot.t < self._rows[-1][0]:  # the simulation was reset
             self._rows.clear()
             self._shares.clear()
         self._rows.append((snapshot.t, words.tick_median, words.tick_tail, snapshot.margin))
@@ -56,7 +50,6 @@ class LivePlots:
 
 
 def _plot(gui: Any, title: str, labels: tuple[str, ...]) -> Any:
-    """An empty plot with a line for each label."""
     lines = [{"label": label, "stroke": COLORS[i % len(COLORS)], "width": 1.5} for i, label in enumerate(labels)]
     empty = tuple(np.zeros(2) for _ in range(1 + len(labels)))
     return gui.add_uplot(

@@ -20,11 +20,7 @@ WORLD = "/world"
 
 
 class RobotScene:
-    """One scene frame for each joint, with the meshes of the bodies that it moves.
-
-    Args:
-        scene: viser's scene.
-        model: The robot.
+    """One scene frame for each joint in a viser scene, with the meshes of its bodies.
 
     Attributes:
         frames: Scene frame of each joint, by Pinocchio's index; the base is joint 1.
@@ -77,7 +73,7 @@ def _visuals(model: RobotModel) -> list[Any]:
 
 
 def _mesh_of(shape: Any) -> Any:
-    """Triangles of a visual shape, a trimesh before its scale; None where they cannot be read."""
+    """Unscaled triangles of a visual shape (trimesh); None where they cannot be read."""
     if Path(shape.meshPath).is_file():
         try:
             return trimesh.load(shape.meshPath, force="mesh")
@@ -96,5 +92,5 @@ def _mesh_of(shape: Any) -> Any:
 
 
 def _wxyz(rotation: Any) -> Vector:
-    """Quaternion w, x, y, z of a rotation matrix, as viser wants it."""
+    """Quaternion w, x, y, z of a rotation matrix, in viser's order."""
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)

@@ -1,1 +1,1 @@
-"""Calibration of the inertial unit, the joint encoders and the foot sensors: laws without clock and files."""
+"""Calibration of the IMU, the joint encoders and the foot sensors: laws without clock and files."""

@@ -1,4 +1,4 @@
-"""Calibration of the leg encoders on both soles: what the closed chain and gravity say about their offsets."""
+"""Calibration of the leg encoders on both soles, from the closed chain and gravity."""
 
 from __future__ import annotations
 
@@ -7,14 +7,100 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
-from controllers.calibration.chain_terms import MOUNTING, PLACEMENT, ChainTerms
 from controllers.calibration.config import CalibrationConfig, ChainConfig
-from controllers.calibration.outcome import Outcome, accept, refuse
-from controllers.calibration.windows import Window
+from controllers.calibration.windows import Outcome, Window, accept, refuse
 from models.calibration import Calibration
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
+
+PLACEMENT = 3
+"""Unknowns of the placement of the right sole in the left one: x, y [m], yaw [rad]; both lie on one level floor."""
+
+MOUNTING = 6
+"""Unknowns of the inertial unit: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]."""
+
+
+class ChainTerms:
+    """Pose of the right sole in the left one and accelerometer reading, as functions of the unknowns.
+
+    Unknowns: x = (offsets of the joints between the soles and the inertial unit (k), placement (3), mounting (6)).
+
+    Attributes:
+        joints: Indices of those joints in a joint vector, ascending.
+        size: Number of unknowns.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model, self._data = model, model.data()
+        self._feet = [foot.frame_id for foot in model.feet]
+        self._imu = model.frame_id("imu")
+        used: set[int] = set()
+        for frame in (*self._feet, self._imu):
+            chain = model.pin.supports[model.pin.frames[frame].parentJoint]
+            used |= {int(model.pin.joints[j].idx_v) - 6 for j in chain if j > 1}
+        self.joints = np.array(sorted(used))
+        self.size = self.joints.size + PLACEMENT + MOUNTING
+        self._q = pin.neutral(model.pin)
+
+    def update(self, q: Vector, x: Vector) -> None:
+        """Set measured joint positions (nj,) [rad] and the unknowns."""
+        self._q[7:] = q
+        self._q[7 + self.joints] -= x[: self.joints.size]
+        pin.computeJointJacobians(self._model.pin, self._data, self._q)
+        pin.updateFramePlacements(self._model.pin, self._data)
+
+    def _frame(self, frame: int) -> tuple[pin.SE3, Matrix]:
+        """Pose in the base, and minus its local Jacobian with respect to the offsets (6, k)."""
+        jacobian = pin.getFrameJacobian(self._model.pin, self._data, frame, pin.LOCAL)
+        return self._data.oMf[frame], -jacobian[:, 6 + self.joints]
+
+    def placement(self) -> pin.SE3:
+        """Right sole in the left one."""
+        left, right = (self._data.oMf[frame] for frame in self._feet)
+        return left.actInv(right)
+
+    def closure(self, x: Vector) -> tuple[Vector, Matrix]:
+        """Error of the right sole against its placement, e = log(T(x)^-1 L^-1 R) (6,), and de/dx (6, n) [m, rad]."""
+        k = self.joints.size
+        (left, left_jacobian), (right, right_jacobian) = (self._frame(frame) for frame in self._feet)
+        relative = left.actInv(right)
+        placed = pin.SE3(pin.utils.rotate("z", x[k + 2]), np.array([x[k], x[k + 1], 0.0]))
+        error = placed.actInv(relative)
+        jacobian = np.zeros((6, self.size))
+        jacobian[:, :k] = right_jacobian - relative.toActionMatrixInverse() @ left_jacobian
+        moved = np.zeros((6, PLACEMENT))
+        moved[:2, :2] = placed.rotation[:2, :2].T
+        moved[5, 2] = 1.0
+        jacobian[:, k : k + PLACEMENT] = -error.toActionMatrixInverse() @ moved
+        return pin.log6(error).vector, pin.Jlog6(error) @ jacobian
+
+    def imu_position(self) -> Vector:
+        """Origin of the inertial unit in the left sole's frame (3,) [m]."""
+        left, imu = self._data.oMf[self._feet[0]], self._data.oMf[self._imu]
+        return np.asarray(left.actInv(imu).translation)
+
+    def force(self, x: Vector, measured: Vector, expected: Vector) -> tuple[Vector, Matrix]:
+        """Predicted minus measured specific force (3,) [m/s^2], and its Jacobian (3, n), at the unknowns x (n,).
+
+        ``measured`` is in the frame of the unit; ``expected`` is acceleration and gravity in the left sole's frame,
+        which is level.
+        """
+        k = self.joints.size
+        left, left_jacobian = self._frame(self._feet[0])
+        imu, imu_jacobian = self._frame(self._imu)
+        relative = left.rotation.T @ imu.rotation
+        turn = pin.exp3(x[k + PLACEMENT : k + PLACEMENT + 3])
+        up = relative.T @ expected  # in the nominal frame of the unit
+        force = turn.T @ up
+        jacobian = np.zeros((3, self.size))
+        spin = imu_jacobian[3:] - relative.T @ left_jacobian[3:]
+        jacobian[:, :k] = turn.T @ pin.skew(up) @ spin
+        jacobian[:, k + PLACEMENT : k + PLACEMENT + 3] = pin.skew(force) @ pin.Jexp3(x[k + PLACEMENT : -3])
+        jacobian[:, -3:] = np.eye(3)
+        return force + x[-3:] - measured, jacobian
+
 
 _CONVERGED = 1e-9
 """Step of Gauss-Newton at which it has converged [rad, m, m/s^2]."""
@@ -42,7 +128,7 @@ def calibrate_closed_chain(
     Args:
         windows: Raw samples, averaged, from a motion of the base over both soles.
         model: The robot.
-        base: What the other sensors' and the other joints' part of the result is taken from.
+        base: Calibration of the other sensors and of the other joints in the result.
         config: Bounds and noise.
 
     Returns:
@@ -84,7 +170,7 @@ def calibrate_closed_chain(
     poor = [f"{name} ({value:.4f} rad)" for name, value in zip(names, sigma, strict=True) if value > limits.max_sigma]
     if poor:
         return refuse(
-            f"the data does not determine {', '.join(poor)}: at most {limits.max_sigma:g} rad wanted; move the base "
+            f"the data does not determine {', '.join(poor)}: at most {limits.max_sigma:g} rad required; move the base "
             "further over both soles, turning and tilting it",
             details,
         )
@@ -118,19 +204,12 @@ def _prior(model: RobotModel, terms: ChainTerms, limits: ChainConfig) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """One pass over the data.
+    """One pass over the data."""
 
-    Attributes:
-        step: Change of the unknowns (n,).
-        covariance: Of the unknowns (n, n).
-        residual: RMS of the whitened innovations [-].
-        gated: Windows weighed down because their innovation is an outlier.
-    """
-
-    step: Vector
-    covariance: Matrix
-    residual: float
-    gated: int
+    step: Vector  # change of the unknowns (n,)
+    covariance: Matrix  # of the unknowns (n, n)
+    residual: float  # RMS of the whitened innovations [-]
+    gated: int  # windows with less weight because their innovation is an outlier
 
 
 def _filter(
@@ -193,7 +272,7 @@ def _expected_forces(
 
 
 def _observability(covariance: Matrix, prior: float) -> dict[str, float]:
-    """Singular values of what the data alone says about the offsets [1/rad]: posterior less prior information."""
+    """Singular values of the data's information about the offsets [1/rad]: posterior less prior information."""
     information = 1.0 / np.linalg.eigvalsh(covariance) - 1.0 / prior**2
     singular = np.sqrt(np.maximum(information, 0.0))
     return {"singular_max": float(singular.max()), "singular_min": float(singular.min())}

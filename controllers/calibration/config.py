@@ -14,7 +14,7 @@ Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RestConfig:
-    """What counts as rest, judged on means over ``window``."""
+    """Criteria of rest, on means over ``window``."""
 
     joint_speed: Annotated[float, Field(gt=0.0, description="largest joint speed [rad/s]")]
     joint_drift: Annotated[float, Field(gt=0.0, description="largest change of a joint position in all [rad]")]
@@ -81,7 +81,7 @@ class FeetConfig:
     stand_spread: Annotated[Share, Field(description="std of the load on both feet, as a share of weight")]
     gain_prior: Annotated[float, Field(gt=0.0, description="standard deviation of a gain before any data [-]")]
     load_sigma: Annotated[float, Field(gt=0.0, description="std of the vertical load at rest, as a share of weight")]
-    min_shift: Annotated[Share, Field(description="change of the left foot's share needed to tell both gains apart")]
+    min_shift: Annotated[Share, Field(description="change of the left foot's share needed to distinguish both gains")]
 
     def __post_init__(self) -> None:
         if self.air_load >= self.stand_load:
@@ -90,23 +90,21 @@ class FeetConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ProcedureConfig:
-    """How long a calibration over the graph waits for the others, on the machine's clock."""
+    """How long a calibration over the graph waits for other nodes, on the machine's clock."""
 
     silence: Annotated[float, Field(gt=0.0, description="longest time without a complete sample [s]")]
     plan: Annotated[float, Field(gt=0.0, description="longest wait for a requested motion to begin [s]")]
     motion: Annotated[float, Field(gt=0.0, description="longest motion [s]")]
-    word: Annotated[float, Field(gt=0.0, description="longest wait for the word that a motion is done [s]")]
+    completion: Annotated[float, Field(gt=0.0, description="longest wait for the report that a motion is done [s]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CalibrationConfig:
-    """Everything the calibrations are tuned by."""
+    """Parameters of all calibrations."""
 
     gravity: Annotated[float, Field(gt=0.0, description="[m/s^2]")]
     window: Annotated[float, Field(gt=0.0, description="time over which samples are averaged first [s]")]
-    settle: Annotated[
-        float, Field(ge=0.0, description="time for whoever drives it to wait before the first sample [s]")
-    ]
+    settle: Annotated[float, Field(ge=0.0, description="wait of the caller before the first sample [s]")]
     rest: RestConfig
     imu: ImuConfig
     chain: ChainConfig

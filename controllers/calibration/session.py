@@ -1,23 +1,21 @@
-"""One calibration at a time: start, samples in, answer out. A closed loop drives it, or ``CalibrationProcedure``."""
+"""A calibration from start to outcome: samples collected and evaluated, driven by a closed loop or over the graph."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
 from controllers.calibration.closed_chain import calibrate_closed_chain
 from controllers.calibration.config import CalibrationConfig
-from controllers.calibration.feet import calibrate_feet
-from controllers.calibration.imu import calibrate_imu
-from controllers.calibration.known_posture import calibrate_in_jig
-from controllers.calibration.outcome import Outcome, refuse
-from controllers.calibration.windows import Window, WindowAverager
-from models.calibration import Calibration
-from models.calibration_limits import CalibrationLimits, implausible
+from controllers.calibration.sensors import calibrate_feet, calibrate_imu, calibrate_in_jig
+from controllers.calibration.windows import Outcome, Window, WindowAverager, refuse
+from models.calibration import Calibration, CalibrationLimits, implausible
 from models.config import default_config
 from models.robot_model import RobotModel
+from models.status import MotionState, MotionStatus
 from models.types import CommandReply, SensorData
 
 WHATS = ("imu", "joints", "feet")
@@ -26,38 +24,22 @@ WHATS = ("imu", "joints", "feet")
 
 @dataclass(frozen=True, slots=True)
 class CalibrationJob:
-    """Everything that the numbers follow from, so that another process can work them out.
+    """All inputs of the computation, so that another process can run it."""
 
-    Attributes:
-        what: 'imu', 'joints' or 'feet'.
-        windows: What was measured.
-        unusable: Samples that were left out.
-        base: Present calibration; the result replaces the part that was calibrated.
-        config: Bounds.
-        limits: Plausible corrections.
-    """
-
-    what: str
+    what: str  # 'imu', 'joints' or 'feet'
     windows: tuple[Window, ...]
-    unusable: int
-    base: Calibration
+    unusable: int  # number of samples left out
+    base: Calibration  # present calibration; the result replaces the part that was calibrated
     config: CalibrationConfig
-    limits: CalibrationLimits
+    limits: CalibrationLimits  # plausible corrections
 
 
 class CalibrationSession:
     """Collects raw samples and turns them into a calibration; deterministic, no clock, no files.
 
-    ``joints`` looks at the feet: when they carried the robot it closes the chain through both soles, and when they
-    hung it compares with the jig postures of the profile.
-
-    Args:
-        model: The robot.
-        config: Bounds; the packaged ``calibration.yaml`` when None.
-        limits: Plausible corrections; those of the packaged ``models/config/calibration.yaml`` when None.
-
-    Attributes:
-        what: What is being calibrated; empty when nothing is.
+    ``joints`` depends on the feet: when they carried the robot it closes the chain through both soles, and when they
+    hung it compares with the jig postures of the profile. ``what`` is the part under calibration, empty without one;
+    ``config`` and ``limits`` are the packaged ones when None.
     """
 
     def __init__(
@@ -85,57 +67,35 @@ class CalibrationSession:
         return CommandReply(True, f"collecting samples for '{what}'")
 
     def cancel(self) -> None:
-        """Forget the calibration that runs."""
+        """Cancel the calibration that runs."""
         self.what = ""
         self._averager.clear()
 
     def add(self, sensors: SensorData) -> None:
-        """Take one raw sample (not corrected by any calibration); ignored when nothing is being calibrated."""
+        """Add one raw sample (not corrected by any calibration); ignored without a calibration."""
         if self.what:
             self._averager.add(sensors)
 
     def clear(self) -> None:
-        """Forget the samples, not what is being calibrated."""
+        """Discard the samples; the calibration continues."""
         self._averager.clear()
 
     def job(self, base: Calibration) -> CalibrationJob:
-        """End the calibration, leaving its numbers to ``solve``.
-
-        Args:
-            base: Present calibration; the result replaces the part that was calibrated.
-
-        Returns:
-            What ``solve`` needs.
-        """
+        """End the calibration and return the input of ``solve``; ``base`` is the present calibration."""
         windows, unusable = tuple(self._averager.windows), self._averager.unusable
         job = CalibrationJob(self.what, windows, unusable, base, self.config, self._limits)
         self.cancel()
         return job
 
     def finish(self, base: Calibration) -> Outcome:
-        """End the calibration.
-
-        Args:
-            base: Present calibration; the result replaces the part that was calibrated.
-
-        Returns:
-            The new calibration without a time stamp, or the reason of the refusal; numbers in both cases.
-        """
+        """End the calibration: the new one without a time stamp, or the reason of the refusal, with numbers."""
         if not self.what:
             return refuse("nothing is being calibrated: start first", {})
         return solve(self.job(base), self._model)
 
 
 def solve(job: CalibrationJob, model: RobotModel) -> Outcome:
-    """Work out a calibration; takes seconds for ``joints``.
-
-    Args:
-        job: What was measured.
-        model: The robot.
-
-    Returns:
-        The new calibration without a time stamp, or the reason of the refusal; numbers in both cases.
-    """
+    """The new calibration without a time stamp, or the reason of the refusal; takes seconds for ``joints``."""
     outcome = _solve(job, model)
     outcome.reply.details["samples_unusable"] = float(job.unusable)
     if outcome.calibration is not None:
@@ -168,3 +128,162 @@ def _solve(job: CalibrationJob, model: RobotModel) -> Outcome:
 def _load(windows: Sequence[Window]) -> float:
     """Mean normal force on both feet [N]."""
     return float(np.mean([window.loads.sum() for window in windows]))
+
+
+STANDING, MOVING, HANGING = "stand", "motion", "hanging"
+"""Situations of the robot that matter here; any other one is named in a refusal."""
+
+MOTIONS = {"joints": "calibrate_joints", "feet": "calibrate_feet"}
+"""Motions of a standing robot, by the part under calibration."""
+
+
+class Stage(Enum):
+    """Stage of a calibration."""
+
+    IDLE = "idle"
+    SETTLING = "settling"
+    RESTING = "collecting at rest"
+    ASKED = "waiting for the motion"
+    MOVING = "collecting in motion"
+    MOVED = "waiting for the end of the motion"
+    READY = "ready"
+
+
+class CalibrationProcedure:
+    """Drives a ``CalibrationSession``; deterministic, no clock, no topics.
+
+    ====== ================================== =============================
+    what   standing                           hanging
+    ====== ================================== =============================
+    imu    at rest                            at rest
+    feet   the motion ``calibrate_feet``      at rest
+    joints the motion ``calibrate_joints``    refused: it takes a jig
+    ====== ================================== =============================
+
+    The robot's situation must not change, except for the requested motion: 'stand', 'motion', 'stand'. ``problem`` is
+    the reason why a calibration was abandoned, empty otherwise.
+    """
+
+    def __init__(self, model: RobotModel, config: CalibrationConfig | None = None) -> None:
+        self._session = CalibrationSession(model, config)
+        self.config = self._session.config
+        self.problem = ""
+        self._stage = Stage.IDLE
+        self._motion = self._begun_in = ""
+        self._named = self._done = self._ask = False
+        self._begin_t: float | None = None
+        self._silent = self._waited = 0.0
+
+    @property
+    def ready(self) -> bool:
+        """Whether ``job`` may be called."""
+        return self._stage is Stage.READY and not self.problem
+
+    def begin(self, what: str, situation: str) -> CommandReply:
+        """Begin a calibration ('imu', 'joints', 'feet'), or refuse with the reason.
+
+        ``situation`` is 'stand' on active drivers, 'hanging', or any other activity of the robot.
+        """
+        if situation not in (STANDING, HANGING):
+            reason = f"calibration of '{what[:32]}' refused while the robot is '{situation}': stand or hang first"
+            return CommandReply(False, reason)
+        if what == "joints" and situation == HANGING:
+            return CommandReply(False, "calibration of 'joints' refused in the air: it needs both soles on the floor")
+        reply = self._session.start(what)
+        if reply.accepted:
+            self.problem, self._begun_in = "", situation
+            self._motion = MOTIONS.get(what, "") if situation == STANDING else ""
+            self._named = self._done = self._ask = False
+            self._enter(Stage.SETTLING)
+        return reply
+
+    def end(self) -> None:
+        """End the calibration without a result."""
+        self._session.cancel()
+        self._stage, self.problem = Stage.IDLE, ""
+
+    def job(self, base: Calibration) -> CalibrationJob:
+        """Input of ``solve``; ends the calibration."""
+        job = self._session.job(base)
+        self.end()
+        return job
+
+    def take_motion(self) -> str:
+        """Name of a motion to request from the supervisor, returned once; empty without one."""
+        motion, self._ask = self._motion if self._ask else "", False
+        return motion
+
+    def add(self, sensors: SensorData) -> None:
+        """Add one raw sample."""
+        if self._stage is Stage.IDLE or self.problem:
+            return
+        self._silent = 0.0
+        self._begin_t = sensors.t if self._begin_t is None else self._begin_t
+        elapsed, config, what = sensors.t - self._begin_t, self.config, self._session.what
+        if self._stage is Stage.SETTLING and elapsed >= config.settle:
+            self._session.clear()
+            self._ask = bool(self._motion)
+            self._enter(Stage.ASKED if self._motion else Stage.RESTING)
+        elif self._stage in (Stage.RESTING, Stage.MOVING):
+            self._session.add(sensors)
+            rest = config.imu.time if what == "imu" else config.feet.time
+            if self._stage is Stage.RESTING and elapsed >= rest:
+                self._enter(Stage.READY)
+
+    def on_situation(self, situation: str) -> None:
+        """Handle a change of the robot's situation."""
+        stage = self._stage
+        if stage in (Stage.IDLE, Stage.READY) or self.problem:
+            return
+        if stage is Stage.MOVING and situation == STANDING:
+            self._enter(Stage.READY if self._done else Stage.MOVED)
+        elif stage is Stage.ASKED and self._named and situation == STANDING:
+            self._give_up(f"the motion '{self._motion}' did not begin")
+        elif situation != self._begun_in and not (stage in (Stage.ASKED, Stage.MOVING) and situation == MOVING):
+            self._give_up(f"the robot is '{situation}'")
+
+    def on_request(self, request: str) -> None:
+        """Handle a request for a motion by any client: its name and a number, or 'stop'."""
+        if self._stage not in (Stage.ASKED, Stage.MOVING, Stage.MOVED) or self.problem:
+            return
+        name = request.partition(" ")[0]
+        if name == self._motion and self._stage is Stage.ASKED:
+            self._named = True
+        else:
+            self._give_up(f"the motion '{name[:32]}' was asked for")
+
+    def on_motion(self, status: MotionStatus) -> None:
+        """Follow the requested motion by its status."""
+        if status.state is MotionState.REFUSED:
+            if self._stage is Stage.ASKED and status.request.partition(" ")[0] == self._motion:
+                self._give_up(f"the motion '{self._motion}' was refused: {status.reason}")
+        elif status.state is MotionState.RUNNING and self._stage is Stage.ASKED and self._named:
+            self._session.clear()
+            self._enter(Stage.MOVING)
+        elif status.state is MotionState.DONE and self._stage in (Stage.MOVING, Stage.MOVED):
+            self._done = True
+            if self._stage is Stage.MOVED:
+                self._enter(Stage.READY)
+
+    def wait(self, dt: float) -> None:
+        """Advance the machine's clock by a time [s]."""
+        if self._stage in (Stage.IDLE, Stage.READY) or self.problem:
+            return
+        self._silent += dt
+        self._waited += dt
+        limits = self.config.procedure
+        longest = {Stage.ASKED: limits.plan, Stage.MOVING: limits.motion, Stage.MOVED: limits.completion}.get(
+            self._stage
+        )
+        if self._silent > limits.silence:
+            self._give_up(f"no complete sample for {limits.silence:g} s")
+        elif longest is not None and self._waited > longest:
+            self._give_up(f"{self._stage.value} '{self._motion}' took more than {longest:g} s")
+
+    def _enter(self, stage: Stage) -> None:
+        self._stage = stage
+        self._begin_t = None
+        self._silent = self._waited = 0.0
+
+    def _give_up(self, reason: str) -> None:
+        self.problem = f"calibration of '{self._session.what}' given up: {reason}"

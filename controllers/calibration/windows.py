@@ -1,13 +1,43 @@
-"""Samples averaged over short windows: what every calibration works on."""
+"""Samples averaged over short windows, whether the robot was at rest in them, and the outcome of a calibration."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.calibration.config import RestConfig
+from models.calibration import Calibration
 from models.robot_model import RobotModel
-from models.types import Matrix, SensorData, Vector
+from models.types import CommandReply, Matrix, SensorData, Vector
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Answer of a calibration."""
+
+    reply: CommandReply  # success or the reason of the refusal, and the numbers
+    calibration: Calibration | None = None  # none when it was refused
+
+
+def refuse(reason: str, details: dict[str, float]) -> Outcome:
+    """A refusal with its numbers."""
+    return Outcome(CommandReply(False, reason, details))
+
+
+def accept(reason: str, details: dict[str, float], calibration: Calibration) -> Outcome:
+    """A success with its numbers."""
+    return Outcome(CommandReply(True, reason, details), calibration)
+
+
+def named(name: str, values: Vector) -> dict[str, float]:
+    """A vector (3,) as details ``name_x``, ``name_y``, ``name_z``."""
+    return {f"{name}_{axis}": float(value) for axis, value in zip(AXES, values, strict=True)}
+
 
 _ROUNDING = 1e-6
 """Relative rounding of stamps that does not lengthen a window."""
@@ -15,25 +45,15 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Means of the samples of one window.
+    """Means of the samples of one window."""
 
-    Attributes:
-        t: Stamp of its last sample [s].
-        samples: How many it averages.
-        q: Joint positions (nj,) [rad].
-        v: Joint velocities (nj,) [rad/s].
-        gyro: Angular rate (3,) [rad/s].
-        accel: Specific force (3,) [m/s^2].
-        wrenches: Ground reactions (2, 6) [N, N.m].
-    """
-
-    t: float
-    samples: int
-    q: Vector
-    v: Vector
-    gyro: Vector
-    accel: Vector
-    wrenches: Matrix
+    t: float  # stamp of its last sample [s]
+    samples: int  # number of them
+    q: Vector  # joint positions (nj,) [rad]
+    v: Vector  # joint velocities (nj,) [rad/s]
+    gyro: Vector  # angular rate (3,) [rad/s]
+    accel: Vector  # specific force (3,) [m/s^2]
+    wrenches: Matrix  # ground reactions (2, 6) [N, N.m]
 
     @property
     def speed(self) -> float:
@@ -47,17 +67,9 @@ class Window:
 
 
 class WindowAverager:
-    """Averages samples over windows of a fixed length.
+    """Averages samples over windows of a fixed ``length`` [s].
 
-    A sample that is not finite, or not newer than the one before, is left out and counted.
-
-    Args:
-        model: The robot.
-        length: Of a window [s].
-
-    Attributes:
-        windows: The finished ones.
-        unusable: Samples that were left out.
+    A sample that is not finite, or not newer than the one before, is left out and counted in ``unusable``.
     """
 
     def __init__(self, model: RobotModel, length: float) -> None:
@@ -67,7 +79,7 @@ class WindowAverager:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discard all windows and samples."""
         self.windows: list[Window] = []
         self.unusable = 0
         self._last = -np.inf
@@ -80,7 +92,7 @@ class WindowAverager:
         self._begin = t
 
     def add(self, sensors: SensorData) -> None:
-        """Take one sample."""
+        """Add one sample."""
         values, nj = self._values, self._nj
         values[:nj], values[nj : 2 * nj] = sensors.q, sensors.v
         values[-18:-15], values[-15:-12] = sensors.gyro, sensors.accel
@@ -113,3 +125,71 @@ class WindowAverager:
         )
         self._sum[:] = 0.0
         self._count = 0
+
+
+def duration(windows: Sequence[Window], length: float) -> float:
+    """Time that windows of a length cover [s]."""
+    return len(windows) * length
+
+
+def unrest(windows: Sequence[Window], model: RobotModel, config: RestConfig) -> tuple[str, dict[str, float]]:
+    """What moved in a stretch of windows, empty at rest, and the numbers.
+
+    These are ``joint_speed`` [rad/s], ``joint_drift`` [rad], ``gyro_spread`` [rad/s] and ``accel_spread`` [m/s^2], the
+    spreads being standard deviations of window means.
+    """
+    speeds = np.abs([w.v for w in windows]).max(axis=0)  # (nj,)
+    drifts = np.ptp([w.q for w in windows], axis=0)  # (nj,)
+    details = {
+        "joint_speed": float(speeds.max()),
+        "joint_drift": float(drifts.max()),
+        "gyro_spread": float(np.std([w.gyro for w in windows], axis=0).max()),
+        "accel_spread": float(np.std([w.accel for w in windows], axis=0).max()),
+    }
+    if details["joint_speed"] > config.joint_speed:
+        return _joint(model, speeds, "moves at", "rad/s", config.joint_speed), details
+    if details["joint_drift"] > config.joint_drift:
+        return _joint(model, drifts, "has moved by", "rad", config.joint_drift), details
+    if details["gyro_spread"] > config.gyro_spread:
+        spread = details["gyro_spread"]
+        return f"the angular rate varies by {spread:.3g} rad/s (at most {config.gyro_spread:g})", details
+    if details["accel_spread"] > config.accel_spread:
+        spread = details["accel_spread"]
+        return f"the specific force varies by {spread:.3g} m/s^2 (at most {config.accel_spread:g})", details
+    return "", details
+
+
+def _joint(
+    model: RobotModel, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], verb: str, unit: str, limit: float
+) -> str:
+    i = int(np.argmax(values))
+    return f"joint '{model.joint_names[i]}' {verb} {values[i]:.3g} {unit} (at most {limit:g})"
+
+
+UNITS = {
+    r"time(_\w+)?": "s",
+    r"joint_speed|gyro_spread|gyro_drift|(turning|gyro_bias)_[xyz]": "rad/s",
+    r"accel_norm|accel_spread|accel_bias_[xyz]": "m/s^2",
+    r"joint_drift|tilt|disagreement|sigma_\w+": "rad",
+    r"load|weight|load_spread|load_error|force_spread|(left|right)_f[xyz]": "N",
+    r"(left|right)_t[xyz]": "N.m",
+    r"singular_(max|min)": "1/rad",
+}
+"""Unit of a number by pattern of its name."""
+
+PLAIN = r"(samples|windows|joints)(_\w+)?|residual|shift|gravity_[xyz]|(left|right)_gain"
+"""Pattern of the names of counts, ratios and directions."""
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """Name and unit of a number such as ``accel_norm`` or ``gyro_bias_x [rad/s]``; empty unit for counts and ratios.
+
+    Any other name is the offset of a joint.
+    """
+    name, bracket, unit = text.partition(" [")
+    if bracket:
+        unit = unit.removesuffix("]")
+        return name, "" if unit == "-" else unit
+    if re.fullmatch(PLAIN, name):
+        return name, ""
+    return name, next((unit for pattern, unit in UNITS.items() if re.fullmatch(pattern, name)), "rad")

@@ -15,7 +15,7 @@ from models.profile import ImuSensor
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class InertialNoise:
-    """What the filter assumes of the inertial unit on top of its data sheet, which the profile holds.
+    """Noise of the IMU on top of its data sheet, which is in the profile.
 
     Densities are two-sided: the error of one sample of length dt has the standard deviation density / sqrt(dt).
     """
@@ -32,7 +32,7 @@ class InertialNoise:
         """The same with the data sheet's figures added, as variances.
 
         At rest, a scale error and a tilted mounting of the accelerometer look like a bias: each adds its share of
-        gravity [m/s^2]. Those of the gyro are left out: at rest they do nothing.
+        gravity [m/s^2]. Those of the gyro have no effect at rest and are left out.
         """
         mounting = math.hypot(sensor.accel_scale, sensor.misalignment) * gravity
         return replace(
@@ -48,7 +48,7 @@ class InertialNoise:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class KinematicNoise:
-    """What the filter assumes of the sole pose computed from the encoders.
+    """Noise of the sole pose computed from the encoders.
 
     The error is new at each sample while the joints move by a step a sample or more. While they hardly move it stays,
     and wanders: as a random walk that makes up the whole variance in ``persistence``.
@@ -140,7 +140,7 @@ class FootNoise:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RestConfig:
-    """Zero-velocity update while no foot bears and the inertial unit is quiet (hung up, or held by the simulator)."""
+    """Zero-velocity update while no foot bears and the IMU is quiet (hung up, or held by the simulator)."""
 
     gyro: Annotated[float, Field(gt=0.0, description="angular rate below which it is quiet [rad/s]")]
     accel: Annotated[float, Field(gt=0.0, description="deviation of |specific force| from gravity [m/s^2]")]
@@ -169,7 +169,7 @@ class ObserverConfig:
 
     push_cutoff: Annotated[float, Field(gt=0.0, description="cut-off of the push [Hz]")]
     joint_cutoff: Annotated[float, Field(gt=0.0, description="cut-off of joint torques and sole wrenches [Hz]")]
-    damping: Annotated[float, Field(gt=0.0, description="lever below which a leg does not tell a force [m]")]
+    damping: Annotated[float, Field(gt=0.0, description="lever below which a leg torque shows no force [m]")]
     moment_arm: Annotated[float, Field(gt=0.0, description="lever that makes moments comparable with forces [m]")]
     friction_speed: Annotated[float, Field(gt=0.0, description="speed at which dry friction is nearly full [rad/s]")]
     dead_band: Annotated[float, Field(ge=0.0, lt=1.0, description="force that is reported as none [-]")]
@@ -188,13 +188,13 @@ class ObserverConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class EstimatorConfig:
-    """Everything the state estimator is tuned by."""
+    """Parameters of the state estimator."""
 
     gravity: Annotated[float, Field(gt=0.0, description="magnitude of free fall [m/s^2]")]
     gate: Annotated[
         float, Field(gt=0.0, description="normalised innovation squared above which a sole is weighed down [-]")
     ]
-    stamp_gap: Annotated[float, Field(gt=0.0, description="largest step of a stamp that is believed at once [s]")]
+    stamp_gap: Annotated[float, Field(gt=0.0, description="largest step of a stamp that is accepted at once [s]")]
     imu: InertialNoise
     kinematics: KinematicNoise
     contact: ContactConfig

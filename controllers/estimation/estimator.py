@@ -9,10 +9,11 @@ import numpy as np
 from msgspec import structs
 
 from controllers.estimation.config import EstimatorConfig
-from controllers.estimation.contact import ContactDetector
+from controllers.estimation.feet import NOT_FINITE, UNKNOWN, ContactDetector, FootSensorMonitor, SlipMonitor
 from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.foot_sensors import NOT_FINITE, UNKNOWN, FootSensorMonitor
-from controllers.estimation.guard import (
+from controllers.estimation.kinematics import SoleKinematics, base_covariance, base_state
+from controllers.estimation.observer import ForceObserver
+from controllers.estimation.samples import (
     BAD_FEET,
     BAD_IMU,
     BAD_JOINTS,
@@ -23,11 +24,6 @@ from controllers.estimation.guard import (
     EstimatorHealth,
     SensorBuffer,
 )
-from controllers.estimation.kernels_kinematics import base_state
-from controllers.estimation.kinematics import SoleKinematics
-from controllers.estimation.observer import ForceObserver
-from controllers.estimation.odometry import base_covariance
-from controllers.estimation.slip import SlipMonitor
 from models.config import default_config
 from models.errors import MessageError
 from models.robot_model import RobotModel
@@ -38,32 +34,29 @@ NOMINAL_STEP = 0.001
 
 
 class StateEstimator:
-    """Contact-aided invariant Kalman filter over encoders, inertial unit and foot sensors.
+    """Contact-aided invariant Kalman filter over encoders, IMU and foot sensors.
 
     One step is: contacts from the wrenches, prediction, correction with both sole poses, and the base from the
-    inertial unit through the joints between. The prediction takes the mean of the last two rates, and the newest
+    IMU through the joints between. The prediction takes the mean of the last two rates, and the newest
     specific force as the mean over the step (accelerometers integrate over their sampling time)::
 
         R_WB = R_WI R_BI',   p_B = p_I - R_WB r_BI,   w_B = R_BI w_I - J_w dq,   v_B = R_WB' v_I - w_B x r_BI - J_v dq
 
-    Joint velocities enter only the last line, and only where the inertial unit does not sit on the base, so their
+    Joint velocities enter only the last line, and only where the IMU does not sit on the base, so their
     noise does not shake the base; accelerations reach the velocity within the step they are measured in.
 
-    A sample that is not finite, or not newer than the last one, is replaced part by part: the inertial unit's by its
+    A sample that is not finite, or not newer than the last one, is replaced part by part: the IMU's by its
     last good values with more noise, joints and wrenches by their last good values without a correction. ``health``
-    counts them, and ``health.coasting`` says for how long.
+    counts them; ``health.coasting`` is their duration.
 
     Args:
         model: The robot.
-        config: Tuning; the packaged ``estimator.yaml`` when None.
+        config: Tuning; the packaged ``estimator.yaml`` when None. ``given`` keeps it; the attribute ``config`` includes
+            the figures of the robot's IMU.
 
     Raises:
         ConfigError: The packaged configuration is unusable.
-        RobotModelError: The chains to the soles or the inertial unit are not of revolute joints.
-
-    Attributes:
-        given: The configuration as it was given.
-        config: The same with the figures of the robot's inertial unit.
+        RobotModelError: The chains to the soles or the IMU are not of revolute joints.
 
     Assumptions:
         The soles are flat, the ground does not move, and at ``reset`` the soles rest on a floor that is about level.
@@ -112,36 +105,35 @@ class StateEstimator:
 
     @property
     def gyro_bias(self) -> Vector:
-        """Estimated bias of the angular rate, in the inertial unit's frame (3,) [rad/s]."""
-        return np.array(self.filter.biases[0])
+        """Estimated bias of the angular rate, in the IMU's frame (3,) [rad/s]."""
+        return np.array(self.filter.state.biases[0])
 
     @property
     def accel_bias(self) -> Vector:
-        """Estimated bias of the specific force, in the inertial unit's frame (3,) [m/s^2]."""
-        return np.array(self.filter.biases[1])
+        """Estimated bias of the specific force, in the IMU's frame (3,) [m/s^2]."""
+        return np.array(self.filter.state.biases[1])
 
     def odometry_covariance(self) -> tuple[Matrix, Matrix]:
-        """Covariance of the last state's base, in the conventions of nav_msgs/Odometry.
+        """Covariance of the last state's base, in the conventions of nav_msgs/Odometry; new arrays.
 
         Returns:
             Of the pose in odom: x, y, z, then rotation about the fixed axes X, Y, Z (6, 6) [m, rad]; and of the twist
-            in base_link: linear, angular (6, 6) [m/s, rad/s]. New arrays; yaw, x and y of the pose grow with time.
+            in base_link: linear, angular (6, 6) [m/s, rad/s]. Yaw, x and y of the pose grow with time.
         """
         joint = self.base_covariance()
         return joint[:6, :6].copy(), joint[6:, 6:].copy()
 
     def base_covariance(self) -> Matrix:
         """Of both together (12, 12): pose as in ``odometry_covariance``, then the twist; a new array."""
-        covariance, kinematics = np.empty((12, 12)), self._kinematics
+        covariance, state = np.empty((12, 12)), self.filter.state
         base_covariance(
-            self.filter.rotation, self.filter.vectors[1], self.filter.covariance, kinematics.imu_rotation,
-            kinematics.imu_position, kinematics.imu_jacobian, self._variances, covariance,
-        )  # fmt: skip
+            state.rotation, state.vectors[1], state.covariance, self._kinematics.imu, self._variances, covariance
+        )
         return covariance
 
     @property
     def push(self) -> PushEstimate:
-        """What pushes the robot now."""
+        """The present push."""
         return self.observer.push
 
     @property
@@ -152,12 +144,6 @@ class StateEstimator:
     def reset(self, sensors: SensorData) -> RobotState:
         """Start from one sample of the robot at rest: middle of the soles at x = y = 0, soles at z = 0, yaw 0.
 
-        Args:
-            sensors: A complete sample.
-
-        Returns:
-            The state at that sample.
-
         Raises:
             MessageError: A value is not finite, an array has the wrong size, or the specific force is not gravity.
         """
@@ -166,7 +152,7 @@ class StateEstimator:
         if abs(share - 1.0) > self.config.rest.accel_at_reset:
             raise MessageError(f"sensors.accel: {share:.2f} times gravity, so the robot is not at rest")
         self._kinematics.update(self._buffer.joints[0])
-        self.filter.initialise(self._kinematics, self._buffer.imu[1])
+        self.filter.initialise(self._kinematics.soles, self._kinematics.imu.rotation, self._buffer.imu[1])
         self.health = EstimatorHealth()
         self._t = sensors.t
         self._variances[2] = self.config.imu.gyro_noise**2 / NOMINAL_STEP
@@ -183,12 +169,12 @@ class StateEstimator:
         return self._state_of(q, v)
 
     def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
-        """Advance by one sample.
+        """Advance by one sample, which may be unusable; arrays are as large as at ``reset``.
 
         Args:
-            sensors: The newest sample, which may be unusable; arrays as large as at ``reset``.
+            sensors: The newest sample.
             dt: Time since the sample of the previous call [s].
-            expected: Which feet the gait schedule has on the ground; None without a schedule.
+            expected: Planned contact of each foot by the gait schedule; None without a schedule.
 
         Returns:
             The state at that sample, or, when it is stale, propagated to the time it was due at.
@@ -209,12 +195,12 @@ class StateEstimator:
         health.count(missing, dt)
         self._t = self._t + dt if missing & STALE else sensors.t
         if not missing & STALE:
-            self._feel(dt, not missing & BAD_TORQUES, expected)
+            self._update_feet(dt, not missing & BAD_TORQUES, expected)
         self._predict(dt, missing)
         if not missing & (STALE | BAD_JOINTS):
             self._kinematics.update(buffer.joints[0])
-            health.rejected += self.filter.measure_soles(self._kinematics)
-            left, right = self.filter.innovation.tolist()
+            health.rejected += self.filter.measure_soles(self._kinematics.soles)
+            left, right = self.filter.state.innovation.tolist()
             health.gated += (left > self.config.gate) + (right > self.config.gate)
         if not missing & ~BAD_FEET and self._at_rest():
             health.rejected += self.filter.measure_rest()
@@ -225,8 +211,8 @@ class StateEstimator:
         self._observe(q, v, dt, missing)
         return self._state_of(q, v)
 
-    def _feel(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
-        """Which feet bear, and which of their sensors can be believed."""
+    def _update_feet(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
+        """Update foot sensors, contacts and slips."""
         feet, contacts, health = self._feet, self._contacts, self.health
         if expected is None:
             self._expected[:] = UNKNOWN
@@ -234,7 +220,7 @@ class StateEstimator:
             self._expected[:] = expected
         feet.update(self._buffer.feet, self._buffer.wrenches, self.observer, torques_good, self._expected, dt)
         contacts.update(feet.used, self._buffer.feet, feet.fault, self._expected, dt)
-        self._slip.update(self.filter.innovation, contacts.confidence[:, 0], dt, contacts.densities)
+        self._slip.update(self.filter.state.innovation, contacts.confidence[:, 0], dt, contacts.densities)
         if feet.changed:
             health.foot_sensors = feet.states
             health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
@@ -250,7 +236,7 @@ class StateEstimator:
         self._rate *= 0.5
         self.filter.predict(
             self._rate, imu[1], dt, self._contacts.densities, self._contacts.pivots, scale,
-            self._kinematics.covariances,
+            self._kinematics.soles.covariances,
         )  # fmt: skip
 
     def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
@@ -265,7 +251,7 @@ class StateEstimator:
         self._unobserved = 0.0
 
     def _at_rest(self) -> bool:
-        """No foot bears and the inertial unit feels gravity alone: the robot hangs, or the simulator holds it."""
+        """No foot bears and the IMU measures gravity alone: the robot hangs, or the simulator holds it."""
         left, right = self._contacts.active.tolist()
         if left or right:
             return False
@@ -276,13 +262,12 @@ class StateEstimator:
 
     def _configuration(self) -> tuple[Vector, Vector]:
         """Configuration (nq,) and velocity (nv,) of the filter's estimate, in new arrays."""
-        buffer, kinematics = self._buffer, self._kinematics
+        buffer, state = self._buffer, self.filter.state
         q = np.empty(self._model.nq)
         v = np.empty(self._model.nv)
         base_state(
-            self.filter.rotation, self.filter.vectors, self.filter.biases, buffer.imu, buffer.joints,
-            kinematics.imu_rotation, kinematics.imu_position, kinematics.imu_jacobian, kinematics.imu_columns, q, v,
-        )  # fmt: skip
+            state.rotation, state.vectors, state.biases, buffer.imu[0], buffer.joints, self._kinematics.imu, q, v
+        )
         return q, v
 
     def _state(self) -> RobotState:

@@ -1,44 +1,82 @@
-"""Momentum observer: what pushes the robot, and the sole wrenches that the leg torques speak of."""
+"""Momentum observer: pushes on the robot, and the sole wrenches that follow from the leg torques."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.estimation.config import ObserverConfig
-from controllers.estimation.kernels_momentum import generalised_momentum
-from controllers.estimation.kernels_observer import GAINS, OBSERVER, detect_push, observe
-from controllers.estimation.momentum import MomentumModel
-from controllers.memory import Block
+from controllers.estimation.momentum import Dynamics, Momentum, generalised_momentum, read_dynamics
+from models.compiled import njit
 from models.robot_model import RobotModel
+from models.so3 import rotate, rotate_transposed
 from models.types import CentroidalState, Matrix, PushEstimate, Vector
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class ObserverGains(NamedTuple):
+    """``ObserverConfig`` in SI units, forces in N, rates in 1/s, and the weight."""
+
+    push_rate: float
+    joint_rate: float
+    damping: float
+    moment_arm: float
+    friction_speed: float
+    weight: float
+    dead_band: float
+    detect_on: float
+    detect_off: float
+    on_time: float
+    off_time: float
+    offset_time: float
+
+
+class ObserverState(NamedTuple):
+    """Low-passes and detection of ``ForceObserver``; six-vectors are force, then moment about the CoM, in W."""
+
+    base: Array  # net external wrench without gravity, feet included (6,)
+    joints: Array  # external torque on each joint (nj,) [N.m]
+    past: Array  # momentum of the last step: linear, then angular about the CoM (6,)
+    past_joints: Array  # generalised momentum of the joints in the last step (nj,)
+    feet: Array  # wrench of both soles through both low-passes (6,)
+    estimated: Array  # wrench of each sole from the leg torques, in its frame (2, 6)
+    measured: Array  # reading of each foot sensor through the low-pass of the joints, in the sole frames (2, 6)
+    lagged: Array  # ``base`` through the low-pass of the joints (6,)
+    push: Array  # (6,)
+    offset: Array  # learnt part of the push (6,)
+    impulse: Array  # of the push (3,) [N.s]
+    timer: Array  # time for which the detection has been about to change (1,) [s]
+    active: Array  # 1 while a push is detected, else 0 (1,)
+    centroid: Array  # CoM, its velocity, angular momentum about it (3, 3) [m, m/s, N.m.s]
+    ground: Array  # height of the lower sole (1,) [m]
 
 
 class ForceObserver:
-    r"""Residual of the generalised momentum, for all rows.
+    """Residual of the generalised momentum, for all rows.
 
     With p = M v and the joint torques less friction, each row is a low-pass of the external torque on it::
 
         r' = K (p' - (C' v - g + tau) - r)
 
-    evaluated as a difference of momenta, so no acceleration is ever needed. The six rows of the base are taken about
+    evaluated as a difference of momenta, so no acceleration is needed. The six rows of the base are taken about
     the CoM in W, where C' v - g is the weight alone. The rows of a leg are due to the sole it ends in: its wrench
-    F = (J_leg')^+ r_leg, by damped least squares. What is left of the base's rows is the push::
+    F = (J_leg')^+ r_leg, by damped least squares. The rest of the base's rows is the push::
 
         push = r_base - (wrenches of the soles at the CoM) - (learnt offset)
 
-    All of it passes both low-passes, that of the joints and that of the push, or a walking robot would push itself.
-
-    Args:
-        model: The robot.
-        config: Cut-off frequencies, damping and detection.
-        gravity: [m/s^2].
+    All of it passes both low-passes, that of the joints and that of the push, or walking would look like a push.
 
     Attributes:
-        momentum: Generalised momentum of the last step.
+        state: Low-passes and detection.
         base: Net external wrench without gravity, feet included: force, moment about the CoM, in W (6,) [N, N.m].
         joints: External torque on each joint (nj,) [N.m].
         estimated: Wrench of each sole from the leg torques, in its frame (2, 6) [N, N.m].
-        measured: What the foot sensors say, through the low-pass of the joints (2, 6) [N, N.m].
+        measured: Readings of the foot sensors, through the low-pass of the joints (2, 6) [N, N.m].
         weight: [N].
 
     Raises:
@@ -52,43 +90,36 @@ class ForceObserver:
     """
 
     def __init__(self, model: RobotModel, config: ObserverConfig, gravity: float) -> None:
-        self.momentum = MomentumModel(model, gravity)
-        self.weight = model.mass * gravity
-        self._gravity = gravity
-        gains = {
-            "push_rate": 2.0 * np.pi * config.push_cutoff,
-            "joint_rate": 2.0 * np.pi * config.joint_cutoff,
-            "damping": config.damping,
-            "moment_arm": config.moment_arm,
-            "friction_speed": config.friction_speed,
-            "weight": self.weight,
-            "dead_band": config.dead_band * self.weight,
-            "on": config.detect_on * self.weight,
-            "off": config.detect_off * self.weight,
-            "on_time": config.on_time,
-            "off_time": config.off_time,
-            "offset_time": config.offset_time,
-        }
-        self._gains = np.array([gains[name] for name in GAINS])
-        shapes = ((6,), (model.nj,), (6,), (model.nj,), (6,), (2, 6), (2, 6), (6,), (6,), (3,), (2,), (6,))
-        self._block = block = Block(dict(zip(OBSERVER, shapes, strict=True)))
-        self.base, self.joints = block["base"], block["joints"]
-        self.estimated, self.measured = block["estimated"], block["measured"]
+        self._robot = read_dynamics(model, gravity)
+        self.weight = weight = model.mass * gravity
+        self._gains = ObserverGains(
+            push_rate=2.0 * math.pi * config.push_cutoff,
+            joint_rate=2.0 * math.pi * config.joint_cutoff,
+            damping=config.damping,
+            moment_arm=config.moment_arm,
+            friction_speed=config.friction_speed,
+            weight=weight,
+            dead_band=config.dead_band * weight,
+            detect_on=config.detect_on * weight,
+            detect_off=config.detect_off * weight,
+            on_time=config.on_time,
+            off_time=config.off_time,
+            offset_time=config.offset_time,
+        )
+        nj = model.nj
+        shapes = (6, nj, 6, nj, 6, (2, 6), (2, 6), 6, 6, 6, 3, 1, 1, (3, 3), 1)
+        self.state = ObserverState(*(np.zeros(shape) for shape in shapes))
+        self.base, self.joints = self.state.base, self.state.joints
+        self.estimated, self.measured = self.state.estimated, self.state.measured
         legs = np.full((2, max(len(foot.joint_ids_v) for foot in model.feet)), -1, dtype=np.int64)
         for row, foot in zip(legs, model.feet, strict=True):
             row[: len(foot.joint_ids_v)] = np.asarray(foot.joint_ids_v) - 6
-        momentum = self.momentum
-        self._arguments = (
-            self._gains, legs, momentum.bodies.data, momentum.bodies.layout,
-            momentum.sweep.data, momentum.sweep.layout, block.data, block.layout,
-        )  # fmt: skip
-        self._active = False
-        self._base_position = np.zeros(3)
+        self._legs = legs
 
     def reset(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector) -> None:
         """Start in a steady state: forces in balance, no push in memory; arguments as for ``update``."""
-        self._block.data[:] = 0.0
-        self._active = False
+        for array in self.state:
+            array[...] = 0.0
         self.update(q, v, tau, measured, fault, 0.0)
 
     def update(
@@ -107,39 +138,171 @@ class ForceObserver:
             q: Configuration (nq,).
             v: Velocity (nv,).
             tau: Joint torques (nj,) [N.m].
-            measured: What the foot sensors say, in the sole frames (2, 6) [N, N.m].
-            fault: Not 0 where the leg torques are to be believed instead (2,).
+            measured: Readings of the foot sensors, in the sole frames (2, 6) [N, N.m].
+            fault: Not 0 where the leg torques are used instead (2,).
             dt: Step; 0 starts in a steady state [s].
             doubtful: Whether a foot sensor is in doubt; then no push begins.
         """
-        generalised_momentum(q, v, *self.momentum.arguments)
-        observe(v[6:], tau, measured, fault, dt, *self._arguments)
-        self._active = detect_push(dt, doubtful, self._gains, self._block.data, self._block.layout)
-        self._base_position[:] = q[:3]
+        observe(q, v, tau, measured, fault, doubtful, dt, self._gains, self._legs, self._robot, self.state)
 
     @property
     def push(self) -> PushEstimate:
-        """The push now."""
-        push = self._block["push"]
-        quiet = float(push[:3] @ push[:3]) <= self._gains[GAINS.index("dead_band")] ** 2
+        """The present push."""
+        push = self.state.push
+        quiet = float(push[:3] @ push[:3]) <= self._gains.dead_band**2
         shown = np.zeros(6) if quiet else push.copy()
-        return PushEstimate(shown[:3], shown[3:], self._active, self._block["impulse"].copy())
+        return PushEstimate(shown[:3], shown[3:], bool(self.state.active[0]), self.state.impulse.copy())
 
     @property
     def centroidal(self) -> CentroidalState:
         """CoM, DCM, ZMP and momentum of the last state, read off the observer's sweep."""
-        momentum, feet = self.momentum, self._block["feet"]
-        com = self._base_position + momentum.com
-        ground = float(self._base_position[2] + momentum.sole_positions[:, 2].min())
-        height = max(float(com[2]) - ground, 0.1)
-        dcm = com[:2] + momentum.com_velocity[:2] / np.sqrt(self._gravity / height)
+        feet, gravity = self.state.feet, self._robot.gravity
+        com, com_velocity, angular_momentum = self.state.centroid.copy()
+        height = max(float(com[2] - self.state.ground[0]), 0.1)
+        dcm = com[:2] + com_velocity[:2] / np.sqrt(gravity / height)
         # Moment about the CoM and force of the soles; the point on the ground where the horizontal moment vanishes.
         load = max(float(feet[2]), 0.05 * self.weight)
         zmp = com[:2] + np.array([-feet[4] - height * feet[0], feet[3] - height * feet[1]]) / load
-        return CentroidalState(
-            com=com,
-            com_velocity=momentum.com_velocity.copy(),
-            angular_momentum=momentum.angular_momentum.copy(),
-            dcm=dcm,
-            zmp=zmp,
-        )
+        return CentroidalState(com=com, com_velocity=com_velocity, angular_momentum=angular_momentum, dcm=dcm, zmp=zmp)
+
+
+@njit(cache=True)
+def _leg_wrench(
+    torques: Array, columns: Index, momentum: Momentum, foot: int, damping: float, arm: float, out: Array
+) -> None:
+    """Wrench in the sole frame whose torques in one leg come closest to those observed: damped least squares.
+
+    With x = (f, m / arm) in W and the rows of J scaled alike, (J J' + damping^2 I) x = J torques, by Cholesky.
+    """
+    axes, origins, sole = momentum.axes, momentum.origins, momentum.sole_positions[foot]
+    rotation = momentum.sole_rotations[foot]
+    normal = np.zeros((6, 6))
+    solution = np.zeros(6)
+    row = np.empty(6)
+    for k in range(columns.shape[0]):
+        n = columns[k]
+        if n < 0:
+            break
+        axis = axes[n + 1]
+        dx, dy, dz = sole[0] - origins[n + 1, 0], sole[1] - origins[n + 1, 1], sole[2] - origins[n + 1, 2]
+        row[0] = axis[1] * dz - axis[2] * dy
+        row[1] = axis[2] * dx - axis[0] * dz
+        row[2] = axis[0] * dy - axis[1] * dx
+        for i in range(3):
+            row[3 + i] = arm * axis[i]
+        for i in range(6):
+            solution[i] += row[i] * torques[n]
+            for j in range(i + 1):
+                normal[i, j] += row[i] * row[j]
+    for i in range(6):
+        normal[i, i] += damping * damping
+    for j in range(6):
+        for i in range(j, 6):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            normal[i, j] = math.sqrt(total) if i == j else total / normal[j, j]
+    for i in range(6):
+        for k in range(i):
+            solution[i] -= normal[i, k] * solution[k]
+        solution[i] /= normal[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            solution[i] -= normal[k, i] * solution[k]
+        solution[i] /= normal[i, i]
+    for i in range(3):
+        solution[3 + i] *= arm
+    rotate_transposed(rotation, solution[0:3], out[0:3])
+    rotate_transposed(rotation, solution[3:6], out[3:6])
+
+
+@njit(cache=True)
+def _detect_push(dt: float, doubtful: bool, gains: ObserverGains, state: ObserverState) -> None:
+    """Offset, detection with hysteresis and impulse of the push.
+
+    Offsets of the foot sensors and errors of the masses look like a push that never ends: a residual within the
+    dead-band is learnt as an offset, at most as large as the dead-band, and subtracted. The error of a foot sensor in
+    doubt looks like a push, so none begins then.
+    """
+    push, offset, impulse, timer = state.push, state.offset, state.impulse, state.timer
+    for i in range(6):
+        push[i] -= offset[i]
+    size = math.sqrt(push[0] * push[0] + push[1] * push[1] + push[2] * push[2])
+    active = state.active[0] > 0.0
+    if doubtful and not active:
+        timer[0] = 0.0
+        impulse[:] = 0.0
+        return
+    if size < gains.detect_off if active else size > gains.detect_on:
+        timer[0] += dt
+        if timer[0] > (gains.off_time if active else gains.on_time):
+            state.active[0], timer[0] = 0.0 if active else 1.0, 0.0
+    else:
+        timer[0] = 0.0
+    if size > gains.dead_band:
+        for i in range(3):
+            impulse[i] += dt * push[i]
+    elif not active:
+        impulse[:] = 0.0
+        learnt = 0.0
+        for i in range(6):
+            offset[i] += dt / gains.offset_time * push[i]
+            learnt += offset[i] * offset[i] if i < 3 else 0.0
+        if learnt > gains.dead_band * gains.dead_band:
+            for i in range(6):
+                offset[i] *= gains.dead_band / math.sqrt(learnt)
+
+
+@njit(cache=True)
+def observe(
+    q: Array, v: Array, tau: Array, measured: Array, fault: Array, doubtful: bool, dt: float, gains: ObserverGains,
+    legs: Index, robot: Dynamics, state: ObserverState,
+) -> None:  # fmt: skip
+    """One step of ``ForceObserver.update``; ``legs`` are the joints of each leg, filled up with -1 (2, k)."""
+    momentum, speeds = generalised_momentum(q, v, robot), v[6:]
+    push_gain, joint_gain = min(gains.push_rate * dt, 1.0), min(gains.joint_rate * dt, 1.0)
+    base, joints, past, past_joints = state.base, state.joints, state.past, state.past_joints
+    total, spin, com = momentum.momentum[0], momentum.angular_momentum, momentum.com
+    start = dt <= 0.0
+    for n in range(joints.shape[0]):
+        known = momentum.joint_rate[n] + tau[n] - robot.damping[n] * speeds[n]
+        known -= robot.friction[n] * math.tanh(speeds[n] / gains.friction_speed)
+        if start:
+            joints[n] = -known
+        else:
+            joints[n] += joint_gain * ((momentum.joint_momentum[n] - past_joints[n]) / dt - known - joints[n])
+        past_joints[n] = momentum.joint_momentum[n]
+    for i in range(3):
+        force = -gains.weight if i == 2 else 0.0
+        if start:
+            base[i], base[3 + i] = -force, 0.0
+        else:
+            base[i] += push_gain * ((total[i] - past[i]) / dt - force - base[i])
+            base[3 + i] += push_gain * ((spin[i] - past[3 + i]) / dt - base[3 + i])
+        past[i], past[3 + i] = total[i], spin[i]
+    sums = np.zeros(6)
+    thrust, torque = np.empty(3), np.empty(3)
+    for foot in range(2):
+        _leg_wrench(joints, legs[foot], momentum, foot, gains.damping, gains.moment_arm, state.estimated[foot])
+        for i in range(6):
+            state.measured[foot, i] += (1.0 if start else joint_gain) * (measured[foot, i] - state.measured[foot, i])
+        # Either kind of wrench has been through the joints' low-pass: the base's rows must be too.
+        wrench = state.measured[foot] if fault[foot] == 0.0 else state.estimated[foot]
+        rotate(momentum.sole_rotations[foot], wrench[0:3], thrust)
+        rotate(momentum.sole_rotations[foot], wrench[3:6], torque)
+        sole = momentum.sole_positions[foot]
+        x, y, z = sole[0] - com[0], sole[1] - com[1], sole[2] - com[2]
+        sums[3] += torque[0] + y * thrust[2] - z * thrust[1]
+        sums[4] += torque[1] + z * thrust[0] - x * thrust[2]
+        sums[5] += torque[2] + x * thrust[1] - y * thrust[0]
+        for i in range(3):
+            sums[i] += thrust[i]
+    for i in range(6):
+        state.feet[i] += (1.0 if start else push_gain) * (sums[i] - state.feet[i])
+        state.lagged[i] += (1.0 if start else joint_gain) * (base[i] - state.lagged[i])
+        state.push[i] = state.lagged[i] - state.feet[i]
+    for i in range(3):
+        state.centroid[0, i] = q[i] + com[i]
+        state.centroid[1, i], state.centroid[2, i] = momentum.com_velocity[i], spin[i]
+    state.ground[0] = q[2] + min(momentum.sole_positions[0, 2], momentum.sole_positions[1, 2])
+    _detect_push(dt, doubtful, gains, state)

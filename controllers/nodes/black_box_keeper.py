@@ -11,32 +11,27 @@ from std_msgs.msg import String
 
 from controllers.black_box import BlackBox, BlackBoxConfig
 from controllers.black_box_file import BlackBoxFolder
+from controllers.stack import ControlStack
 from controllers.supervisor import ACTIVE_MODES
-from models.applied import Applied
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import realtime, topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT, LATCHED
-from models.types import ControlResult, Mode, RobotState, SensorData
+from models.types import Mode, SensorData
 
 
 class BlackBoxKeeper:
-    """Fills the ring, and has it written once after each time that the robot leaves the active modes for damp or off.
+    """Fills the ring, and has it written each time the robot leaves the active modes for damp or off.
 
-    What the supervisor then says in its diagnostics becomes the reason; they are listened to only until the file is
-    written, because they would cost the tick. It is written as well when the drivers have damped by themselves, whether
-    or not a supervisor is left to say so. What goes wrong with a file is counted and told in the diagnostics, and stops
-    nothing.
-
-    Args:
-        node: Whose parameters, diagnostics and log.
-        applied: What the laws are told, so that a file can be run again; None where the estimator is elsewhere.
+    The reason comes from the supervisor's diagnostics, which are received only until the file is written because they
+    cost tick time. The file is also written when the drivers damp by themselves, with or without a supervisor. Failures
+    are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
     """
 
-    def __init__(self, node: PoiseNode, applied: Applied | None = None) -> None:
-        self._node, self._applied = node, applied
+    def __init__(self, node: PoiseNode, stack: ControlStack) -> None:
+        self._node, self._stack = node, stack
         self._config = declare_config(node, default_config(BlackBoxConfig, "controllers", "black_box"), "black_box.")
         self._box: BlackBox | None = None
         self._mode = Mode.OFF
@@ -51,34 +46,28 @@ class BlackBoxKeeper:
         self._outcome: tuple[bool, str] | None = None
 
     def configure(self) -> None:
-        """Make the ring and listen to the drivers."""
-        self._box = BlackBox(self._node.model, self._config, self._applied)
+        """Create the ring and subscribe to the drivers' state."""
+        self._box = BlackBox(self._node.model, self._config, self._stack)
         self._armed, self._due = False, None
         self._node.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
-    def add(
-        self,
-        state: RobotState,
-        sensors: SensorData | None,
-        result: ControlResult | None,
-        mode: Mode,
-        stamp: int | None = None,
-    ) -> None:
-        """Keep one tick; see ``BlackBox.add``."""
-        if self._box is None:
+    def add(self, sensors: SensorData | None, mode: Mode, stamp: int) -> None:
+        """Record a tick (stamp [ns]) once its command is out, and copy the state of the stack when due.
+
+        ``sensors`` are the samples as measured; None when the estimator runs in another process.
+        """
+        box, stack = self._box, self._stack
+        if box is None:
             return
-        self._t = state.t
+        self._t = stack.state.t
         if mode is not self._mode:
             self._enter(mode)
-        self._box.add(state, sensors, result, mode, stamp)
-
-    def checkpoint(self, state: RobotState, scheduled: tuple[bool, bool] | None, *, walking: bool) -> None:
-        """Copy the state of the laws when that is due; see ``BlackBox.checkpoint``."""
-        if self._box is not None:
-            self._box.checkpoint(state, scheduled, walking=walking)
+        result = None if stack.scheduled is None else stack.result
+        box.add(stack.state, sensors, result, mode, stamp)
+        if result is not None:
+            box.checkpoint()
 
     def _enter(self, mode: Mode) -> None:
-        """A change of mode."""
         self._mode = mode
         self._note(f"mode {mode.value}")
         if mode in ACTIVE_MODES:
@@ -97,7 +86,7 @@ class BlackBoxKeeper:
             self._box.event(self._t, text)
 
     def _want(self, reason: str) -> None:
-        """Have it written when what comes ``after`` is in the ring, once for each time in an active mode."""
+        """Have the ring written once it holds the time ``after``, once per period in an active mode."""
         if self._armed:
             self._armed, self._reason, self._said = False, reason, ""
             self._stop_listening()
@@ -105,7 +94,7 @@ class BlackBoxKeeper:
             self._ear = self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Hear once what the supervisor says about it."""
+        """Take the reason from the supervisor's diagnostics, once."""
         said = next((status.message for status in message.status if status.name == self._supervisor), "")
         if said and not self._said:
             self._said = said[:1000]
@@ -117,7 +106,7 @@ class BlackBoxKeeper:
             self._ear = None
 
     def poll(self) -> None:
-        """Begin to write when it is time, and tell what became of it; with the diagnostics, never within a tick."""
+        """Start writing when due and report the outcome; called with the diagnostics, never within a tick."""
         if self._thread is not None and not self._thread.is_alive():
             self._thread = None
             self._tell()
@@ -125,7 +114,7 @@ class BlackBoxKeeper:
             self._begin()
 
     def flush(self) -> None:
-        """Write now what is still due, and wait for it: the node is about to stop."""
+        """Write what is due and wait for it, before the node stops."""
         if self._due is not None and self._thread is None:
             self._begin()
         if self._thread is not None:
@@ -143,7 +132,7 @@ class BlackBoxKeeper:
         self._thread.start()
 
     def _write(self, box: BlackBox, reason: str) -> None:
-        """In the thread: touches nothing of the node but the outcome."""
+        """Body of the thread: of the node it touches only the outcome."""
         try:
             realtime.be_ordinary()  # this thread only: a disk has no deadline
             name = ".".join([self._node.model.name, *filter(None, self._node.get_namespace().split("/"))])
@@ -155,7 +144,7 @@ class BlackBoxKeeper:
             box.unseal()
 
     def _tell(self) -> None:
-        """Counters and log of what the thread did."""
+        """Counters and log of the writer thread."""
         outcome, self._outcome = self._outcome, None
         written, text = outcome or (False, "the writing thread failed")
         self._node.values["black box"] = text

@@ -1,4 +1,4 @@
-"""What the estimator's node does about calibration: corrects its samples, and offers the calibration services."""
+"""Calibration in the estimator's node: corrects its samples, and offers the calibration services."""
 
 from __future__ import annotations
 
@@ -10,27 +10,26 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from controllers.calibration.units import name_and_unit
+from controllers.calibration.windows import name_and_unit
 from controllers.nodes.calibration_run import CalibrationRun, trigger_response
-from models.calibration import Calibration, apply_calibration, correct_encoders
+from models.calibration import Calibration, correct_encoders
 from models.calibration_store import CalibrationStore
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.calibration_file import CalibrationFile
 from models.nodes.calibration_text import calibration_to_reply
-from models.nodes.deferred import serve_later
 from models.nodes.interfaces import interface
 from models.nodes.messages import JointStateCodec
-from models.nodes.own_types import PACKAGE, offer_own, own_message
 from models.nodes.qos import LATCHED
+from models.nodes.services import PACKAGE, offer_own, own_message, serve_later
 from models.types import CommandReply, SensorData, Vector
 
 FILE_ACTS: dict[str, tuple[Callable[[CalibrationStore], Calibration], str]] = {
     "show": (lambda store: store.load()[0], "in"),
     "rollback": (CalibrationStore.rollback, "back in"),
 }
-"""What can be done with the files, by name: what does it, and the word before the path in the answer."""
+"""Actions on the files by name: function, and the word before the path in the answer."""
 
 
 def calibrate_response(reply: CommandReply) -> Any:
@@ -43,17 +42,12 @@ def calibrate_response(reply: CommandReply) -> Any:
 
 
 class CalibrationServices:
-    """Corrects inertial unit and feet; the joints' part is the drivers', whose encoders everybody shares.
+    """Corrects IMU and feet; joints are corrected by the drivers, whose encoders all nodes share.
 
     Services (std_srvs/Trigger): those of ``CalibrationRun``, ``calibrate/show`` and ``calibrate/rollback``; and
-    ``calibrate`` (poise_interfaces/Calibrate), which is all of them.
-
-    Args:
-        node: Node that estimates; to be built in its ``configure``.
-        start_over: Has the estimator start over, because the drivers now read their encoders otherwise.
-
-    Attributes:
-        applied: What the samples are corrected by; None before the first start.
+    ``calibrate`` (poise_interfaces/Calibrate), which covers all of them. Built in the node's ``configure``.
+    ``start_over`` restarts the estimator after the encoder offsets of the drivers change; ``applied`` is the correction
+    in force, None before the first start.
     """
 
     def __init__(self, node: PoiseNode, start_over: Callable[[], None]) -> None:
@@ -68,22 +62,17 @@ class CalibrationServices:
         offer_own(node, "Calibrate", topics.CALIBRATE, self._on_calibrate, serve_later)
 
     def start(self) -> None:
-        """Take the newest calibration: the estimator starts, or starts over.
-
-        Raises:
-            ConfigError: There is no folder for calibration files.
-        """
+        """Load the newest calibration when the estimator starts; ``ConfigError`` without a folder for the files."""
         self.applied = self._file.read().without_joints()
 
-    def correct(self, sensors: SensorData) -> SensorData:
-        """The sample as the estimator is to see it; a calibration that runs gets it as measured."""
+    def collect(self, sensors: SensorData) -> None:
+        """Pass a sample, as measured, to the running calibration."""
         if self._run.what:
             offsets = self._encoder_offsets
             self._run.add(None if offsets is None else correct_encoders(sensors, -offsets))
-        return sensors if self.applied is None else apply_calibration(sensors, self.applied)
 
     def _on_calibrate(self, request: Any, response: Any) -> Any:
-        """All of them by name, with numbers that have units; see ``Calibrate.srv``."""
+        """All services by name, with numbers that have units; see ``Calibrate.srv``."""
         if request.what in FILE_ACTS:
             return calibrate_response(self._file_reply(request.what))
         return self._run.begin(request.what, calibrate_response, save=request.save)
@@ -92,7 +81,7 @@ class CalibrationServices:
         return trigger_response(self._file_reply(what))
 
     def _file_reply(self, what: str) -> CommandReply:
-        """Answer with the numbers of a file; the next start takes them."""
+        """Reply with the numbers of a file; the next start applies them."""
         act, where = FILE_ACTS[what]
         try:
             store = self._file.store
@@ -103,7 +92,7 @@ class CalibrationServices:
             return CommandReply(False, str(error))
 
     def _on_encoder_offsets(self, data: bytes) -> None:
-        """Note what the drivers subtract; positions that are suddenly read otherwise are no motion."""
+        """Store the offsets that the drivers subtract; a jump of positions that they cause is no motion."""
         try:
             offsets = self._codec.decode(data)[1]
         except PoiseError as error:

@@ -1,4 +1,4 @@
-"""Commands from all sources, words and velocities: who is in command, and what the gait is told."""
+"""Commands and velocities from all sources: arbitration, and the velocity of the gait."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty, String
 
-from controllers.arbitration import STILL, Arbiter, Velocity
-from controllers.arbitration_config import PLAIN, ArbitrationConfig
+from controllers.arbitration import PLAIN, STILL, Arbiter, ArbitrationConfig, Velocity
 from controllers.command_signature import Verifier
 from controllers.nodes.health_topics import HealthTopics
-from controllers.nodes.scan_topic import ScanTopic
 from controllers.obstacle_stop import ObstacleStop
 from controllers.supervisor import Supervisor
 from models.errors import CommandError, MessageError, PoiseError
@@ -21,23 +20,21 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import stamp_ns
-from models.nodes.qos import COMMAND, EVENT, LATCHED
-from models.nodes.velocity import require_base_frame, velocity_from_twist, velocity_to_twist
+from models.nodes.odometry import require_base_frame, velocity_from_twist, velocity_to_twist
+from models.nodes.perception import scan_from_message
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
+from models.status import RouteState, RouteStatus
 from models.types import CommandReply, Mode
 
 VELOCITY = "velocity "
-"""Beginning of a word that carries a velocity."""
+"""Prefix of a word with a velocity."""
 
 STOP = "stop"
-"""The word that everybody may say, whoever is in command."""
+"""Command that every source may send, whichever is in command."""
 
 
 def velocity_from_words(text: str) -> Velocity:
-    """Read ``velocity FORWARD LEFT TURN`` [m/s, m/s, rad/s].
-
-    Raises:
-        CommandError: It is not three finite numbers.
-    """
+    """Parse ``velocity FORWARD LEFT TURN`` [m/s, m/s, rad/s]; ``CommandError`` unless three finite numbers."""
     try:
         forward, left, turn = (float(value) for value in text.split()[1:])
     except ValueError:
@@ -48,23 +45,16 @@ def velocity_from_words(text: str) -> Velocity:
 
 
 class CommandTopics:
-    """Hears every source, has the supervisor's law answer its words, and repeats the velocity that counts.
+    """Receives commands of every source, passes them to the supervisor's law, and repeats the velocity in force.
 
     Each source has a topic for words and one for velocities; ``humanoid_commands``, ``cmd_vel`` and ``cmd_vel_stamped``
-    are those of the source ``plain``. In mode ``walk`` the gait is told the velocity at every ``tell``, zero included:
-    when that falls silent, the supervisor is gone, and the gait comes to a standstill by itself.
+    are those of the source ``plain``. In mode ``walk`` every ``publish`` repeats the velocity, zero included: without
+    it the gait comes to a standstill.
 
-    With a key, words must be signed (``controllers/command_signature.py``), all but ``stop``: their source is then the
-    one that signed, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
-
-    Args:
-        node: Node that subscribes.
-        config: Sources and locks.
-        law: Answers words.
-        reports: The time, how the robot moves, and whether anybody can walk.
-        reply: Called with topic and answer.
-        obstacles: Limits the velocity; None where nobody looks.
-        verifier: Opens signed words; None to take unsigned ones.
+    With a key, all words but ``stop`` must be signed (``controllers/command_signature.py``): the signature then
+    determines the source, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
+    ``verifier`` is None for unsigned words; ``obstacles`` limits the velocity, disabled when None; ``reply`` is called
+    with topic and answer.
     """
 
     def __init__(
@@ -77,7 +67,7 @@ class CommandTopics:
         obstacles: ObstacleStop | None = None,
         verifier: Verifier | None = None,
     ) -> None:
-        self._node, self._law, self._reports, self._reply = node, law, reports, reply
+        self._node, self._law, self._reports, self._on_reply = node, law, reports, reply
         self._arbiter, self._verifier = Arbiter(config), verifier
         self._obstacles, self._obstacle, self._on_the_way = obstacles, "", False
         if obstacles is not None:
@@ -97,19 +87,19 @@ class CommandTopics:
         node.listen(TwistStamped, topics.CMD_VEL_STAMPED, self._on_stamped, COMMAND)
         for name in config.locks:
             node.listen(Bool, f"{topics.LOCKS}/{name}", self._on_lock(name), EVENT)
-        node.listen(String, topics.GAIT_ROUTE, self._on_route, EVENT)
+        node.listen_status(RouteStatus, topics.ROUTE_STATUS, self._on_route)
 
     def values(self) -> dict[str, str]:
-        """For the diagnostics."""
+        """Items for the diagnostics."""
         t = self._reports.t
         return {
             "in command": self._arbiter.in_command(t),
             "locks": ", ".join(self._arbiter.locks(t)) or "none",
-            "obstacles": self._obstacle or ("none in the way" if self._obstacles is not None else "nobody looks"),
+            "obstacles": self._obstacle or ("none in the way" if self._obstacles is not None else "not watched"),
         }
 
     def take(self) -> None:
-        """Act on the velocity that a word has set, or on the standstill that it asks for."""
+        """Act on the velocity or the standstill that a word has requested."""
         velocity = self._law.take_velocity()
         if velocity is None:
             return
@@ -119,8 +109,8 @@ class CommandTopics:
             self._arbiter.forget()
             self._stop.publish(Empty())
 
-    def tell(self) -> None:
-        """Repeat the velocity while the robot walks, and tell who is in command when that changes."""
+    def publish(self) -> None:
+        """Repeat the velocity while the robot walks, and publish a change of the commanding source."""
         t, walking = self._reports.t, self._law.mode is Mode.WALK
         if walking:
             self._velocity.publish(velocity_to_twist(self._allowed(t)))
@@ -133,40 +123,40 @@ class CommandTopics:
             self._commander_topic.publish(String(data=commander))
 
     def _allowed(self, t: float) -> Velocity:
-        """What the obstacles leave of the commanded velocity; a walk to a goal that they do not allow is ended."""
+        """The commanded velocity as limited by obstacles; a walk to a blocked goal is ended."""
         velocity = STILL if self._law.still else self._arbiter.velocity(t)
         if self._obstacles is None:
             return velocity
-        before, wanted = self._obstacle, self._reports.walking_velocity if self._on_the_way else velocity
-        allowed, self._obstacle = self._obstacles.limit(wanted, t)
+        before, desired = self._obstacle, self._reports.walking_velocity if self._on_the_way else velocity
+        allowed, self._obstacle = self._obstacles.limit(desired, t)
         if self._obstacle != before:
             self._node.get_logger().info(f"obstacles: {self._obstacle or 'none in the way'}")
         if not self._on_the_way:
             return allowed
-        if not any(allowed[:2]) and any(wanted[:2]):
+        if not any(allowed[:2]) and any(desired[:2]):
             self._on_the_way = False
             self._stop.publish(Empty())
         return velocity
 
-    def hear(self, source: str, topic: str, text: str) -> CommandReply:
-        """Answer a word of a source, which came on a topic or with a service; the reply is logged and acted on."""
+    def reply(self, source: str, topic: str, text: str) -> CommandReply:
+        """Answer a word that came on a topic or with a service; the reply is logged and acted on."""
         self._law.gait = self._reports.gait_present
         try:
             reply = self._answer(source, text)
         except PoiseError as error:
             reply = CommandReply(False, str(error))
-        self._reply(topic, reply)
+        self._on_reply(topic, reply)
         return reply
 
     def _on_word(self, source: str, topic: str) -> Callable[[Any], None]:
         def on_word(message: Any) -> None:
             if self._node.active:
-                self.hear(source, topic, message.data)
+                self.reply(source, topic, message.data)
 
         return on_word
 
     def _answer(self, source: str, text: str) -> CommandReply:
-        """Answer a word; ``PoiseError`` when its source may not speak, or it is not signed as it must be."""
+        """Answer a word; ``PoiseError`` when its source may not command or its signature is missing or invalid."""
         t = self._reports.t
         if text.strip().lower() != STOP:
             if self._verifier is not None:
@@ -181,7 +171,7 @@ class CommandTopics:
         self._speaker = source
         reply = self._law.text(text)
         if reply.accepted:
-            self._arbiter.spoke(source, t)
+            self._arbiter.executed(source, t)
         return reply
 
     def _require_walking(self) -> None:
@@ -211,7 +201,7 @@ class CommandTopics:
             self._node.refuse(topic, error)
 
     def _judge_stamp(self, stamp: int, timeout: float) -> None:
-        """Refuse what is old, repeated, or of another clock than the graph's. A stamp of zero means now."""
+        """Refuse stamps that are old, repeated, or of another clock. A stamp of zero means now."""
         age = self._reports.now - stamp
         if age > timeout * NANOSECONDS:
             raise MessageError(f"header.stamp: {age / NANOSECONDS:.3f} s old; a stamp is of /clock, or zero for now")
@@ -224,9 +214,32 @@ class CommandTopics:
     def _on_lock(self, name: str) -> Callable[[Any], None]:
         return lambda message: self._arbiter.lock(name, message.data, self._reports.t)
 
-    def _on_route(self, message: Any) -> None:
-        """Who walks to a goal has done with the velocity of a word."""
-        word = message.data.partition(":")[0]
-        self._on_the_way = word == topics.ROUTE_RUNNING or (self._on_the_way and word == topics.ROUTE_REFUSED)
-        if word == topics.ROUTE_RUNNING:
+    def _on_route(self, status: RouteStatus) -> None:
+        """A walk to a goal supersedes the velocity of a command."""
+        running = status.state is RouteState.RUNNING
+        self._on_the_way = running or (self._on_the_way and status.state is RouteState.REFUSED)
+        if running:
             self._arbiter.forget()
+
+
+class ScanTopic:
+    """Passes scans to ``law``, none before the first ``/clock``; malformed, old and future ones are refused by name."""
+
+    def __init__(self, node: PoiseNode, law: ObstacleStop, now: Callable[[], float]) -> None:
+        self._node, self._law, self._now = node, law, now
+        if law.expected:
+            node.listen(LaserScan, topics.SCAN, self._on_scan, SENSOR)
+
+    def _on_scan(self, message: Any) -> None:
+        now = self._now()
+        if not now:
+            return
+        try:
+            scan = scan_from_message(message)
+            if abs(now - scan.t) > self._law.config.scan_timeout:
+                raise MessageError(f"header.stamp: {scan.t:.3f} s, while /clock is at {now:.3f} s")
+            if self._law.stamp is not None and self._law.stamp > now + self._law.config.scan_timeout:
+                self._law.reset()  # /clock was reset: the bridge was restarted
+            self._law.update(scan)
+        except PoiseError as error:
+            self._node.refuse(topics.SCAN, error)

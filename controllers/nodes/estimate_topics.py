@@ -1,29 +1,33 @@
-"""What the estimator knows, as topics: odometry, contacts, orientation of the inertial unit, pushes, transforms."""
+"""State estimate as topics: odometry, contacts, IMU orientation, pushes, transforms."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import TransformStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 from std_msgs.msg import UInt8MultiArray
 
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.kernels_predict import ROTATION
-from controllers.nodes.due import Due
-from controllers.nodes.transform_topics import TransformTopics
+from controllers.estimation.filter_kernels import ROTATION
+from models.errors import MessageError
+from models.heading import base_footprint
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample, OrientedImuCodec
-from models.nodes.messages import WrenchCodec
+from models.nodes.interfaces import interface
+from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import describe
-from models.nodes.qos import SENSOR, sensor
-from models.types import RobotState, SensorData
+from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
+from models.robot_model import RobotModel
+from models.types import RobotState, SensorData, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +42,7 @@ class EstimateRates:
 
 
 def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateRates:
-    """Declare the rates of what is published.
-
-    Args:
-        node: Node that publishes.
-        shared: Whether the controller gets the state in this process; otherwise it needs every ``/odom``.
-        lockstep: Whether the plant waits for an answer to each tick.
-    """
+    """Declare the publication rates; a controller in another process and lockstep need every ``/odom``."""
 
     def period(name: str, default: float, what: str) -> int:
         text = describe(f"Rate of {what} [Hz]", low=1.0, high=1000.0)
@@ -61,14 +59,7 @@ def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateR
 
 
 class EstimateTopics:
-    """Publishes each state that is due on each topic.
-
-    Args:
-        node: Node that publishes.
-        law: Estimator whose states they are.
-        rates: From ``declare_rates``.
-        lockstep: Whether the plant waits for an answer to each tick; ``/odom`` is then reliable.
-    """
+    """Publishes each state on each topic when due; ``/odom`` is reliable in ``lockstep``."""
 
     def __init__(self, node: PoiseNode, law: StateEstimator, rates: EstimateRates, *, lockstep: bool) -> None:
         self._node, self._law = node, law
@@ -84,17 +75,11 @@ class EstimateTopics:
         self._transforms = TransformTopics(node)
 
     def start(self, stamp: int) -> None:
-        """Publish what does not change, for a robot that begins to be estimated at a stamp [ns]."""
+        """Publish constant data when estimation starts at a stamp [ns]."""
         self._transforms.start(stamp)
 
     def publish(self, state: RobotState, stamp: int, sensors: SensorData) -> None:
-        """Publish what is due.
-
-        Args:
-            state: Newest state.
-            stamp: Its stamp [ns].
-            sensors: What it was estimated from.
-        """
+        """Publish what is due of a state, its stamp [ns], and the samples that it was estimated from."""
         if self._odom_due(stamp):
             if self._covariance_due(stamp):
                 self._codec.set_covariance(*self._law.odometry_covariance())
@@ -113,11 +98,102 @@ class EstimateTopics:
         self._odom.publish(self._codec.encode(stamp, state))
 
     def _imu_sample(self, sensors: SensorData) -> ImuSample:
-        """What the inertial unit measured, without the estimated biases, and its orientation."""
+        """Measurement of the IMU without the estimated biases, and its orientation."""
         law, axes = self._law, slice(ROTATION, ROTATION + 3)
         return ImuSample(
-            orientation=pin.Quaternion(law.filter.rotation).coeffs(),
-            covariance=law.filter.covariance[axes, axes],
+            orientation=pin.Quaternion(law.filter.state.rotation).coeffs(),
+            covariance=law.filter.state.covariance[axes, axes],
             gyro=sensors.gyro - law.gyro_bias,
             accel=sensors.accel - law.accel_bias,
         )
+
+
+_MOVING_FRAMES = ((topics.ODOM_FRAME, topics.BASE_FRAME), (topics.BASE_FRAME, topics.FOOTPRINT_FRAME))
+
+
+class TransformTopics:
+    """Publishes the moving frames, and once those that sit on links; nothing where ``tf2_msgs`` is not built."""
+
+    def __init__(self, node: PoiseNode) -> None:
+        self._node = node
+        self._workspace = node.model.data()
+        self._soles = [foot.frame_id for foot in node.model.feet]
+        base_footprint(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros((2, 3)))  # compiles now, not in a tick
+        self._moving: Any = None
+        try:
+            kind = interface("tf2_msgs", "msg", "TFMessage")
+        except MessageError as error:
+            node.get_logger().warning(f"no transforms on {topics.TF}: {error}")
+            node.values[topics.TF] = str(error)
+            return
+        self._static = node.announce(kind, topics.TF_STATIC, LATCHED)
+        self._moving = node.announce(kind, topics.TF, EVENT)
+        self._message = kind(transforms=[_transform(*frames) for frames in _MOVING_FRAMES])
+
+    def start(self, stamp: int) -> None:
+        """Publish static frames when estimation starts at a stamp [ns]."""
+        if self._moving is None:
+            return
+        frames = static_frames(self._node.model)
+        message = type(self._message)(transforms=[_transform(parent, child) for parent, child, _ in frames])
+        _set_poses(message, stamp, [pose for _, _, pose in frames])
+        self._static.publish(message)
+
+    def publish(self, state: RobotState, stamp: int) -> None:
+        """Publish the moving frames of a state at its stamp [ns]."""
+        if self._moving is not None:
+            _set_poses(self._message, stamp, [state.q[:7], self._footprint(state)])
+            self._moving.publish(self._message)
+
+    def _footprint(self, state: RobotState) -> Vector:
+        model, data = self._node.model.pin, self._workspace
+        pin.forwardKinematics(model, data, state.q)
+        soles = np.array([pin.updateFramePlacement(model, data, sole).translation for sole in self._soles])
+        return base_footprint(state.q[:7], soles)
+
+
+def _transform(parent: str, child: str) -> Any:
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id = parent
+    return message
+
+
+def _set_poses(message: Any, stamp: int, poses: Sequence[Vector]) -> None:
+    """Write the stamp [ns] and the pose of each child in its parent (7,)."""
+    for each, pose in zip(message.transforms, poses, strict=True):
+        set_stamp(each.header.stamp, stamp)
+        p, o = each.transform.translation, each.transform.rotation
+        p.x, p.y, p.z, o.x, o.y, o.z, o.w = pose.tolist()
+
+
+def static_frames(model: RobotModel) -> list[tuple[str, str, Any]]:
+    """REP-120 frames that sit on links of the URDF and that ``robot_state_publisher`` lacks.
+
+    The root link is a child of ``base_link``, so that the tree stays one; a frame with the name of a link is left out.
+    Returns parent, child and pose (7,) of the child in its parent, for each.
+    """
+    root = model.profile.base_link
+    frames = [] if root == topics.BASE_FRAME else [(topics.BASE_FRAME, root, pin.SE3ToXYZQUAT(pin.SE3.Identity()))]
+    for name in model.frame_names:
+        frame = model.pin.frames[model.frame_id(name)]
+        link = model.pin.frames[frame.parentFrame]
+        if name == topics.BASE_FRAME or model.pin.existFrame(name, pin.FrameType.BODY):
+            continue
+        frames.append((link.name, name, pin.SE3ToXYZQUAT(link.placement.actInv(frame.placement))))
+    return frames
+
+
+class Due:
+    """Divides stamps into periods of ``period`` [ns] (0: every stamp) and reports when a new one has begun.
+
+    ``phase`` shifts the beginning by a share of the period, so that topics of the same rate share no tick.
+    """
+
+    def __init__(self, period: int, phase: float = 0.0) -> None:
+        self._period, self._shift = max(period, 1), round(phase * period)
+        self._present = -1
+
+    def __call__(self, stamp: int) -> bool:
+        """Whether a period has begun since the last stamp [ns]."""
+        before, self._present = self._present, (stamp - self._shift) // self._period
+        return self._present != before

@@ -1,43 +1,36 @@
-"""What the estimator met, for the diagnostics; a drop-out that goes on is told at once."""
+"""Diagnostics and status of the estimator; a persisting drop-out is reported at once."""
 
 from __future__ import annotations
 
 from dataclasses import fields
 
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.guard import EstimatorHealth
-from controllers.sample_assembler import SampleAssembler
+from controllers.estimation.samples import EstimatorHealth
+from controllers.samples import SampleAssembler
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
+from models.status import EstimatorStatus
 from models.types import Vector
 
 COASTING_TOLD = 0.01
-"""Time without usable samples of the inertial unit or the joints that the diagnostics do not wait with [s]."""
+"""Time without usable samples after which diagnostics are published at once [s]."""
 
 
 class EstimatorReport:
     """Fills a node's diagnostics.
 
-    The supervisor learns of a drop-out by the stamp it began at: it then knows its length at any time, from two
-    messages, and they are not at the mercy of how often diagnostics are published.
-
-    Args:
-        node: Node that reports.
+    The supervisor receives the stamp at which a drop-out began, so two messages give its length at any time,
+    independent of the rate of the diagnostics.
     """
 
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
         self._since: int | None = None
-        self._tell()
+        self._publish_status = node.announce_status(topics.ESTIMATOR_STATUS)
 
     def update(self, health: EstimatorHealth, stamp: int) -> None:
-        """Tell the beginning of a drop-out, and its end.
-
-        Args:
-            health: After the newest step.
-            stamp: Of that step [ns].
-        """
+        """Report the beginning and the end of a drop-out from the health after the step at a stamp [ns]."""
         if self._since is None:
             if health.coasting < COASTING_TOLD:
                 return
@@ -47,20 +40,17 @@ class EstimatorReport:
             return
         else:
             self._since = None
-        self._tell()
         self._node.publish_diagnostics()
 
     def reset(self) -> None:
         """The estimator starts over."""
         self._since = None
-        self._tell()
-
-    def _tell(self) -> None:
-        self._node.values[topics.COASTING] = "" if self._since is None else str(self._since)
 
     def fill(self, law: StateEstimator, assembler: SampleAssembler) -> None:
-        """Put the estimator's health into the node's values, each counter by its name, and what pushes the robot."""
+        """Write the estimator's health, each counter by name, and the estimated push into the node's values."""
+        self._publish_status(EstimatorStatus(self._since))
         values = self._node.values
+        values["coasting since [ns]"] = "" if self._since is None else str(self._since)
         values["samples with mixed stamps"] = str(assembler.incomplete)
         values["ticks without a usable sample"] = str(assembler.dropped)
         values["ticks with a silent sensor"] = str(assembler.silent)

@@ -12,10 +12,9 @@ from geometry_msgs.msg import PointStamped, WrenchStamped
 from std_msgs.msg import Bool, String
 
 from controllers.estimation.config import ContactConfig, EstimatorConfig
-from controllers.estimation.contact import ContactDetector
-from controllers.estimation.foot_sensors import UNKNOWN
-from controllers.foot_pairs import FootPairs
-from controllers.nodes.due import Due
+from controllers.estimation.feet import UNKNOWN, ContactDetector
+from controllers.nodes.estimate_topics import Due
+from controllers.samples import FootPairs
 from models.config import default_config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
@@ -29,17 +28,14 @@ from models.robot_model import SOLE_FRAMES
 from models.types import FOOT_NAMES
 
 SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)
-"""Of each foot: its sample is sound, and no gait says what to expect."""
+"""For each foot: a valid sample, and no expectation from a gait."""
 
 
 class FootSensorNode(PoiseNode):
     """Runs the ``ContactDetector`` of the estimator on the foot sensors alone.
 
-    ``contacts`` is the state estimator's, which also holds the sensors against the leg torques; this node has topics
-    of its own, for each foot. Of a foot whose sensor is silent nothing is published.
-
-    Args:
-        kwargs: Passed to rclpy.
+    The state estimator publishes ``contacts``, which also considers the leg torques; this node has separate topics for
+    each foot. For a silent sensor nothing is published.
     """
 
     AUTOSTART = True
@@ -52,7 +48,7 @@ class FootSensorNode(PoiseNode):
         self._period = round(NANOSECONDS / float(self.declare_parameter("rate", 100.0, text).value))
         text = describe("Age of a foot's sample against the other's above which it counts as silent [s]", low=0.001)
         self._max_age = round(NANOSECONDS * float(self.declare_parameter("max_age", 0.005, text).value))
-        text = describe("Largest step of a stamp that is believed at once [s]", low=0.001, high=1.0)
+        text = describe("Largest step of a stamp that is accepted at once [s]", low=0.001, high=1.0)
         self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, text).value))
 
     def configure(self) -> None:
@@ -75,7 +71,7 @@ class FootSensorNode(PoiseNode):
         self._reported = 0
 
     def foot_callback(self, foot: int) -> Callable[[bytes], None]:
-        """What takes the serialised samples of a foot."""
+        """Callback for the serialised samples of a foot."""
         codec, topic = WrenchCodec(SOLE_FRAMES[foot]), topics.FOOT_WRENCHES[foot]
 
         def on_foot(data: bytes) -> None:
@@ -117,12 +113,12 @@ class FootSensorNode(PoiseNode):
         self._cops[foot].publish(message)
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the simulated robot has been put back to its start."""
+        """Start over when the simulated robot has been reset."""
         if message.data == topics.HELD and self.active:
             self.activate()
 
     def before_diagnostics(self) -> None:
-        """Report what bears, and who is silent."""
+        """Report the feet in contact and the silent sensors."""
         if not self.active:
             return
         pairs = self._pairs
@@ -137,7 +133,7 @@ class FootSensorNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([FootSensorNode], args))
 
 

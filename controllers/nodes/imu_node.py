@@ -1,4 +1,4 @@
-"""Node ``imu_node``: raw samples of the inertial unit in; orientation without gyro bias out, and into a table."""
+"""Node ``imu_node``: raw samples of the IMU in; orientation without gyro bias out, and into a table."""
 
 from __future__ import annotations
 
@@ -10,16 +10,15 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
-from controllers.nodes.due import Due
+from controllers.nodes.estimate_topics import Due
 from controllers.orientation_filter import OrientationFilter, OrientationFilterConfig
-from controllers.stamp_guard import StampGuard
+from controllers.stamps import StampFilter
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.imu import ImuSample, OrientedImuCodec
-from models.nodes.imu_csv import CsvImuLog
+from models.nodes.imu import CsvImuLog, ImuSample, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.parameters import declare_config, describe
 from models.nodes.qos import LATCHED, SENSOR
@@ -31,13 +30,10 @@ NO_COVARIANCE = np.zeros((3, 3))
 
 
 class ImuNode(PoiseNode):
-    """Runs ``OrientationFilter`` on each sample of ``imu/data_raw``; orientation from the inertial unit alone.
+    """Runs ``OrientationFilter`` on each sample of ``imu/data_raw``; orientation from the IMU alone.
 
-    ``imu/data`` is the state estimator's, which knows more than this node; one topic has one publisher, so this one
-    publishes ``imu/data_filtered``. Where no estimator runs, remap it.
-
-    Args:
-        kwargs: Passed to rclpy.
+    The state estimator publishes ``imu/data``, so this node publishes ``imu/data_filtered``. Where no estimator runs,
+    remap it.
     """
 
     AUTOSTART = True
@@ -50,7 +46,7 @@ class ImuNode(PoiseNode):
         self._period = round(NANOSECONDS / float(self.declare_parameter("rate", 100.0, text).value))
         text = describe("Samples averaged for the start, at rest", integer=(1, 10000))
         self._start_samples = int(self.declare_parameter("start_samples", 100, text).value)
-        text = describe("Largest step of a stamp that is believed at once [s]", low=0.001, high=1.0)
+        text = describe("Largest step of a stamp that is accepted at once [s]", low=0.001, high=1.0)
         self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, text).value))
         text = describe("Table to write: orientation, rate without bias, specific force (CSV); empty for none")
         self._path = str(self.declare_parameter("log.csv", "", text).value)
@@ -85,10 +81,10 @@ class ImuNode(PoiseNode):
     def _start_over(self) -> None:
         self._first.clear()
         self._started = False
-        self._due, self._stamps = Due(self._period), StampGuard(self._max_gap)
+        self._due, self._stamps = Due(self._period), StampFilter(self._max_gap)
 
     def on_imu(self, data: bytes) -> None:
-        """Take a serialised sample."""
+        """Process a serialised sample."""
         if not self.active:
             return
         try:
@@ -113,7 +109,7 @@ class ImuNode(PoiseNode):
                 self._rows += 1
 
     def _average(self, gyro: Vector, accel: Vector) -> None:
-        """Start from the mean of enough samples; a robot that moves meanwhile is waited for."""
+        """Start from the mean of enough samples at rest."""
         self._first.append((gyro, accel))
         if len(self._first) < self._start_samples:
             return
@@ -123,12 +119,12 @@ class ImuNode(PoiseNode):
         self._started = True
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the simulated robot has been put back to its start."""
+        """Start over when the simulated robot has been reset."""
         if message.data == topics.HELD and self._started:
             self._start_over()
 
     def before_diagnostics(self) -> None:
-        """Report what the filter has found."""
+        """Report the filter's estimates."""
         if not self.active:
             return
         self.message = "filtering" if self._started else "waiting for a robot at rest"
@@ -138,7 +134,7 @@ class ImuNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([ImuNode], args))
 
 

@@ -1,4 +1,4 @@
-"""Motions of the balance controller: requests and trajectories in, what became of them out."""
+"""Motions of the balance controller: requests and trajectories in, their status out."""
 
 from __future__ import annotations
 
@@ -8,41 +8,33 @@ from collections.abc import Callable
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from controllers.law_switch import LawSwitch
+from controllers.stack import ControlStack
 from controllers.supervisor import ACTIVE_MODES
-from models.applied import Applied
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import decode, trajectory_from_message
 from models.nodes.qos import EVENT
+from models.status import MotionState, MotionStatus
 from models.types import Mode
 
 TRAJECTORY_BYTES_MAX = 400_000
-"""Largest trajectory that is decoded [bytes]. 600 points of 32 joints with velocities have 340 000; to read the largest
-takes some 30 ms, and the drivers wait 40 ms for the next command."""
+"""Largest accepted trajectory [bytes]: 600 points of 32 joints with velocities have 340 000, decoded in some 30 ms; the
+drivers wait 40 ms for the next command."""
 
 
 class MotionTopics:
-    """Has the law follow the answer to the newest request while in mode motion, or what came without a request.
+    """In mode motion, has the law follow the answer to the newest request, or a trajectory without a request.
 
-    Args:
-        node: Node that subscribes.
-        law: Follows the motions; in mode walk with arms and head only.
-        mode: Present mode of the robot.
-        applied: Notes which motion is followed, for a replay; None for nobody.
-
-    Attributes:
-        requested: Newest request; empty before the first.
+    In mode walk motions use arms and head only. ``requested`` is the newest request, empty before the first.
     """
 
-    def __init__(
-        self, node: PoiseNode, law: LawSwitch, mode: Callable[[], Mode], applied: Applied | None = None
-    ) -> None:
-        self._node, self._law, self._mode, self._applied = node, law, mode, applied
+    def __init__(self, node: PoiseNode, stack: ControlStack, mode: Callable[[], Mode]) -> None:
+        self._node, self._stack, self._mode = node, stack, mode
         self._running = False
         self.requested = ""
         self._state = node.announce(String, topics.MOTION_STATE, EVENT)
+        self._publish_status = node.announce_status(topics.MOTION_STATUS)
         node.listen(JointTrajectory, topics.MOTION_TRAJECTORY, self._on_trajectory, EVENT, raw=True)
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
 
@@ -51,24 +43,26 @@ class MotionTopics:
         self._running = False
 
     def tell_end(self) -> None:
-        """Tell, after a tick, that the motion has ended."""
-        if self._running and not self._law.motion_active:
-            self._tell(topics.MOTION_DONE)
+        """Publish, after a tick, that the motion has ended."""
+        if self._running and not self._stack.motion_active:
+            self._publish(MotionState.DONE)
 
-    def _tell(self, word: str, reason: str = "") -> None:
-        self._running = word == topics.MOTION_RUNNING
-        self._state.publish(String(data=f"{word}: {reason}" if reason else word))
+    def _publish(self, state: MotionState, request: str = "", reason: str = "") -> None:
+        self._running = state is MotionState.RUNNING
+        status = MotionStatus(state, request, reason)
+        self._publish_status(status)
+        self._state.publish(String(data=str(status)))
 
     def _on_request(self, message: String) -> None:
         self.requested = message.data
         if message.data == topics.STOP_MOTION and self._running:
-            self._law.stop_motion()
-            self._tell(topics.MOTION_DONE)
+            self._stack.stop_motion()
+            self._publish(MotionState.DONE)
 
     def _on_trajectory(self, data: bytes) -> None:
         request, mode = "", self._mode()
         try:
-            if len(data) > TRAJECTORY_BYTES_MAX:  # its decoding would take ticks that keep the robot standing
+            if len(data) > TRAJECTORY_BYTES_MAX:  # decoding would cost ticks that keep the robot standing
                 raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id
@@ -77,13 +71,10 @@ class MotionTopics:
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
                 raise PoiseError(f"no motion in mode '{mode.value}'")
-            trajectory = trajectory_from_message(message)
-            self._law.follow(trajectory)
-            if self._applied is not None:
-                self._applied.follow(zlib.crc32(data), trajectory)
+            self._stack.follow(trajectory_from_message(message), zlib.crc32(data))
         except PoiseError as error:
             self._node.refuse(topics.MOTION_TRAJECTORY, error)
             if not self._running:
-                self._tell(topics.MOTION_REFUSED, f"{request}: {error}" if request else str(error))
+                self._publish(MotionState.REFUSED, request, str(error))
             return
-        self._tell(topics.MOTION_RUNNING)
+        self._publish(MotionState.RUNNING)

@@ -17,34 +17,29 @@ from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import JointCommandCodec, JointStateCodec
-from models.nodes.modes import mode_named
+from models.nodes.messages import JointCommandCodec, JointStateCodec, TorqueCodec, mode_named
 from models.nodes.parameters import declare_config
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
 from models.nodes.spin import run
-from models.nodes.torques import TorqueCodec
 
 WATCH_PERIOD = 0.01
-"""Time between two looks whether the joints still speak [s]."""
+"""Time between two checks for silent joints [s]."""
 
 
 class MotorControllerNode(PoiseNode):
     """Runs ``MotorDriver`` once for each sample of ``joint_states``.
 
-    In simulation the bridge's own drivers do this, so the state of these drivers has a topic of its own; on a robot it
-    is remapped to ``driver_state``. Without samples nothing is published: motors must damp by themselves when
-    ``motor_commands`` is silent.
-
-    Args:
-        kwargs: Passed to rclpy.
+    ``robot_driver`` contains these drivers, so the state is published on a separate topic here; on a robot without
+    ``robot_driver``, remap it to ``driver_state``. Without samples nothing is published: motors must damp by themselves
+    when ``motor_commands`` is silent.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motor_controller", **kwargs)
         self._config = declare_config(self, default_config(MotorDriverConfig, "controllers", "motor_driver"))
         self._servo = declare_config(self, default_config(JointServoConfig, "controllers", "joint_servo"), "servo.")
-        self._heard = 0.0
-        self._said = ""
+        self._sampled = 0.0
+        self._published = ""
         self.every(WATCH_PERIOD, self._watch)
 
     def configure(self) -> None:
@@ -60,10 +55,10 @@ class MotorControllerNode(PoiseNode):
     def activate(self) -> None:
         """Begin without torque."""
         self.law = MotorDriver(self.model, self._config, self._servo, self.counters)
-        self._said = ""
+        self._published = ""
 
     def on_joints(self, data: bytes) -> None:
-        """Answer serialised joint states with torques."""
+        """Compute the torques of serialised joint states."""
         if not self.active:
             return
         try:
@@ -72,12 +67,12 @@ class MotorControllerNode(PoiseNode):
         except PoiseError as error:
             self.refuse(topics.JOINT_STATES, error)
             return
-        self._heard = time.monotonic()
+        self._sampled = time.monotonic()
         self._motors.publish(self._torques.encode(stamp, tau))
-        self._tell()
+        self._publish_state()
 
     def on_command(self, data: bytes) -> None:
-        """Have the drivers follow a command, or refuse it."""
+        """Pass a command to the drivers, or refuse it."""
         if not self.active:
             return
         try:
@@ -86,32 +81,30 @@ class MotorControllerNode(PoiseNode):
             self.refuse(topics.JOINT_COMMAND, error)
 
     def on_mode(self, message: String) -> None:
-        """Have the drivers follow the supervisor's mode."""
+        """Follow the supervisor's mode."""
         if not self.active:
             return
         try:
             self.law.set_mode(mode_named(message.data))
         except PoiseError as error:
             self.refuse(topics.MODE, error)
-        self._tell()
+        self._publish_state()
 
     def _watch(self) -> None:
-        """Damp when the joints are silent."""
         if not self.active:
             return
-        if time.monotonic() - self._heard > self._config.sensor_timeout and self.law.silence():
+        if time.monotonic() - self._sampled > self._config.sensor_timeout and self.law.silence():
             self.alarm()
-        self._tell()
+        self._publish_state()
 
-    def _tell(self) -> None:
-        """Publish the state of the drivers, if it has changed."""
+    def _publish_state(self) -> None:
         state = self.law.servo.state.value
-        if self._said != state:
-            self._said = state
+        if self._published != state:
+            self._published = state
             self._state.publish(String(data=state))
 
     def before_diagnostics(self) -> None:
-        """Report what the drivers do."""
+        """Report the state of the drivers."""
         if not self.active:
             return
         servo = self.law.servo
@@ -122,7 +115,7 @@ class MotorControllerNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a process."""
     sys.exit(run([MotorControllerNode], args))
 
 

@@ -1,4 +1,4 @@
-"""Collects the evidence for the preflight checks, and listens to the fast topics only while it does."""
+"""Collects the evidence for the preflight checks; subscribes to the fast topics only meanwhile."""
 
 from __future__ import annotations
 
@@ -22,11 +22,7 @@ from models.types import Vector
 
 
 class PreflightProbe:
-    """One look at every sensor.
-
-    Args:
-        node: Node that subscribes.
-    """
+    """Samples every sensor once."""
 
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
@@ -41,11 +37,11 @@ class PreflightProbe:
 
     @property
     def open(self) -> bool:
-        """Whether it is listening."""
+        """Whether it is subscribed."""
         return bool(self._subscriptions)
 
     def start(self) -> None:
-        """Forget what was seen and listen."""
+        """Discard old samples and subscribe."""
         self.stop()
         self._stamps = {topic: [] for topic in topics.sensor_topics(self._node.model)}
         self._refusals, self._joints, self._quaternion = {}, None, None
@@ -68,17 +64,12 @@ class PreflightProbe:
         listen(Odometry, topics.ODOM, self._take_odom)
 
     def stop(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
         while self._subscriptions:
             self._node.destroy_subscription(self._subscriptions.pop())
 
     def evidence(self, description: str | None, incompatible: Mapping[str, str]) -> Evidence:
-        """What was seen since ``start``.
-
-        Args:
-            description: The robot's URDF, if it has arrived.
-            incompatible: What the nodes report of the QoS of needed topics.
-        """
+        """Samples since ``start``, with the URDF, if it has arrived, and the QoS mismatches of needed topics."""
         rates = {}
         for topic, stamps in self._stamps.items():
             span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0

@@ -1,9 +1,10 @@
-"""Node ``supervisor``: modes, text commands, preflight and faults; what moves the robot is decided here."""
+"""Node ``supervisor``: modes, text commands, preflight and faults."""
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +12,25 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from controllers.arbitration_config import PLAIN, ArbitrationConfig
+from controllers.arbitration import PLAIN, ArbitrationConfig
 from controllers.command_key import read_key
 from controllers.command_signature import Verifier
 from controllers.health import second_publisher
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
-from controllers.nodes.own_types import COMMAND, SET_MODE, offer_own_types
 from controllers.nodes.preflight_probe import PreflightProbe
-from controllers.obstacle_stop import ObstacleStop
-from controllers.obstacle_stop_config import ObstacleStopConfig
+from controllers.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from controllers.preflight import attitude, preflight
 from controllers.supervisor import ACTIVE_MODES, Supervisor
 from controllers.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare_config, declare_lockstep, describe
 from models.nodes.qos import EVENT, LATCHED
+from models.nodes.services import offer_own
 from models.nodes.spin import run
+from models.status import MotionState, MotionStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
 _SERVED = tuple(mode.value for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK))
@@ -39,11 +40,7 @@ _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
 class SupervisorNode(PoiseNode):
-    """Runs ``Supervisor`` on what the other nodes report.
-
-    Args:
-        kwargs: Passed to rclpy.
-    """
+    """Runs ``Supervisor`` on what the other nodes report."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("supervisor", **kwargs)
@@ -53,7 +50,7 @@ class SupervisorNode(PoiseNode):
         self._obstacle_stop = declare_config(
             self, default_config(ObstacleStopConfig, "controllers", "obstacle_stop"), "obstacle_stop."
         )
-        self._lockstep = topics.declare_lockstep(self)
+        self._lockstep = declare_lockstep(self)
         get = self.declare_parameter
         text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
         self._auto_stand = bool(get("auto_stand", True, text).value)
@@ -66,7 +63,7 @@ class SupervisorNode(PoiseNode):
         text = describe("Silence of /clock after which the robot is damped [s]", low=0.01, high=60.0)
         self._clock_timeout = float(get("clock_timeout", 0.5, text).value)
         text = describe(
-            "How long a supervisor that starts beside a standing robot waits to hear of it [s]", low=0.1, high=10.0
+            "How long a supervisor that starts beside a standing robot waits for its reports [s]", low=0.1, high=10.0
         )
         self._adoption_time = float(get("adoption_time", 1.0, text).value)
 
@@ -90,25 +87,25 @@ class SupervisorNode(PoiseNode):
         obstacles = ObstacleStop(self.model, self._obstacle_stop) if self._look_ahead else None
         verifier = Verifier(read_key(Path(self._key_file)), self._key_window) if self._key_file else None
         self._commands = CommandTopics(
-            self, self._arbitration, self._law, self._reports, self._say, obstacles, verifier
+            self, self._arbitration, self._law, self._reports, self._act_on, obstacles, verifier
         )
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
-        for topic in (topics.MOTION_STATE, topics.MOTION_PLAN_STATE):
-            self.listen(String, topic, self._on_motion_state, EVENT)
+        self.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_motion)
+        self._publish_status = self.announce_status(topics.SUPERVISOR_STATUS, LATCHED)
         for name in _SERVED:
             self._offer(f"mode/{name}", lambda name=name: self._request_mode(Mode(name)))
         self._offer("estop", lambda: self._law.estop())
         self._offer("reset_faults", lambda: self._law.reset_faults())
-        offer_own_types(self, self._set_mode, lambda text: self._commands.hear(PLAIN, COMMAND, text))
+        offer_own_types(self, self._set_mode, lambda text: self._commands.reply(PLAIN, COMMAND, text))
         self.own(PreflightProbe.stop, self._probe)
         self.own(self.destroy_timer, self.every(self._period, self._update))
 
     def deactivate(self) -> None:
-        """Listen to the sensors no more."""
+        """Unsubscribe from the sensors."""
         self._probe.stop()
 
     def before_diagnostics(self) -> None:
-        """Report mode, faults and what stands in the way of arming."""
+        """Report mode, faults and the reasons against arming."""
         if not self.active:
             return
         law = self._law
@@ -117,13 +114,14 @@ class SupervisorNode(PoiseNode):
         self.level = (
             DiagnosticStatus.ERROR if law.faults else DiagnosticStatus.WARN if law.holds else DiagnosticStatus.OK
         )
+        self._report()
         self.values["mode"], self.values["drivers"] = law.mode.value, self._driver_state
         self.values["preflight"] = "; ".join(law.preflight) or "passed"
         self.values["commands ignored"] = str(law.ignored)
         self.values |= self._commands.values()
 
     def _update(self) -> None:
-        """Health to mode, preflight, and what changed."""
+        """Update mode and preflight from the health, and publish changes."""
         if not self.active:
             return
         law = self._law
@@ -145,16 +143,16 @@ class SupervisorNode(PoiseNode):
             law.set_preflight(findings)
             self._probe_until += self._listen_time
             if self._auto_stand and self._driver_state == topics.HELD and not law.preflight and not law.faults:
-                self._say("auto_stand", self._request_mode(Mode.STAND))
+                self._act_on("auto_stand", self._request_mode(Mode.STAND))
         self._publish_mode()
-        self._commands.tell()
+        self._commands.publish()
 
     def _hanging(self) -> tuple[str, ...]:
-        """Nothing stands on a floor that it does not touch."""
+        """Why a robot without load on its feet cannot stand."""
         return ("the robot hangs in the air: let it down first",) if self._driver_state == topics.HANGING else ()
 
     def _watch(self) -> None:
-        if not self._reports.heard and time.monotonic() < self._adopting_until:
+        if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
         if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
@@ -163,7 +161,7 @@ class SupervisorNode(PoiseNode):
             self._law.update(health, self._reports.t)
 
     def _publish_mode(self) -> None:
-        """Tell what has changed; nothing before the drivers have told what they do."""
+        """Publish changes; nothing before the first driver state."""
         if not self._driver_state:
             return
         if self._published != self._law.mode.value:
@@ -181,16 +179,22 @@ class SupervisorNode(PoiseNode):
             self._request.publish(String(data=self._requested))
         self._commands.take()
 
-    def _say(self, source: str, reply: CommandReply) -> None:
-        """Log a reply and act on it at once."""
+    def _act_on(self, source: str, reply: CommandReply) -> None:
         if reply.accepted:
             self.get_logger().info(f"{source}: {reply.reason}")
         else:
             self.refuse(source, reply.reason)
+            self._report()
         self._publish_mode()
 
+    def _report(self) -> None:
+        """Publish the status, at once when a command is refused because its sender waits for it."""
+        refused = self.counters[f"refused {topics.HUMANOID_COMMANDS}"]
+        refusal = self.values.get("last refusal", "")
+        self._publish_status(SupervisorStatus(self.robot, self._law.mode, refused, refusal, tuple(self._law.faults)))
+
     def _request_mode(self, mode: Mode) -> CommandReply:
-        """Ask the law for a mode, after a last look at the attitude: a damped robot may have fallen just now."""
+        """Request a mode from the law with the newest attitude: a damped robot may have fallen just now."""
         law = self._law
         if law.mode not in ACTIVE_MODES and not law.preflight:
             law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
@@ -198,12 +202,11 @@ class SupervisorNode(PoiseNode):
         return law.request(mode)
 
     def _set_mode(self, name: str) -> CommandReply:
-        """Ask for a mode by its name."""
         if name not in _SERVED:
             reply = CommandReply(False, f"unknown mode '{name[:32]}'; known: {', '.join(_SERVED)}")
         else:
             reply = self._request_mode(Mode(name))
-        self._say(SET_MODE, reply)
+        self._act_on(SET_MODE, reply)
         return reply
 
     def _offer(self, name: str, act: Any) -> None:
@@ -213,21 +216,20 @@ class SupervisorNode(PoiseNode):
                 return response
             reply = act()
             response.success, response.message = reply.accepted, reply.reason
-            self._say(name, reply)
+            self._act_on(name, reply)
             return response
 
         self.serve(Trigger, name, on_call)
 
-    def _on_motion_state(self, message: String) -> None:
-        word, _, reason = message.data.partition(": ")
-        request, _, reason = reason.partition(": ")
-        if word == topics.MOTION_REFUSED and request == self._requested and self._law.motion is not None:
-            self._say(topics.MOTION_STATE, self._law.motion_refused(reason))
+    def _on_motion(self, status: MotionStatus) -> None:
+        refused = status.state is MotionState.REFUSED and status.request == self._requested
+        if refused and self._law.motion is not None:
+            self._act_on(topics.MOTION_STATE, self._law.motion_refused(status.reason))
 
     def _on_driver_state(self, message: String) -> None:
-        """A robot put back to its start begins anew. When this node starts beside one that moves, it takes over.
+        """Start over after a reset of the robot; take over a robot that is already active.
 
-        Active drivers: the robot keeps standing. Damped ones: it stays damped, with a latched fault.
+        With active drivers the robot keeps standing. Damped, it stays damped with a latched fault.
         """
         before, self._driver_state = self._driver_state, message.data
         if message.data == topics.HELD and before:
@@ -244,8 +246,26 @@ class SupervisorNode(PoiseNode):
             self._law.fault("the drivers were damped when the supervisor started")
 
 
+SET_MODE, COMMAND = "set_mode", "command"
+"""Names of the services."""
+
+
+def offer_own_types(
+    node: PoiseNode, set_mode: Callable[[str], CommandReply], say: Callable[[str], CommandReply]
+) -> None:
+    """Offer ``set_mode`` and ``command`` until ``cleanup``; where their types are absent, the diagnostics say so."""
+
+    def answer(response: Any, act: Callable[[], CommandReply]) -> Any:
+        reply = act() if node.active else CommandReply(False, f"{node.get_name()} is not active")
+        response.success, response.message = reply.accepted, reply.reason
+        return response
+
+    offer_own(node, "SetMode", SET_MODE, lambda request, response: answer(response, lambda: set_mode(request.mode)))
+    offer_own(node, "Command", COMMAND, lambda request, response: answer(response, lambda: say(request.text)))
+
+
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([SupervisorNode], args))
 
 

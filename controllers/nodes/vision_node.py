@@ -1,4 +1,4 @@
-"""Node ``vision_node``: pictures in, bearing of a target out; and the head after it, if wanted."""
+"""Node ``vision_node``: images in, bearing of a target out; optionally the head follows it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ from models.config import default_config
 from models.errors import ConfigError, MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.camera import picture_of, pinhole_of
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.head import head_from_message, head_message
-from models.nodes.messages import stamp_ns
+from models.nodes.messages import head_from_message, head_message, stamp_ns
 from models.nodes.parameters import declare_config, describe
+from models.nodes.perception import picture_of, pinhole_of
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import run
 from models.types import Vector
@@ -33,11 +32,7 @@ if TYPE_CHECKING:
 
 
 class VisionNode(PoiseNode):
-    """Runs ``TargetFinder`` on each picture; with ``follow`` it turns the head by ``Gaze``.
-
-    Args:
-        kwargs: Passed to rclpy.
-    """
+    """Runs ``TargetFinder`` on each image; with ``follow`` it turns the head by ``Gaze``."""
 
     AUTOSTART = True
 
@@ -87,7 +82,7 @@ class VisionNode(PoiseNode):
         try:
             picture, camera = picture_of(message), self._camera
             if camera is None:
-                raise MessageError(f"nothing was heard on {topics.CAMERA_INFO} before")
+                raise MessageError(f"no message on {topics.CAMERA_INFO} yet")
             if picture.shape[:2] != (camera.height, camera.width):
                 raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
         except MessageError as error:
@@ -98,7 +93,7 @@ class VisionNode(PoiseNode):
         self._tell(message, None if seen is None else camera.bearing(seen.pixel))
 
     def _tell(self, image: Any, bearing: Vector | None) -> None:
-        """Publish a bearing (3,), and look there."""
+        """Publish a bearing (3,), and turn the head there."""
         if bearing is None:
             self.message = "no target in the picture"
             return
@@ -120,7 +115,7 @@ class VisionNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([VisionNode], args))
 
 

@@ -1,31 +1,42 @@
-"""Solves the reduced QP: few rows in compiled code, daqp, quadprog as the checked fallback, a softened problem."""
+"""Solves the reduced QP by a chosen back-end, proves every answer, and falls back in order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter
+from typing import Any
 
 import daqp
 import numpy as np
 import quadprog
+import scipy.sparse as sp
 from msgspec import Struct
+from numpy.typing import NDArray
 
-from controllers.qp.build import QP
-from controllers.qp.kernels_check import all_finite, kkt_residual
-from controllers.qp.kernels_few_rows import solve_few
-from controllers.qp.kernels_whiten import free_minimum
+from controllers.qp.active_set import QP, Prepared, Workspace, all_finite, kkt_residual, make_workspace, solve_few
+from models.errors import ConfigError
 from models.types import SolveStatus, Vector
+from models.unboxed import Unboxed, unbox
+
+Index = NDArray[np.int64]
+
+OWN, DAQP = "own", "daqp"
 
 _HARD = 0
 _SOFT = 8
 _OPTIMAL = (1, 2)
 """daqp exit flags: optimal, optimal with soft constraints in use."""
 
-_BROKEN = 1e-9
-"""By how much, of its size, the answer for few rows may break a row that it does not hold [-]."""
-
 _EXACT = 1e-9
-"""Largest KKT residual of an answer for few rows; rows that all but depend on each other are left to daqp [-]."""
+"""Largest KKT residual of an answer of the own solver; rows that all but depend on each other are left to daqp [-]."""
+
+INFINITE = 1e20
+"""From this size on a bound is none: a row without one has 1e30, divided by the weight."""
+
+TOLERANCE = 0.01
+"""Tolerance asked of a back-end of qpsolvers over the largest accepted residual [-]."""
+
+_SPARSE = ("osqp", "clarabel")
+"""Back-ends of qpsolvers that work on sparse matrices."""
 
 
 class Solution(Struct, frozen=True):
@@ -44,146 +55,160 @@ class Solution(Struct, frozen=True):
     time: float
 
 
-class _Workspace:
-    """Memory for problems of one size.
+Answer = tuple[Vector | None, float]
+"""Minimiser, None without one, and its KKT residual."""
 
-    Args:
-        nz: Number of unknowns.
-        rows: Number of rows, simple ones included.
-    """
+_NO_ANSWER: Answer = (None, float("nan"))
 
-    def __init__(self, nz: int, rows: int) -> None:
-        self.nz = nz
-        self.marks = np.zeros(rows, dtype=bool)  # rows to hold: those active in the last answer, and those broken
-        self.arrays = (
-            np.zeros((nz, nz)),
-            np.zeros(nz),
-            self.marks,
-            np.zeros(rows, dtype=np.int64),
-            np.zeros((rows, nz)),
-            np.zeros((2, rows)),
-            np.zeros(rows),
-        )  # as ``solve_few`` wants them
-        self.free = self.arrays[:2]  # as ``free_minimum`` wants them
-        self.sense = np.zeros(rows, dtype=np.int32)
-        self.held = False  # whether the last answer held any row
+
+def backends() -> list[str]:
+    """Names that ``solver.backend`` takes here: the own solver, daqp, and the installed back-ends of qpsolvers."""
+    import qpsolvers
+
+    return list(dict.fromkeys((OWN, DAQP, *sorted(qpsolvers.available_solvers))))
+
+
+def solver_options(backend: str, tolerance: float) -> dict[str, Any]:
+    """Options with which a back-end of qpsolvers comes as close as a KKT residual asks for."""
+    if backend == "osqp":
+        return {"eps_abs": tolerance, "eps_rel": tolerance, "max_iter": 200_000, "polishing": True}
+    if backend in ("proxqp", "piqp"):
+        return {"eps_abs": tolerance, "eps_rel": 0.0}
+    if backend == "clarabel":
+        return {"tol_feas": tolerance, "tol_gap_abs": tolerance, "tol_gap_rel": tolerance}
+    return {}
 
 
 class QPSolver:
     """Solve, check the KKT conditions, fall back in order.
 
-    1. The minimum without rows, where it breaks none; a QP that tells that by itself (``QP.keeps``) is spared its rows.
-    2. That with the rows that were active on the last tick, those that this minimum breaks, and those that its answers
-       break (``kernels_few_rows.py``): few of a hundred rows are ever active.
-    3. daqp with all rows, quadprog with all rows, daqp with soft rows.
-
-    Each answer is judged by its KKT residual in the whole problem.
-
-    The softened problem keeps torque limits and wrench cones hard and lets the joint-limit rows give way, at the
-    price ``|violation|^2 / (2 rho)``.
+    1. The back-end. The own solver takes the minimum without rows, where it breaks none, then that with the rows that
+       were active on the last tick and those that its answers break: few of a hundred rows are ever active.
+    2. daqp, then quadprog.
+    3. daqp with soft rows: joint limits give way at the price ``|violation|^2 / (2 rho)``, torque limits and wrench
+       cones stay hard.
 
     Args:
         residual_max: Largest accepted KKT residual.
         iterations_max: daqp's iteration limit.
         soft_rho: daqp's weight of violated soft rows.
+        backend: One of ``backends()``.
+
+    Raises:
+        ConfigError: There is no such back-end; the installed ones are listed.
     """
 
-    def __init__(self, residual_max: float, iterations_max: int, soft_rho: float) -> None:
-        self._residual_max, self._accepted = residual_max, min(residual_max, _EXACT)
-        self._iterations = iterations_max
-        self._rho = soft_rho
-        self._workspaces: dict[tuple[int, int], _Workspace] = {}
+    def __init__(self, residual_max: float, iterations_max: int, soft_rho: float, backend: str = OWN) -> None:
+        if backend not in (OWN, DAQP) and backend not in backends():
+            raise ConfigError(f"solver.backend: unknown back-end '{backend}'; installed: {', '.join(backends())}")
+        self._residual_max, self._iterations, self._rho = residual_max, iterations_max, soft_rho
+        self._workspaces: dict[tuple[int, ...], Workspace] = {}
+        self._prepared: dict[int, tuple[QP, Workspace, Unboxed[Prepared]]] = {}
+        self._backend, self._tolerance = backend, TOLERANCE * residual_max
+        self._accepted = min(residual_max, _EXACT)
         self._warm_up()
 
     def _warm_up(self) -> None:
         """Compile every check now: the loop itself never waits for a compiler."""
+        rows = np.array([[1.0], [1.0]])
         for lower in (0.0, 2.0):  # with an active row, and without a solution
-            rows = np.array([[1.0]])
-            self.solve(QP(rows, rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True])))
+            qp = QP(rows[:1], rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True]))
+            self.solve(qp)
+
+    def prepare(self, qp: QP) -> None:
+        """Take up a problem whose arrays are written again and again, before the loop needs it."""
+        self._prepared[id(qp)] = qp, *self._unbox(qp)
+
+    def _unbox(self, qp: QP) -> tuple[Workspace, Unboxed[Prepared]]:
+        """A problem with the memory for its size, for compiled code."""
+        work = self._workspaces.get(qp.matrix.shape) or make_workspace(qp)
+        self._workspaces[qp.matrix.shape] = work
+        return work, unbox(Prepared(qp, work))
 
     def reset(self) -> None:
-        """Forget which rows were active."""
+        """Discard the active set of the last tick."""
         for work in self._workspaces.values():
             work.marks[:] = False
-            work.held = False
 
     def solve(self, qp: QP) -> Solution:
         """Solve one QP; never raises, a failure is in the status."""
         start = perf_counter()
-        work = self._workspace(qp)
-        if qp.complete is not None:
-            if not work.held and qp.keeps is not None:
-                z, residual = self._free(qp, work, qp.keeps)
-                if z is not None:
-                    return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
-            qp.complete()
-        finite = all_finite(qp.hessian, qp.gradient, qp.matrix) if qp.finite is None else qp.finite
-        if not finite:
-            return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
-        z, residual = self._few_rows(qp, work)
+        z, status, residual = self._solve(qp)
+        return Solution(z, status, residual, perf_counter() - start)
+
+    def _solve(self, qp: QP) -> tuple[Vector | None, SolveStatus, float]:
+        if self._backend == OWN:  # refuses NaN and infinity itself
+            z, residual = self._few_rows(qp)
+            if z is not None:
+                return z, SolveStatus.OPTIMAL, residual
+        if not all_finite(qp):
+            return None, SolveStatus.HELD, float("nan")
+        if self._backend not in (OWN, DAQP):
+            z, residual = self._qpsolvers(qp)
+            if z is not None:
+                return z, SolveStatus.OPTIMAL, residual
+        z, residual, infeasible = self._daqp(qp)
         if z is not None:
-            return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
-        z, residual, infeasible = self._daqp(qp, work)
-        if z is not None:
-            return Solution(z, SolveStatus.OPTIMAL, residual, perf_counter() - start)
+            proven = SolveStatus.OPTIMAL if self._backend in (OWN, DAQP) else SolveStatus.FALLBACK_SOLVER
+            return z, proven, residual
         if not infeasible:
             z, residual = self._quadprog(qp)
             if z is not None:
-                return Solution(z, SolveStatus.FALLBACK_SOLVER, residual, perf_counter() - start)
+                return z, SolveStatus.FALLBACK_SOLVER, residual
         z, residual = self._relaxed(qp)
-        if z is not None:
-            return Solution(z, SolveStatus.RELAXED, residual, perf_counter() - start)
-        return Solution(None, SolveStatus.HELD, float("nan"), perf_counter() - start)
+        return z, SolveStatus.HELD if z is None else SolveStatus.RELAXED, residual
 
-    def _workspace(self, qp: QP) -> _Workspace:
-        size = qp.gradient.shape[0], qp.lower.shape[0]
-        work = self._workspaces.get(size)
-        if work is None:
-            work = self._workspaces[size] = _Workspace(*size)
-        return work
-
-    def _free(self, qp: QP, work: _Workspace, keeps: Callable[[Vector], bool]) -> tuple[Vector | None, float]:
-        """The minimum without rows, where it breaks none."""
-        z: Vector = np.empty(work.nz)
-        residual = free_minimum(qp.hessian, qp.gradient, *work.free, z)
-        return (z, residual) if residual < self._accepted and keeps(z) else (None, residual)
-
-    def _few_rows(self, qp: QP, work: _Workspace) -> tuple[Vector | None, float]:
-        z: Vector = np.empty(work.nz)
-        residual = solve_few(
-            qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, *work.arrays, _BROKEN, self._accepted, z
-        )
+    def _few_rows(self, qp: QP) -> Answer:
+        known = self._prepared.get(id(qp))
+        work, problem = known[1:] if known else self._unbox(qp)
+        z: Vector = np.empty(len(qp.gradient))
+        residual = solve_few(problem, z)
         if residual < self._accepted:
-            work.held = 1 in work.marks.tobytes()  # numpy's any() takes ten times as long
             return z, residual
-        work.marks[:] = work.held = False
-        return None, residual
+        work.marks[:] = False
+        return _NO_ANSWER
 
-    def _daqp(self, qp: QP, work: _Workspace) -> tuple[Vector | None, float, bool]:
+    def _qpsolvers(self, qp: QP) -> Answer:
+        import qpsolvers
+
+        problem, upper, lower = to_qpsolvers(qp, self._backend)
+        try:
+            found = qpsolvers.solve_problem(problem, self._backend, **solver_options(self._backend, self._tolerance))
+        except (ValueError, RuntimeError, ArithmeticError, TypeError):
+            return _NO_ANSWER
+        if not found.found or found.x is None or found.z is None:
+            return _NO_ANSWER
+        multipliers = np.zeros(len(qp.lower))
+        multipliers[upper] += found.z[: len(upper)]
+        multipliers[lower] -= found.z[len(upper) :]
+        return self._proven(qp, np.ascontiguousarray(found.x), multipliers)
+
+    def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
         z, _, flag, info = daqp.solve(
-            qp.hessian, qp.gradient, qp.matrix, qp.upper, qp.lower, work.sense, iter_limit=self._iterations
+            qp.hessian,
+            qp.gradient,
+            qp.matrix,
+            qp.upper,
+            qp.lower,
+            np.zeros(len(qp.lower), dtype=np.int32),
+            iter_limit=self._iterations,
         )
         if flag not in _OPTIMAL:
             return None, float("nan"), flag == -1
-        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z, info["lam"])
-        return (z, residual, False) if residual < self._residual_max else (None, residual, False)
+        return *self._proven(qp, z, info["lam"]), False
 
-    def _quadprog(self, qp: QP) -> tuple[Vector | None, float]:
-        nz = qp.gradient.shape[0]
-        simple = qp.lower.shape[0] - qp.matrix.shape[0]
-        rows = np.vstack([np.eye(nz)[:simple], qp.matrix])
+    def _quadprog(self, qp: QP) -> Answer:
+        rows = np.vstack([qp.matrix, -qp.matrix])
         try:
             z, _, _, _, multipliers, _ = quadprog.solve_qp(
-                qp.hessian, -qp.gradient, np.vstack([rows, -rows]).T, np.concatenate([qp.lower, -qp.upper])
+                qp.hessian, -qp.gradient, rows.T, np.concatenate([qp.lower, -qp.upper])
             )
         except ValueError:
-            return None, float("nan")
-        count = qp.lower.shape[0]
-        signed = multipliers[count:] - multipliers[:count]
-        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, z, signed)
-        return (z, residual) if residual < self._residual_max else (None, residual)
+            return _NO_ANSWER
+        count = len(qp.lower)
+        return self._proven(qp, z, multipliers[count:] - multipliers[:count])
 
-    def _relaxed(self, qp: QP) -> tuple[Vector | None, float]:
+    def _relaxed(self, qp: QP) -> Answer:
         sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
         crossed = qp.soft & (qp.lower > qp.upper)  # rows that contradict themselves
         lower, upper = qp.lower.copy(), qp.upper.copy()
@@ -199,10 +224,27 @@ class QPSolver:
             rho_soft=self._rho,
         )
         if flag not in _OPTIMAL or not np.isfinite(z).all():
-            return None, float("nan")
+            return _NO_ANSWER
         # The answer is optimal for bounds moved to where the soft rows ended; the hard ones stay where they were.
-        values = np.concatenate([z[: len(qp.lower) - len(qp.matrix)], qp.matrix @ z])
+        values = qp.matrix @ z
         lower = np.where(qp.soft, np.minimum(lower, values), lower)
         upper = np.where(qp.soft, np.maximum(upper, values), upper)
-        residual = kkt_residual(qp.hessian, qp.gradient, qp.matrix, lower, upper, z, info["lam"])
-        return (z, residual) if residual < self._residual_max else (None, residual)
+        return self._proven(qp._replace(lower=lower, upper=upper), z, info["lam"])
+
+    def _proven(self, qp: QP, z: Vector, multipliers: Vector) -> Answer:
+        """An answer with its residual; none where that is too large."""
+        residual = kkt_residual(qp, z, multipliers)
+        return (z, residual) if residual < self._residual_max else _NO_ANSWER
+
+
+def to_qpsolvers(qp: QP, backend: str) -> tuple[Any, Index, Index]:
+    """A ``qpsolvers.Problem``, and which rows of the QP its rows ``G z <= h`` are: upper bounds, then lower ones."""
+    import qpsolvers
+
+    upper, lower = np.flatnonzero(qp.upper < INFINITE), np.flatnonzero(qp.lower > -INFINITE)
+    hessian: Any = qp.hessian
+    rows: Any = np.vstack([qp.matrix[upper], -qp.matrix[lower]])
+    if backend in _SPARSE:
+        hessian, rows = sp.csc_matrix(hessian), sp.csc_matrix(rows)
+    bounds = np.concatenate([qp.upper[upper], -qp.lower[lower]])
+    return qpsolvers.Problem(hessian, qp.gradient, rows, bounds), upper, lower

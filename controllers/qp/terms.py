@@ -1,49 +1,125 @@
-"""Every model term that one tick needs, updated once and shared by tasks, contacts and assembly."""
+"""Every model term that one tick needs, updated once and shared by tasks, limits, contacts and laws."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from controllers.memory import Block
-from controllers.qp.kernels_read import TERMS, read_terms
+from models.compiled import njit
 from models.constants import GRAVITY
+from models.errors import ConfigError
 from models.robot_model import RobotModel
+from models.so3 import exponential, multiply, quaternion_matrix, rotation_error
 from models.types import Matrix, RobotState, Vector
+from models.unboxed import Unboxed, unbox
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _WORLD = pin.Convention.WORLD
 
+TORSO, BASE = 2, 3
+"""Places of frames in the arrays of ``Dynamics``; the soles come before them."""
 
-class FrameTerms:
-    """Pose, Jacobian, twist and drift of one operational frame, all expressed in the frame.
+FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")
+"""Frames of every robot, in the order of their places."""
+
+
+class FrameTerms(NamedTuple):
+    """Terms of one frame F; all but the pose are expressed in F, linear part first.
 
     Attributes:
-        frame_id: Pinocchio's id of the frame.
         pose: Homogeneous transform in W (4, 4).
-        jacobian: Linear then angular (6, nv).
+        jacobian: J_F (6, nv).
         twist: Velocity (6,) [m/s, rad/s].
         drift: Classical acceleration at zero generalised acceleration (6,) [m/s^2, rad/s^2].
-        rotation: Rotation of the frame in W, part of ``pose`` (3, 3).
-        position: Origin of the frame in W, part of ``pose`` (3,) [m].
     """
 
-    def __init__(self, frame_id: int, block: Block, index: int) -> None:
-        self.frame_id = frame_id
-        self.pose: Matrix = block["pose"][index]
-        self.jacobian: Matrix = block["jacobian"][index]
-        self.twist: Vector = block["twist"][index]
-        self.drift: Vector = block["drift"][index]
-        self.rotation: Matrix = self.pose[:3, :3]
-        self.position: Vector = self.pose[:3, 3]
+    pose: Matrix
+    jacobian: Matrix
+    twist: Vector
+    drift: Vector
+
+    @property
+    def rotation(self) -> Matrix:
+        """Rotation of F in W, a view of the pose (3, 3)."""
+        return self.pose[:3, :3]
+
+    @property
+    def position(self) -> Vector:
+        """Origin of F in W, a view of the pose (3,) [m]."""
+        return self.pose[:3, 3]
+
+
+class Dynamics(NamedTuple):
+    """Dynamics and frames as compiled code takes them; see ``Terms``. Frames are stacked: (frames, ...)."""
+
+    q: Array
+    v: Array
+    mass_matrix: Array
+    bias: Array
+    poses: Array
+    jacobians: Array
+    twists: Array
+    drifts: Array
+
+
+class Centroid(NamedTuple):
+    """CoM and centroidal angular momentum; see ``Terms``."""
+
+    base_rotation: Array
+    com: Array
+    com_velocity: Array
+    com_jacobian: Array
+    com_drift: Array
+    momentum: Array
+    momentum_matrix: Array
+    momentum_drift: Array
+
+
+class _Tree(NamedTuple):
+    """What the frames are read from: Pinocchio's arrays of all joints, and where each frame is attached."""
+
+    jacobian: Array  # (6, nv), world axes, linear part at the world's origin
+    rotations: Array  # (joints, 3, 3), in W
+    positions: Array  # (joints, 3), in W
+    linear: Array  # (joints, 3), acceleration at zero generalised acceleration less gravity, in the joint
+    angular: Array  # (joints, 3)
+    parents: Index  # (frames,)
+    placements: Array  # (frames, 3, 4), in the parent joint
+    columns: Index  # (frames, nv), velocities that move the frame, filled up with -1
+
+
+class ModelTerms(NamedTuple):
+    """All terms as compiled code takes them, with what they are read from."""
+
+    dynamics: Dynamics
+    centroid: Centroid
+    tree: _Tree
+    mass: float
 
 
 class Terms:
     """Dynamics, centroidal quantities and frames of the current state.
 
-    The arrays are always the same ones, overwritten by ``update``; those of the dynamics belong to Pinocchio.
+    The arrays are always the same ones, overwritten by ``update``; those of the dynamics belong to Pinocchio. Frames
+    are read from the Jacobian, placements and accelerations of the joints that ``crba`` and ``nonLinearEffects`` leave
+    behind, so one more frame costs no further pass over the tree.
+
+    Args:
+        model: The robot.
+        frames: Further frames: names of the profile or of the URDF.
 
     Attributes:
+        dynamics: State, dynamics and frames, as a record.
+        centroid: CoM and angular momentum, as a record.
+        unboxed: All terms, for compiled code.
+        q, v: Configuration (nq,) and velocity (nv,).
         mass_matrix: M with rotor inertia (nv, nv).
         bias: Coriolis and gravity (nv,).
         base_rotation: R_WB (3, 3).
@@ -51,70 +127,256 @@ class Terms:
         com_jacobian: In W (3, nv).
         momentum, momentum_drift: Angular momentum about the CoM and its rate at zero acceleration, in W (3,).
         momentum_matrix: In W (3, nv).
-        soles: Left and right sole frames.
+        soles: Left and right sole.
         torso: Torso frame.
-        block: All but the dynamics, for kernels.
+        frames: All frames by name.
+
+    Raises:
+        ConfigError: Neither profile nor URDF has a frame of that name.
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
-        self._pin = model.pin
+    def __init__(self, model: RobotModel, frames: Sequence[str] = ()) -> None:
+        self._pin = robot = model.pin
         self._data = data = model.data()
         nv = model.nv
-        frames = ((3, 4, 4), (3, 6, nv), (3, 6), (3, 6), (3, 3, 4))
-        shapes = ((model.nq,), (nv,), (3, 3), (3,), (3,), (3, nv), (3,), (3,), (3, nv), (3,), *frames)
-        self.block = block = Block(dict(zip(TERMS, shapes, strict=True)))
-        self.q, self.v, self.base_rotation = (block[name] for name in ("q", "v", "base_rotation"))
-        self.com, self.com_velocity = block["com"], block["com_velocity"]
-        self.com_jacobian, self.com_drift = block["com_jacobian"], block["com_drift"]
-        self.momentum, self.momentum_drift = block["momentum"], block["momentum_drift"]
-        self.momentum_matrix = block["momentum_matrix"]
-        block["pose"][:] = np.eye(4)
-        self._frames = (model.feet[0].frame_id, model.feet[1].frame_id, model.frame_id("torso"))
-        self.soles = FrameTerms(self._frames[0], block, 0), FrameTerms(self._frames[1], block, 1)
-        self.torso = FrameTerms(self._frames[2], block, 2)
+        ids = dict(zip(FIRST_FRAMES, [foot.frame_id for foot in model.feet], strict=False))
+        ids |= {name: frame_id_of(model, name) for name in (*FIRST_FRAMES[len(ids) :], *frames)}
+        count = len(ids)
+        self.q, self.v = np.zeros(model.nq), np.zeros(nv)
         # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
         self.mass_matrix: Matrix = data.M.T
         self.bias: Vector = data.nle
-        views = []
-        for k, frame_id in enumerate(self._frames):
-            frame = model.pin.frames[frame_id]
-            placement, acceleration = data.oMf[frame_id], data.a_gf[frame.parentJoint]
-            views += [placement.rotation, placement.translation, acceleration.linear, acceleration.angular]
-            block["offset"][k] = frame.placement.homogeneous[:3]
-        self._arguments = (
-            data.J,
-            *views,
-            _columns(model, self._frames),
-            model.mass,
-            GRAVITY,
-            block.data,
-            block.layout,
+        self.base_rotation = np.eye(3)
+        self.com, self.com_velocity, self.com_drift = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.momentum, self.momentum_drift = np.zeros(3), np.zeros(3)
+        self.com_jacobian, self.momentum_matrix = np.zeros((3, nv)), np.zeros((3, nv))
+        poses, jacobians = np.tile(np.eye(4), (count, 1, 1)), np.zeros((count, 6, nv))
+        twists, drifts = np.zeros((count, 6)), np.zeros((count, 6))
+        self.dynamics = Dynamics(self.q, self.v, self.mass_matrix, self.bias, poses, jacobians, twists, drifts)
+        self.centroid = centroid = Centroid(
+            self.base_rotation,
+            self.com,
+            self.com_velocity,
+            self.com_jacobian,
+            self.com_drift,
+            self.momentum,
+            self.momentum_matrix,
+            self.momentum_drift,
         )
+        self.frames = {name: FrameTerms(poses[k], jacobians[k], twists[k], drifts[k]) for k, name in enumerate(ids)}
+        self.soles = self.frames["l_sole"], self.frames["r_sole"]
+        self.torso = self.frames["torso"]
+        parents = [robot.frames[frame].parentJoint for frame in ids.values()]
+        tree = _Tree(
+            data.J,
+            *_placement_views(data.oMi),
+            *_motion_views(data.a_gf),
+            np.array(parents, dtype=np.int64),
+            np.array([robot.frames[frame].placement.homogeneous[:3] for frame in ids.values()]),
+            _columns(robot, parents),
+        )
+        self.unboxed = unbox(ModelTerms(self.dynamics, centroid, tree, model.mass))
 
     def update(self, state: RobotState) -> None:
         """Evaluate everything at one state; the arrays of this object are overwritten."""
         self.q[:] = state.q
         self.v[:] = state.v
         self.call_pinocchio()
-        read_terms(self.mass_matrix, self.bias, *self._arguments)
+        _update(self.unboxed)
 
     def call_pinocchio(self) -> None:
         """Run only the Pinocchio algorithms of ``update`` (the benchmark times them alone)."""
-        model, data = self._pin, self._data
-        pin.crba(model, data, self.q, _WORLD)  # also J and the placements of the joints
-        pin.nonLinearEffects(model, data, self.q, self.v)  # also the accelerations of the bodies at zero a
-        for frame in self._frames:
-            pin.updateFramePlacement(model, data, frame)
+        pin.crba(self._pin, self._data, self.q, _WORLD)  # also J and the placements of the joints
+        pin.nonLinearEffects(self._pin, self._data, self.q, self.v)  # also the accelerations of the bodies at zero a
 
 
-def _columns(model: RobotModel, frames: tuple[int, ...]) -> NDArray[np.int64]:
+def frame_id_of(model: RobotModel, name: str) -> int:
+    """Pinocchio's id of a frame by its name in the profile, or else in the URDF.
+
+    Raises:
+        ConfigError: There is no such frame.
+    """
+    try:
+        return model.frame_id(name)
+    except ConfigError as error:
+        found = [index for index, frame in enumerate(model.pin.frames) if frame.name == name]
+        if not found:
+            raise ConfigError(f"{error}; the URDF has none of that name either") from error
+        return found[-1]  # a link's frame comes after that of its joint
+
+
+def _placement_views(placements: pin.StdVec_SE3) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) and translations (n, 3) of a C++ vector of poses, as views of its memory."""
+    first, second = placements[0], placements[1]
+    step = _step(first.rotation, second.rotation)
+    rotation, count = first.rotation, len(placements)
+    return (
+        as_strided(rotation, (count, 3, 3), (step, *rotation.strides)),
+        as_strided(first.translation, (count, 3), (step, 8)),
+    )
+
+
+def _motion_views(motions: pin.StdVec_Motion) -> tuple[Array, Array]:
+    """Linear and angular parts (n, 3) of a C++ vector of motions, as views of its memory."""
+    first, second = motions[0], motions[1]
+    step, count = _step(first.linear, second.linear), len(motions)
+    return as_strided(first.linear, (count, 3), (step, 8)), as_strided(first.angular, (count, 3), (step, 8))
+
+
+def _step(first: Array, second: Array) -> int:
+    return int(second.__array_interface__["data"][0] - first.__array_interface__["data"][0])
+
+
+def _columns(robot: pin.Model, parents: Sequence[int]) -> Index:
     """Velocity indices of the joints that move each frame, filled up with -1 (frames, nv)."""
-    columns = np.full((len(frames), model.nv), -1, dtype=np.int64)
-    for row, frame_id in zip(columns, frames, strict=True):
-        joint, used = model.pin.frames[frame_id].parentJoint, 0
+    columns = np.full((len(parents), robot.nv), -1, dtype=np.int64)
+    for row, parent in zip(columns, parents, strict=True):
+        joint, used = parent, 0
         while joint > 0:
-            first, count = model.pin.idx_vs[joint], model.pin.nvs[joint]
+            first, count = robot.idx_vs[joint], robot.nvs[joint]
             row[used : used + count] = np.arange(first, first + count)
-            joint, used = model.pin.parents[joint], used + count
+            joint, used = robot.parents[joint], used + count
     return columns
+
+
+@njit(cache=True)
+def finite_state(q: Array, v: Array) -> bool:
+    """Whether a configuration (nq,) and a velocity (nv,) hold neither NaN nor infinity."""
+    total = 0.0
+    for i in range(q.shape[0]):
+        total += q[i]
+    for i in range(v.shape[0]):
+        total += v[i]
+    return bool(np.isfinite(total))
+
+
+@njit(cache=True)
+def _update(model: Unboxed[ModelTerms]) -> None:
+    """Fill the terms whose ``q`` and ``v`` Pinocchio has been called with."""
+    dynamics, centroid, tree = model.record.dynamics, model.record.centroid, model.record.tree
+    quaternion_matrix(dynamics.q[3:7], centroid.base_rotation)
+    _centroidal_terms(dynamics, centroid, model.record.mass, GRAVITY)
+    for frame in range(tree.parents.shape[0]):
+        _frame_terms(dynamics, tree, frame, GRAVITY)
+
+
+@njit(cache=True)
+def frame_of(dynamics: Dynamics, frame: int) -> FrameTerms:
+    """Terms of one frame by its place."""
+    return FrameTerms(dynamics.poses[frame], dynamics.jacobians[frame], dynamics.twists[frame], dynamics.drifts[frame])
+
+
+@njit(cache=True)
+def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> None:
+    """Pose, Jacobian, twist and drift of one frame.
+
+    With ``A`` the spatial acceleration of the joint that moves the frame, at zero generalised acceleration and with
+    gravity as an upward acceleration of the base (what ``nonLinearEffects`` leaves behind), all in the frame::
+
+        drift = X^-1 A + (w x v, 0) - (R' g, 0)
+    """
+    joint, offset = tree.parents[frame], tree.placements[frame]
+    pose, jacobian = terms.poses[frame], terms.jacobians[frame]
+    twist, drift = terms.twists[frame], terms.drifts[frame]
+    for i in range(3):
+        pose[i, 3] = tree.positions[joint, i]
+        for j in range(3):
+            pose[i, j] = 0.0
+            for k in range(3):
+                pose[i, j] += tree.rotations[joint, i, k] * offset[k, j]
+            pose[i, 3] += tree.rotations[joint, i, j] * offset[j, 3]
+    px, py, pz = pose[0, 3], pose[1, 3], pose[2, 3]
+    twist[:] = 0.0
+    for column in tree.columns[frame]:
+        if column < 0:
+            break
+        ax = tree.jacobian[3, column]
+        ay = tree.jacobian[4, column]
+        az = tree.jacobian[5, column]
+        lx = tree.jacobian[0, column] + ay * pz - az * py
+        ly = tree.jacobian[1, column] + az * px - ax * pz
+        lz = tree.jacobian[2, column] + ax * py - ay * px
+        rate = terms.v[column]
+        for row in range(3):
+            r0, r1, r2 = pose[0, row], pose[1, row], pose[2, row]
+            up = r0 * lx + r1 * ly + r2 * lz
+            turn = r0 * ax + r1 * ay + r2 * az
+            jacobian[row, column] = up
+            jacobian[3 + row, column] = turn
+            twist[row] += up * rate
+            twist[3 + row] += turn * rate
+    # Acceleration at the frame's origin, still in the joint's axes: a + alpha x p.
+    linear, angular = tree.linear[joint], tree.angular[joint]
+    cx = linear[0] + angular[1] * offset[2, 3] - angular[2] * offset[1, 3]
+    cy = linear[1] + angular[2] * offset[0, 3] - angular[0] * offset[2, 3]
+    cz = linear[2] + angular[0] * offset[1, 3] - angular[1] * offset[0, 3]
+    for row in range(3):
+        drift[row] = offset[0, row] * cx + offset[1, row] * cy + offset[2, row] * cz - pose[2, row] * gravity
+        drift[3 + row] = offset[0, row] * angular[0] + offset[1, row] * angular[1] + offset[2, row] * angular[2]
+    drift[0] += twist[4] * twist[2] - twist[5] * twist[1]
+    drift[1] += twist[5] * twist[0] - twist[3] * twist[2]
+    drift[2] += twist[3] * twist[1] - twist[4] * twist[0]
+
+
+@njit(cache=True)
+def _centroidal_terms(terms: Dynamics, out: Centroid, mass: float, gravity: float) -> None:
+    """CoM and centroidal angular momentum from the free-flyer rows of the dynamics.
+
+    With ``f = M[:3] a + h[:3]`` and ``n = M[3:6] a + h[3:6]`` the contact force and moment at the base origin in B::
+
+        c'' = R f / m + g,    L' = R (n - c_B x f)
+    """
+    matrix, rotation = terms.mass_matrix, out.base_rotation
+    nv = terms.v.shape[0]
+    cx = matrix[1, 5] / mass
+    cy = -matrix[0, 5] / mass
+    cz = matrix[0, 4] / mass
+    for i in range(3):
+        out.com[i] = terms.q[i] + rotation[i, 0] * cx + rotation[i, 1] * cy + rotation[i, 2] * cz
+        out.com_velocity[i] = 0.0
+        out.momentum[i] = 0.0
+    for j in range(nv + 1):
+        if j < nv:
+            fx, fy, fz = matrix[0, j], matrix[1, j], matrix[2, j]
+            nx, ny, nz = matrix[3, j], matrix[4, j], matrix[5, j]
+        else:
+            fx, fy, fz = terms.bias[0], terms.bias[1], terms.bias[2]
+            nx, ny, nz = terms.bias[3], terms.bias[4], terms.bias[5]
+        nx -= cy * fz - cz * fy
+        ny -= cz * fx - cx * fz
+        nz -= cx * fy - cy * fx
+        for i in range(3):
+            linear = (rotation[i, 0] * fx + rotation[i, 1] * fy + rotation[i, 2] * fz) / mass
+            angular = rotation[i, 0] * nx + rotation[i, 1] * ny + rotation[i, 2] * nz
+            if j < nv:
+                out.com_jacobian[i, j] = linear
+                out.momentum_matrix[i, j] = angular
+                out.com_velocity[i] += linear * terms.v[j]
+                out.momentum[i] += angular * terms.v[j]
+            else:
+                out.com_drift[i] = linear
+                out.momentum_drift[i] = angular
+    out.com_drift[2] -= gravity
+
+
+@njit(cache=True)
+def pose_error(pose: Array, rotation: Array, position: Array, out: Array) -> None:
+    """Position and rotation from a pose (4, 4) to a desired rotation (3, 3) and origin (3,), in its frame (6,)."""
+    for i in range(3):
+        total = 0.0
+        for k in range(3):
+            total += pose[k, i] * (position[k] - pose[k, 3])
+        out[i] = total
+    rotation_error(pose, rotation, out[3:])
+
+
+@njit(cache=True)
+def follow_pose(rotation: Array, position: Array, pose: Array, share: float) -> None:
+    """Move a stored rotation (3, 3) and position (3,) a share of the way to a measured pose (4, 4), in place."""
+    turn, step, old = np.zeros(3), np.empty((3, 3)), rotation.copy()
+    rotation_error(rotation, pose, turn)
+    for i in range(3):
+        turn[i] *= share
+        position[i] += share * (pose[i, 3] - position[i])
+    exponential(turn, step)
+    multiply(old, step, rotation)

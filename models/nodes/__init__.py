@@ -1,1 +1,1 @@
-"""ROS 2 side of the models: what every node shares (lifecycle base, QoS, message conversions, real-time set-up)."""
+"""ROS 2 base of all nodes: lifecycle, QoS, message conversions, real-time set-up."""

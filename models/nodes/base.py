@@ -1,4 +1,4 @@
-"""What every node of the graph shares: lifecycle with told reasons, counted refusals, diagnostics, real-time set-up."""
+"""Base of every node: lifecycle with reasons, counted refusals, diagnostics, status, real-time set-up."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from models.errors import PoiseError
-from models.nodes import realtime
+from models.errors import MessageError, PoiseError
+from models.nodes import realtime, topics
 from models.nodes.parameters import describe
-from models.nodes.qos import EVENT
-from models.nodes.qos_watch import QosWatch
+from models.nodes.qos import EVENT, QosWatch
+from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
+from models.status import NodeStatus, Status
+
+T = TypeVar("T", bound=Status)
 
 LOG_PERIOD = 1.0
 """Shortest time between two log lines about the same kind of refusal [s]."""
@@ -34,18 +37,13 @@ def shared_model(robot: str) -> RobotModel:
 
 
 class PoiseNode(LifecycleNode):
-    """Lifecycle node that says why a transition fails and publishes what it refused.
+    """Lifecycle node that reports why a transition fails and publishes what it refused.
 
-    Subclasses fill the four hooks. A hook raises ``PoiseError`` to refuse a transition; anything else that it raises
-    is a programming error and is logged with its traceback.
+    Subclasses implement the four hooks. A hook raises ``PoiseError`` to refuse a transition; any other exception is a
+    programming error and is logged with its traceback.
 
-    Args:
-        name: Default node name.
-        kwargs: Passed to rclpy.
-
-    Attributes:
-        AUTOSTART: Whether such a node configures and activates itself unless the parameter ``autostart`` says
-            otherwise: those that only listen and tell.
+    A node with ``AUTOSTART`` configures and activates itself unless the parameter ``autostart`` says otherwise: set for
+    nodes that only observe.
     """
 
     AUTOSTART = False
@@ -72,6 +70,7 @@ class PoiseNode(LifecycleNode):
         self._qos = QosWatch(self)
         watched = self._qos.publisher("/diagnostics", EVENT)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT, event_callbacks=watched)
+        self._node_status = self.create_publisher(StatusMessage, topics.NODE_STATUS, EVENT)
         self._last_alarm = -ALARM_PERIOD
         self.every(float(period.value), self._on_diagnostics_due)
 
@@ -81,11 +80,7 @@ class PoiseNode(LifecycleNode):
         return shared_model(self.robot)
 
     def bring_up(self) -> None:
-        """Configure and activate.
-
-        Raises:
-            PoiseError: A transition is refused; says why.
-        """
+        """Configure and activate; raises ``PoiseError`` with the reason when a transition is refused."""
         for transition in (self.trigger_configure, self.trigger_activate):
             if transition() != TransitionCallbackReturn.SUCCESS:
                 raise PoiseError(f"{self.get_name()}: {self.message}")
@@ -100,7 +95,7 @@ class PoiseNode(LifecycleNode):
         """Stop to act."""
 
     def cleanup(self) -> None:
-        """Destroy what ``configure`` made with ``listen``, ``serve``, ``announce`` or ``own``, for another time."""
+        """Destroy what ``configure`` made with ``listen``, ``serve``, ``announce`` or ``own``."""
         while self._owned:
             destroy, entity = self._owned.pop()
             destroy(entity)
@@ -121,29 +116,43 @@ class PoiseNode(LifecycleNode):
         self._owned += [(self._qos.forget, topic), (self.destroy_lifecycle_publisher, publisher)]
         return publisher
 
+    def announce_status(self, topic: str, qos: Any = EVENT) -> Callable[[Status], None]:
+        """Function that publishes a status record while the node is active, until ``cleanup``."""
+        publisher = self.announce(StatusMessage, topic, qos)
+        return lambda record: publisher.publish(self._status_message(record))
+
+    def listen_status(
+        self,
+        kind: type[T],
+        topic: str,
+        callback: Callable[[T], None],
+        qos: Any = EVENT,
+        on_malformed: Callable[[], None] | None = None,
+    ) -> None:
+        """Subscribe to a status record until ``cleanup``; a malformed one is refused, and ``on_malformed`` called."""
+
+        def on_message(message: Any) -> None:
+            try:
+                record = status_from_message(message, kind)
+            except MessageError as error:
+                self.refuse(topic, error)
+                if on_malformed is not None:
+                    on_malformed()
+                return
+            callback(record)
+
+        self.listen(StatusMessage, topic, on_message, qos)
+
     def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
         """Have ``cleanup`` destroy something."""
         self._owned.append((destroy, entity))
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
-        """Timer on the steady clock, which neither wall-clock jumps nor ``/clock`` disturb.
-
-        Args:
-            period: Time between two calls [s].
-            callback: Called without arguments.
-
-        Returns:
-            The timer.
-        """
+        """Timer of a period [s] on the steady clock, independent of wall-clock jumps and ``/clock``."""
         return self.create_timer(period, callback, clock=self._steady)
 
     def refuse(self, source: str, error: Exception | str) -> None:
-        """Count a refused input and tell why, at most once per ``LOG_PERIOD`` and source.
-
-        Args:
-            source: Topic or service that brought it.
-            error: Names the culprit.
-        """
+        """Count a refused input of a topic or service; log the reason at most once per ``LOG_PERIOD`` and source."""
         self.counters[f"refused {source}"] += 1
         self.values["last refusal"] = f"{source}: {error}"
         now = time.monotonic()
@@ -166,6 +175,10 @@ class PoiseNode(LifecycleNode):
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+        self._node_status.publish(self._status_message(NodeStatus(self.get_name(), *self._qos.mismatches())))
+
+    def _status_message(self, record: Status) -> Any:
+        return status_to_message(record, self.get_fully_qualified_name(), self.get_clock().now().to_msg())
 
     def alarm(self) -> None:
         """Publish the diagnostics at once, unless that was done within ``ALARM_PERIOD``: then the timer does."""
@@ -175,7 +188,7 @@ class PoiseNode(LifecycleNode):
             self.publish_diagnostics()
 
     def _on_diagnostics_due(self) -> None:
-        """Who is still there, diagnostics, then the garbage: never within a tick."""
+        """Check peers, publish diagnostics, then collect garbage: never within a tick."""
         self._qos.look()
         self.publish_diagnostics()
         if self.active:
@@ -185,7 +198,7 @@ class PoiseNode(LifecycleNode):
         """Bring ``level``, ``message`` and ``values`` up to date; called before each publication."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition; see ``configure``. What a failed one made is destroyed."""
+        """Lifecycle transition; see ``configure``. Whatever a failed one created is destroyed."""
         result = self._transition("configured", self.configure, state, super().on_configure)
         if result != TransitionCallbackReturn.SUCCESS:
             self.cleanup()
@@ -224,8 +237,8 @@ class PoiseNode(LifecycleNode):
     def _LifecycleNodeMixin__change_state(self, transition_id: int) -> TransitionCallbackReturn:
         """Refuse a transition that does not start from the present state.
 
-        rclpy lets the error escape from its service, which would end the process: a request that was sent twice,
-        because its reply was late, must not stop a robot.
+        rclpy lets this error leave its service, which ends the process; a request sent twice after a late reply must
+        not stop a robot.
         """
         possible = {transition[0]: transition[1] for transition in self._state_machine.available_transitions}
         if transition_id not in possible:
@@ -247,7 +260,7 @@ class PoiseNode(LifecycleNode):
             self.level, self.message = DiagnosticStatus.ERROR, str(error)
             self.get_logger().error(f"not {label}: {error}")
             return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy would swallow it: say it, then let the state machine handle it
+        except Exception as error:  # rclpy would hide it: log it, then let the state machine handle it
             self.level, self.message = DiagnosticStatus.ERROR, f"{type(error).__name__}: {error}"
             self.get_logger().fatal(f"not {label}: {type(error).__name__}: {error}")
             return TransitionCallbackReturn.ERROR

@@ -1,4 +1,4 @@
-"""The calibration file of a node's robot: where it lies, and what was refused of it, in log and diagnostics."""
+"""The calibration file of a node's robot: location, and refused files in log and diagnostics."""
 
 from __future__ import annotations
 
@@ -8,18 +8,15 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
 
 NO_FILE = "none"
-"""Value of the parameter ``calibration_dir`` with which nothing is read."""
+"""Value of the parameter ``calibration_dir`` for no calibration."""
 
 
 class CalibrationFile:
-    """Reads the calibration that takes effect when a node starts, and says which.
+    """Reads the calibration that takes effect when a node starts, and reports which.
 
     The parameter ``calibration_dir`` names the folder: empty for that of ``models.calibration_store``, ``none`` for no
-    calibration. The file is named after the robot and the node's namespace.
-
-    Args:
-        node: Its diagnostics get ``calibration`` and, after a refusal, ``calibration refused``.
-        default: Of the parameter.
+    calibration. The file is named after the robot and the node's namespace. The node's diagnostics get ``calibration``
+    and, after a refusal, ``calibration refused``.
     """
 
     def __init__(self, node: PoiseNode, default: str = "") -> None:
@@ -31,21 +28,13 @@ class CalibrationFile:
 
     @property
     def store(self) -> CalibrationStore | None:
-        """The files; None when none is to be read.
-
-        Raises:
-            ConfigError: There is no folder for them.
-        """
+        """The files; None without calibration. ``ConfigError`` when there is no folder for them."""
         if self._folder == NO_FILE:
             return None
         return CalibrationStore(self._node.model, self._folder or None, namespace=self._node.get_namespace())
 
     def read(self) -> Calibration:
-        """The newest usable calibration; each file that is refused is named.
-
-        Raises:
-            ConfigError: There is no folder for the files.
-        """
+        """The newest usable calibration; each refused file is named. ``ConfigError`` when there is no folder."""
         store, node = self.store, self._node
         if store is None:
             node.values["calibration"] = "none is read"

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from models.calibration import Calibration
-from models.robot_model import RobotModel
+from typing import TYPE_CHECKING
+
 from models.types import FOOT_NAMES, CommandReply
+
+if TYPE_CHECKING:
+    from models.calibration import Calibration
+    from models.robot_model import RobotModel
 
 _CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -15,7 +19,7 @@ def reply_to_text(reply: CommandReply) -> str:
 
 
 def text_to_reply(accepted: bool, text: str) -> CommandReply:
-    """The reply of a service from its answer; lines that are no detail belong to the reason."""
+    """Parse the answer of a service; lines that are no detail belong to the reason."""
     reason, details = [], {}
     for line in text.splitlines():
         name, separator, value = line.partition(" = ")

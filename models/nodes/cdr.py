@@ -1,10 +1,9 @@
-"""Messages of constant layout, serialised once and patched in place: what makes 1 kHz over rclpy affordable.
+"""Messages of constant layout, serialised once and patched in place: makes 1 kHz over rclpy affordable.
 
-A ROS message whose strings and array lengths do not change has a constant CDR layout: only the stamp and the doubles
-differ from one message to the next. ``Template`` serialises the message once with a different marker in every slot,
-finds the markers, and from then on packs by writing the numbers into the bytes and unpacks by reading them, after it
-has compared everything else with the template. Where anything else differs (another joint order, an unknown name,
-another size), ``unpack`` returns None and the caller decodes the message in full and judges it.
+A message whose strings and array lengths are constant has a constant CDR layout; only the stamp and the doubles change.
+``Template`` serialises it once with a distinct marker in every slot and finds the markers. It then packs by writing the
+numbers into the bytes and unpacks by reading them, after comparing all other bytes. Where these differ (joint order,
+unknown name, size), ``unpack`` returns None and the caller decodes the whole message.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ STAMP_SIZE = 8
 
 
 class Markers:
-    """Distinct doubles to fill a message with, so that its slots can be found in the serialised bytes."""
+    """Distinct doubles that locate the slots of a message in its serialised bytes."""
 
     def __init__(self) -> None:
         self._next = 1
@@ -42,17 +41,9 @@ class Markers:
 
 
 def padding(message: Any, size: int) -> NDArray[np.bool_]:
-    """Bytes of a serialised message that carry nothing: the serialiser leaves there whatever was in memory.
+    """Padding of a serialised message, whose value the serialiser leaves undefined, as flags (size,).
 
-    Args:
-        message: ROS message.
-        size: Its size when serialised [bytes].
-
-    Returns:
-        True for each byte of padding (size,).
-
-    Raises:
-        MessageError: A field has a type that is not handled here, or the layout does not come out at ``size``.
+    Raises ``MessageError`` when a field has an unsupported type or the layout does not add up to ``size``.
     """
     free = np.zeros(size, dtype=np.bool_)
     end = _walk(message, "", STAMP_OFFSET, free)
@@ -95,7 +86,7 @@ def _walk(value: Any, kind: str, at: int, free: NDArray[np.bool_]) -> int:
 
 
 def _align(at: int, size: int, free: NDArray[np.bool_]) -> int:
-    """Next multiple of ``size``, counted from behind the encapsulation header; what is passed over is padding."""
+    """Next multiple of ``size``, counted from behind the encapsulation header; marks the skipped bytes as padding."""
     aligned = at + (STAMP_OFFSET - at) % size
     free[at:aligned] = True
     return aligned
@@ -109,7 +100,7 @@ class Template:
         slots: The marker arrays, each contiguous in the message, in the order in which ``pack`` takes the values.
 
     Raises:
-        MessageError: A marker is not found: the message cannot be handled this way.
+        MessageError: A marker is not found in the bytes.
     """
 
     def __init__(self, message: Any, slots: Sequence[Vector]) -> None:
@@ -138,15 +129,7 @@ class Template:
         self._views = [np.frombuffer(self._buffer, "<f8", size, offset) for offset, size in self._slots]
 
     def pack(self, stamp_ns: int, values: Sequence[Vector]) -> bytes:
-        """Serialised message.
-
-        Args:
-            stamp_ns: Value of ``header.stamp`` [ns].
-            values: One array for each slot, of the slot's size.
-
-        Returns:
-            Bytes for ``Publisher.publish``.
-        """
+        """Serialised message of a stamp [ns] and one array for each slot."""
         struct.pack_into("<iI", self._buffer, STAMP_OFFSET, *divmod(stamp_ns, NANOSECONDS))
         for view, value in zip(self._views, values, strict=True):
             view[:] = value
@@ -166,25 +149,14 @@ class Template:
         return True
 
     def unpack(self, data: bytes) -> list[Vector] | None:
-        """Values of the slots, as copies that nobody else writes to.
-
-        Args:
-            data: Serialised message, as a raw subscription delivers it.
-
-        Returns:
-            One array for each slot, or None when the layout or the constant part differs.
-        """
+        """Copies of the slots of a serialised message; None when the layout or the constant part differs."""
         if not self.matches(data):
             return None
         return [np.frombuffer(data, "<f8", size, offset).copy() for offset, size in self._slots]
 
 
 def stamp_of(data: bytes) -> int:
-    """Value of ``header.stamp`` in serialised bytes [ns].
-
-    Raises:
-        MessageError: Fewer bytes than a stamp needs.
-    """
+    """Value of ``header.stamp`` in serialised bytes [ns]; ``MessageError`` when they are too short."""
     if len(data) < STAMP_OFFSET + STAMP_SIZE:
         raise MessageError(f"header.stamp: message of {len(data)} bytes is too short")
     sec, nanosec = struct.unpack_from("<iI", data, STAMP_OFFSET)

@@ -1,14 +1,18 @@
-"""sensor_msgs/Imu with orientation: ``imu/data`` of REP-145."""
+"""sensor_msgs/Imu with orientation, as messages and as CSV."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from sensor_msgs.msg import Imu
 
 from models.errors import MessageError
-from models.nodes.cdr import Markers, Template, stamp_of
+from models.files import part_beside
+from models.nodes.cdr import NANOSECONDS, Markers, Template, stamp_of
 from models.nodes.messages import decode, require_finite
 from models.types import Matrix, Vector
 
@@ -17,7 +21,7 @@ _AXES = 3
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """What the inertial unit says once its biases are taken off and its orientation is known.
+    """Measurement of the IMU without its biases, and its orientation.
 
     Attributes:
         orientation: Of the unit in ``odom``, quaternion xyzw (4,).
@@ -51,11 +55,7 @@ class OrientedImuCodec:
         return self._template.pack(stamp, (sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel))
 
     def decode(self, data: bytes) -> tuple[int, ImuSample]:
-        """Stamp [ns] and sample.
-
-        Raises:
-            MessageError: No such message, no orientation in it, NaN or infinity.
-        """
+        """Stamp [ns] and sample; ``MessageError`` for another message, no orientation, NaN or infinity."""
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, Imu)
@@ -68,3 +68,40 @@ class OrientedImuCodec:
         if values[1][0] < 0.0:
             raise MessageError("orientation_covariance: there is no orientation")
         return stamp_of(data), ImuSample(values[0], values[1].reshape(_AXES, _AXES), values[2], values[3])
+
+
+COLUMNS = (
+    "stamp_s",
+    *("qx", "qy", "qz", "qw"),
+    *("roll_rad", "pitch_rad", "yaw_rad"),
+    *("wx_rad_s", "wy_rad_s", "wz_rad_s"),
+    *("ax_m_s2", "ay_m_s2", "az_m_s2"),
+)
+"""Header of the CSV file: orientation of the IMU in odom, rate and specific force in its own frame."""
+
+
+class CsvImuLog:
+    """One line for each sample; the file appears at ``close``. ``PoiseError`` when it cannot be written."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._part = path, part_beside(path)
+        self._file = self._part.open("w", newline="", encoding="utf-8")
+        self._writer = csv.writer(self._file)
+        self._writer.writerow(COLUMNS)
+
+    def add(self, stamp: int, sample: ImuSample, data: bytes) -> None:
+        """Write a line; see ``COLUMNS``."""
+        rpy = pin.rpy.matrixToRpy(pin.Quaternion(sample.orientation).matrix())
+        numbers = (*sample.orientation, *rpy, *sample.gyro, *sample.accel)
+        seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+        self._writer.writerow([f"{seconds}.{nanoseconds:09d}", *(f"{number:.9g}" for number in numbers)])
+
+    def close(self) -> None:
+        """Complete the file and move it to its path."""
+        self._file.close()
+        self._part.replace(self._path)
+
+    def discard(self) -> None:
+        """Delete the incomplete file."""
+        self._file.close()
+        self._part.unlink()

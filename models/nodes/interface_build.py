@@ -2,10 +2,9 @@
 
     python -m models.nodes.interface_build [PREFIX]
 
-The wheels of ROS 2 carry generators, headers and libraries, but neither CMake's rules nor colcon. What these would do
-is done here: definitions to IDL, IDL to C and Python, C to libraries. A package that can be imported already, such as
-one that colcon has built, is left alone. Without a compiler everything else of the graph works, and this says what is
-missing.
+The wheels of ROS 2 contain generators, headers and libraries, but neither CMake rules nor colcon. This module does
+their steps: definitions to IDL, IDL to C and Python, C to libraries. An importable package, for example one built by
+colcon, is left alone. Without a compiler the graph works without these types, and the message names what is missing.
 """
 
 from __future__ import annotations
@@ -13,18 +12,19 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
+import io
 import os
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from models.errors import PoiseError
-from models.nodes.interface_generate import LIBRARIES, generate
 
 DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"
 """Folder with a folder for each package."""
@@ -43,10 +43,10 @@ STAMP = ".poise_built"
 """File in a package built here: hash of the definitions that it was built from."""
 
 VERSIONS = ("rosidl_generator_py", "rosidl_typesupport_fastrtps_c", "rclpy", "numpy")
-"""Packages that what is built has to go with."""
+"""Packages whose versions the build depends on."""
 
 SAID_MAX = 600
-"""Of what a compiler says, so many characters of the end are told [-]."""
+"""Characters of the compiler's output in an error, from its end [-]."""
 
 ADVICE = "Debian and Ubuntu: sudo apt install g++ python3-dev"
 
@@ -61,13 +61,7 @@ for _name in {libraries}:  # the type support finds the others by name among tho
 
 
 class InterfaceBuild:
-    """Builds one package into a folder of Python packages.
-
-    Args:
-        package: Its name.
-        into: Folder that is on Python's path.
-        share: Folder that ``ros2 interface`` looks in.
-    """
+    """Builds one package into ``into``, a folder on Python's path; ``ros2 interface`` looks in ``share``."""
 
     def __init__(self, package: str, into: Path, share: Path) -> None:
         self._package, self._into, self._share = package, into, share
@@ -77,19 +71,15 @@ class InterfaceBuild:
 
     @property
     def stamp(self) -> str:
-        """Hash of the definitions, of the interpreter and the ROS 2 they are built for, and of how."""
-        told = [sysconfig.get_config_var("EXT_SUFFIX"), *(ros_version(name) for name in VERSIONS)]
-        digest = hashlib.sha256("".join(told).encode() + Path(__file__).read_bytes())
+        """Hash of the definitions, interpreter, ROS 2 and build steps."""
+        parts = [sysconfig.get_config_var("EXT_SUFFIX"), *(ros_version(name) for name in VERSIONS)]
+        digest = hashlib.sha256("".join(parts).encode() + Path(__file__).read_bytes())
         for path in self._files:
             digest.update(path.relative_to(self._source).as_posix().encode() + path.read_bytes())
         return digest.hexdigest()
 
     def run(self) -> None:
-        """Generate, compile, and put the package in its place in one go.
-
-        Raises:
-            PoiseError: No compiler, no headers of Python, or no generators; or these refuse, with what they say.
-        """
+        """Generate, compile and install the package atomically; ``PoiseError`` quotes or names the tool."""
         require_tools()
         self._prefix = ros_prefix()
         with tempfile.TemporaryDirectory(prefix="poise_interfaces_") as folder:
@@ -148,7 +138,7 @@ class InterfaceBuild:
         )
 
     def _tell_ament(self) -> None:
-        """What ``ros2 interface`` looks for: the definitions, and their names in the index."""
+        """Install the files that ``ros2 interface`` looks for: the definitions, and their names in the index."""
         names = [path.relative_to(self._source).as_posix() for path in self._files]
         for path, name in zip(self._files, names, strict=True):
             there = self._share / self._package / name
@@ -161,11 +151,7 @@ class InterfaceBuild:
 
 
 def ros_prefix() -> Path:
-    """Where the generators, headers and libraries of the ROS 2 are that this interpreter imports.
-
-    Raises:
-        PoiseError: There are no generators.
-    """
+    """Prefix of the ROS 2 that this interpreter imports; ``PoiseError`` when it has no generators."""
     spec = importlib.util.find_spec("rosidl_generator_py")
     if spec is None or spec.origin is None:
         raise PoiseError("the generators of ROS 2 interfaces are not installed (rosidl_generator_py)")
@@ -177,7 +163,7 @@ def ros_prefix() -> Path:
 
 @contextlib.contextmanager
 def ament_prefix(prefix: Path) -> Iterator[None]:
-    """Where the generators look for their templates, unless a sourced ROS 2 says so already."""
+    """Set the generators' template path, unless a sourced ROS 2 has set it."""
     before = os.environ.get("AMENT_PREFIX_PATH")
     os.environ["AMENT_PREFIX_PATH"] = before or str(prefix)
     try:
@@ -188,7 +174,7 @@ def ament_prefix(prefix: Path) -> Iterator[None]:
 
 
 def ros_version(name: str) -> str:
-    """Version of a package of ROS 2; empty where it does not say."""
+    """Version of a ROS 2 package; empty when unknown."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -196,11 +182,7 @@ def ros_version(name: str) -> str:
 
 
 def require_tools() -> None:
-    """Check for a compiler and Python's headers.
-
-    Raises:
-        PoiseError: One is missing; says how it is installed.
-    """
+    """Check for a compiler and Python's headers; ``PoiseError`` says how a missing one is installed."""
     missing = [name for name in ("gcc", "g++") if shutil.which(name) is None]
     if not (Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
         missing.append("Python.h")
@@ -211,13 +193,8 @@ def require_tools() -> None:
 def build_interfaces(into: Path, say: Callable[[str], object] = print, share: Path | None = None) -> bool:
     """Build each package that cannot be imported, or that was built here from other definitions.
 
-    Args:
-        into: Folder that is on Python's path.
-        say: Takes a line about each package.
-        share: Folder that ``ros2 interface`` looks in; that of this environment when None.
-
-    Returns:
-        Whether all of them are there.
+    ``into`` is a folder on Python's path; ``ros2 interface`` looks in ``share``, that of this environment when None.
+    ``say`` takes a line about each package. Returns whether all packages are importable.
     """
     there = True
     for package in PACKAGES:
@@ -241,11 +218,7 @@ def _sources(folder: Path) -> list[str]:
 
 
 def _compile(arguments: list[str]) -> None:
-    """Run the compiler.
-
-    Raises:
-        PoiseError: It refuses; with the end of what it says.
-    """
+    """Run the compiler; ``PoiseError`` with the end of its output."""
     compiler = ["g++", "-std=c++17"] if any(item.endswith(".cpp") for item in arguments) else ["gcc"]
     result = subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
     if result.returncode:
@@ -257,6 +230,69 @@ def main() -> None:
     prefix = sys.argv[1] if len(sys.argv) > 1 else sys.prefix
     into = Path(sysconfig.get_path("purelib", vars={"base": prefix}))
     build_interfaces(into, lambda text: print(f"poise: {text}"), Path(prefix) / "share")
+
+
+LIBRARIES = (
+    "rosidl_generator_c",
+    "rosidl_typesupport_introspection_c",
+    "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_c",
+)
+"""Libraries of a package, in the order of their dependencies."""
+
+
+def generate(package: str, source: Path, files: Sequence[Path], work: Path, share: Path) -> None:
+    """Definitions to IDL, type hashes, C and Python in ``work``; each generator has a separate folder.
+
+    ``source`` holds the definitions of ``package``, ``share`` those of other packages. Raises ``PoiseError`` when a
+    generator refuses a definition.
+    """
+    from rosidl_adapter.action import convert_action_to_idl
+    from rosidl_adapter.msg import convert_msg_to_idl
+    from rosidl_adapter.srv import convert_srv_to_idl
+    from rosidl_generator_c.cli import GenerateC
+    from rosidl_generator_py.cli import GeneratePython
+    from rosidl_generator_type_description.cli import HashTypeDescription
+    from rosidl_typesupport_c.cli import GenerateCTypesupport
+    from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
+    from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
+
+    converters: dict[str, Callable[..., Any]] = {
+        ".msg": convert_msg_to_idl,
+        ".srv": convert_srv_to_idl,
+        ".action": convert_action_to_idl,
+    }
+    said, idl, include = io.StringIO(), work / "idl" / package, [str(work / "idl"), str(share)]
+    try:
+        with contextlib.redirect_stdout(said):
+            found = []
+            for path in files:
+                name = path.relative_to(source)
+                (idl / name.parent).mkdir(parents=True, exist_ok=True)
+                converters[path.suffix](source, package, name, idl / name.parent)
+                found.append(f"{idl}:{name.with_suffix('.idl').as_posix()}")
+            hashes = HashTypeDescription("hash").generate_type_hashes(
+                package, found, include, _folder(work / "hash" / package)
+            )
+            GenerateC("c").generate(package, found, include, _folder(work / "c" / package), hashes)
+            one = ["rosidl_typesupport_c"]
+            GeneratePython("py", typesupport_implementations=one).generate(
+                package, found, include, _folder(work / "py" / package)
+            )
+            supports = {
+                "rosidl_typesupport_introspection_c": GenerateIntrospectionCTypesupport("introspection_c"),
+                "rosidl_typesupport_fastrtps_c": GenerateFastRTPSCTypesupport("fastrtps_c"),
+                "rosidl_typesupport_c": GenerateCTypesupport("c", typesupport_implementations=list(LIBRARIES[1:3])),
+            }
+            for library, support in supports.items():
+                support.generate(package, found, include, _folder(work / library / package))
+    except Exception as error:  # the generators raise many kinds
+        raise PoiseError(f"{package}: the generators refuse it: {type(error).__name__}: {error}") from error
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir(parents=True, exist_ok=True)
+    return path
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Types of packages that may not be built: what needs them is left out, and says so."""
+"""Types of packages that may not be built: features that need them are left out with a message."""
 
 from __future__ import annotations
 
@@ -11,16 +11,7 @@ ADVICE = "build them with: python -m models.nodes.interface_build"
 
 
 def interface(package: str, kind: str, name: str) -> Any:
-    """A message, service or action type.
-
-    Args:
-        package: Such as ``poise_interfaces``.
-        kind: ``srv`` or ``action``.
-        name: Of the type.
-
-    Raises:
-        MessageError: It is not built, or for another Python.
-    """
+    """Type of a package (``msg``, ``srv`` or ``action``); ``MessageError`` when not built for this Python."""
     try:
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
         found.__class__.__import_type_support__()

@@ -1,4 +1,4 @@
-"""Text of message definitions as logs carry it, from the installed packages."""
+"""Text of message definitions for logs, from the installed packages."""
 
 from __future__ import annotations
 
@@ -12,23 +12,11 @@ from models.errors import MessageError
 _RULE = 80 * "="
 
 
-def message_text(name: str, *, header: bool = False) -> str:
-    """Definition of a message, followed by those of all messages it consists of (the format ``ros2msg`` of MCAP).
-
-    Args:
-        name: For example ``sensor_msgs/msg/Imu``.
-        header: Whether the message's own text gets a header too, to be put behind another one's.
-
-    Raises:
-        MessageError: A package or its text is not installed.
-    """
+def message_text(name: str) -> str:
+    """Definition of a message and of all messages in it (MCAP's ``ros2msg``); ``MessageError`` when not installed."""
     own, *others = _closure(name)
-    parts = [_headed(other) for other in others]
-    return "".join([_headed(own) if header else _text(own), *parts])
-
-
-def _headed(name: str) -> str:
-    return f"\n{_RULE}\nMSG: {name.replace('/msg/', '/')}\n{_text(name)}"
+    parts = [f"\n{_RULE}\nMSG: {other.replace('/msg/', '/')}\n{_text(other)}" for other in others]
+    return "".join([_text(own), *parts])
 
 
 @cache

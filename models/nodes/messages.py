@@ -1,12 +1,12 @@
-"""Conversions between hot messages and state types: fast when the layout is the usual one, checked always.
+"""Conversions between hot messages and state types: fast for the usual layout, checked always.
 
-Every decoder takes the serialised bytes of a raw subscription. Joint values are keyed by name: a message in another
-order is put into the robot's order, a missing, unknown or duplicate name refuses the message. NaN and infinity refuse
-it too, naming field and joint.
+Every decoder takes the serialised bytes of a raw subscription. Joint values are keyed by name: messages are reordered
+to the robot's order; missing, unknown or duplicate names are refused, as are NaN and infinity, naming field and joint.
 """
 
 from __future__ import annotations
 
+import math
 from array import array
 from typing import Any
 
@@ -20,7 +20,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from models.errors import JointNameError, MessageError, TrajectoryError
 from models.nodes.cdr import NANOSECONDS, Markers, Template, stamp_of
 from models.robot_model import RobotModel
-from models.types import JointCommand, JointTrajectory, Vector
+from models.types import JointCommand, JointTrajectory, Mode, Vector
 
 UNKNOWN_COVARIANCE = -1.0
 """First element of a covariance whose quantity the sensor does not measure (sensor_msgs/Imu)."""
@@ -52,11 +52,7 @@ def doubles(values: Vector) -> array[float]:
 
 
 def decode(data: bytes, kind: type) -> Any:
-    """Decode a whole message.
-
-    Raises:
-        MessageError: The bytes are no such message.
-    """
+    """Decode a whole message; ``MessageError`` when the bytes are no such message."""
     try:
         return deserialize_message(data, kind)
     except Exception as error:  # rclpy raises RuntimeError and RCLError, by version
@@ -64,11 +60,7 @@ def decode(data: bytes, kind: type) -> Any:
 
 
 def require_finite(field: str, values: Vector, names: tuple[str, ...] | None = None) -> None:
-    """Refuse NaN and infinity.
-
-    Raises:
-        MessageError: Names the field and, where given, the joint.
-    """
+    """Raise ``MessageError`` for NaN and infinity, naming the field and, where given, the joint."""
     finite = np.isfinite(values)
     if b"\0" in finite.tobytes():  # every tick: ``finite.all()`` takes twice as long
         i = int(np.flatnonzero(~finite)[0])
@@ -93,9 +85,8 @@ class JointStateCodec:
     def decode(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
         """Stamp [ns], positions, velocities, torques, each (nj,) in the order of ``RobotModel.joint_names``.
 
-        Raises:
-            JointNameError: A joint is missing, unknown or given twice.
-            MessageError: Bad size or stamp, NaN or infinity.
+        Raises ``JointNameError`` for a missing, unknown or duplicate joint, ``MessageError`` for bad size or stamp, NaN
+        or infinity.
         """
         stamp, *values = self.read(data)
         for field, array_ in zip(("position", "velocity", "effort"), values, strict=True):
@@ -103,7 +94,7 @@ class JointStateCodec:
         return stamp, values[0], values[1], values[2]
 
     def read(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
-        """The same, NaN and infinity included: of a log, not of the robot."""
+        """Like ``decode``, but accepts NaN and infinity: for logs."""
         values = self._template.unpack(data)
         if values is None:
             values = self._reorder(decode(data, JointState))
@@ -139,18 +130,14 @@ class ImuCodec:
         return self._template.pack(stamp, (gyro, accel))
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Stamp [ns], gyro (3,) and accelerometer (3,) in the IMU frame.
-
-        Raises:
-            MessageError: Wrong frame, NaN or infinity.
-        """
+        """Stamp [ns], gyro and accelerometer (3,) in the IMU frame; ``MessageError``: other frame, NaN, infinity."""
         stamp, gyro, accel = self.read(data)
         require_finite("angular_velocity", gyro)
         require_finite("linear_acceleration", accel)
         return stamp, gyro, accel
 
     def read(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """The same, NaN and infinity included: of a log, not of the robot."""
+        """Like ``decode``, but accepts NaN and infinity: for logs."""
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, Imu)
@@ -177,17 +164,13 @@ class WrenchCodec:
         return self._template.pack(stamp, (wrench,))
 
     def decode(self, data: bytes) -> tuple[int, Vector]:
-        """Stamp [ns] and wrench (6,) in the sole frame.
-
-        Raises:
-            MessageError: Wrong frame, NaN or infinity.
-        """
+        """Stamp [ns] and wrench (6,) in the sole frame; ``MessageError`` for another frame, NaN or infinity."""
         stamp, wrench = self.read(data)
         require_finite("wrench", wrench)
         return stamp, wrench
 
     def read(self, data: bytes) -> tuple[int, Vector]:
-        """The same, NaN and infinity included: of a log, not of the robot."""
+        """Like ``decode``, but accepts NaN and infinity: for logs."""
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, WrenchStamped)
@@ -200,7 +183,7 @@ class WrenchCodec:
 class JointCommandCodec:
     """trajectory_msgs/JointTrajectory of one point: positions, velocities and feed-forward torques of every joint.
 
-    The stamp is that of the sensor samples the command answers.
+    The stamp is that of the sensor samples from which the command was computed.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -216,11 +199,10 @@ class JointCommandCodec:
         return self._template.pack(stamp, (command.q, command.v, command.tau))
 
     def decode(self, data: bytes) -> tuple[int, JointCommand | JointTrajectory]:
-        """Stamp [ns] and what is to be done: a set-point for now, or a trajectory to interpolate.
+        """Stamp [ns] and a set-point for now, or a trajectory to interpolate.
 
-        Raises:
-            JointNameError: A set-point lacks a joint, names an unknown one, or one twice.
-            MessageError: Bad size, NaN or infinity in a set-point. Trajectories are judged by ``validate_trajectory``.
+        Raises ``JointNameError`` when a set-point has a missing, unknown or duplicate joint, ``MessageError`` for bad
+        size, NaN or infinity in it. Trajectories are checked by ``validate_trajectory``.
         """
         values = self._template.unpack(data)
         if values is None:
@@ -244,7 +226,7 @@ _FIELDS = ("positions", "velocities", "effort")
 
 
 def _is_set_point(message: Any) -> bool:
-    """One point, due at once, with torques: what the whole-body controller sends."""
+    """One point, due at once, with torques: the output of the whole-body controller."""
     if len(message.points) != 1 or not message.points[0].effort:
         return False
     due = message.points[0].time_from_start
@@ -254,9 +236,8 @@ def _is_set_point(message: Any) -> bool:
 def trajectory_from_message(message: Any) -> JointTrajectory:
     """trajectory_msgs/JointTrajectory to the state type.
 
-    Raises:
-        JointNameError: A name is given twice.
-        TrajectoryError: No joint is named, or the points differ in size; the field and the point are named.
+    Raises ``JointNameError`` for a duplicate name, ``TrajectoryError`` without joints or when the points differ in
+    size.
     """
     names = tuple(message.joint_names)
     if not names:
@@ -302,3 +283,67 @@ def _column(message: Any, field: str, size: int) -> Vector:
         if len(getattr(point, field)) != size:
             raise TrajectoryError(f"{field}: point {i} has {len(getattr(point, field))} values for {size} joints")
     return np.array([list(getattr(p, field)) for p in message.points], dtype=np.float64).reshape(-1, size)
+
+
+class TorqueCodec:
+    """Torques of every joint of one robot, by name; no positions and no velocities."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        slot = Markers().take(model.nj)
+        self._template = Template(JointState(name=list(model.joint_names), effort=doubles(slot)), [slot])
+
+    def encode(self, stamp: int, tau: Vector) -> bytes:
+        """Serialised message from a stamp [ns] and torques (nj,) [N.m]."""
+        return self._template.pack(stamp, (tau,))
+
+    def decode(self, data: bytes) -> tuple[int, Vector]:
+        """Stamp [ns] and torques (nj,) [N.m] in the order of ``joint_names``; errors as ``JointStateCodec.decode``."""
+        values = self._template.unpack(data)
+        if values is None:
+            message = decode(data, JointState)
+            numbers = np.frombuffer(message.effort, dtype=np.float64)
+            if len(numbers) != len(message.name):
+                raise MessageError(f"effort: {len(numbers)} values for {len(message.name)} names")
+            values = [self._model.reorder(list(message.name), numbers)]
+        require_finite("effort", values[0], self._model.joint_names)
+        return stamp_of(data), values[0]
+
+
+PAN, TILT = "pan", "tilt"
+"""Names in the messages; the profile maps them to joints."""
+
+
+def head_message(stamp: int, pan: float, tilt: float) -> Any:
+    """sensor_msgs/JointState with a stamp [ns] of two angles [rad]."""
+    message = JointState(name=[PAN, TILT], position=[pan, tilt])
+    set_stamp(message.header.stamp, stamp)
+    return message
+
+
+def head_from_message(message: Any) -> tuple[float, float]:
+    """Pan and tilt of a sensor_msgs/JointState [rad]; velocities and efforts are ignored.
+
+    Raises ``MessageError`` unless it has one finite position for each of ``pan`` and ``tilt``, and no other name.
+    """
+    names = list(message.name)
+    if sorted(names) != [PAN, TILT]:
+        raise MessageError(f"name: {names[:4]}, expected '{PAN}' and '{TILT}'")
+    if len(message.position) != len(names):
+        raise MessageError(f"position: {len(message.position)} values for {len(names)} names")
+    angles = dict(zip(names, message.position, strict=True))
+    for name, angle in angles.items():
+        if not math.isfinite(angle):
+            raise MessageError(f"{name}: {angle} rad is no angle")
+    return float(angles[PAN]), float(angles[TILT])
+
+
+MODES = {mode.value: mode for mode in Mode}
+"""Mode by its word."""
+
+
+def mode_named(word: str) -> Mode:
+    """Mode of a word; ``MessageError`` lists the valid ones."""
+    if word not in MODES:
+        raise MessageError(f"unknown mode '{word[:32]}'; known: {', '.join(MODES)}")
+    return MODES[word]

@@ -1,11 +1,13 @@
-"""nav_msgs/Odometry and the contact flags: the base of ``RobotState`` as topics."""
+"""nav_msgs/Odometry, contact flags, and walking velocities as geometry_msgs/Twist."""
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
@@ -13,6 +15,7 @@ from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 from models.errors import MessageError
 from models.nodes.cdr import Markers, Template, stamp_of
 from models.nodes.messages import decode, require_finite
+from models.nodes.topics import BASE_FRAME
 from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
 
 QUATERNION_TOLERANCE = 1e-3
@@ -40,10 +43,7 @@ class OdometryCodec:
         self._covariance = np.zeros((2, _COVARIANCE))
 
     def set_covariance(self, pose: Matrix, twist: Matrix) -> None:
-        """Covariances to encode from now on (6, 6): of the pose, with rotation about fixed axes, and of the twist.
-
-        Until then they are 0, which means unknown; a truth has none.
-        """
+        """Set the covariances (6, 6) of pose (rotation about fixed axes) and twist; 0 before, which means unknown."""
         self._covariance[:] = pose.ravel(), twist.ravel()
 
     def encode(self, stamp: int, state: RobotState) -> bytes:
@@ -54,8 +54,7 @@ class OdometryCodec:
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
         """Stamp [ns], pose (7,) (position, quaternion xyzw) and twist in the base frame (6,).
 
-        Raises:
-            MessageError: Wrong frames, NaN, infinity, or a quaternion that is not of unit length.
+        Raises ``MessageError`` for wrong frames, NaN, infinity, or a quaternion that is not of unit length.
         """
         values = self._template.unpack(data)
         if values is None:
@@ -91,12 +90,35 @@ def _contacts_bytes(flags: tuple[bool, ...]) -> bytes:
 
 
 def contacts_from_message(message: UInt8MultiArray) -> tuple[bool, bool]:
-    """Whether each foot bears load, in the order of ``FOOT_NAMES``.
-
-    Raises:
-        MessageError: Other labels or another number of values.
-    """
+    """Whether each foot bears load, in the order of ``FOOT_NAMES``; ``MessageError`` for other labels or sizes."""
     labels = tuple(dim.label for dim in message.layout.dim)
     if labels != FOOT_NAMES or len(message.data) != len(FOOT_NAMES):
         raise MessageError(f"layout: labels {labels} with {len(message.data)} values, expected {FOOT_NAMES}")
     return bool(message.data[0]), bool(message.data[1])
+
+
+Velocity = tuple[float, float, float]
+"""Forward [m/s], left [m/s], turn [rad/s], of ``base_link`` in its own frame."""
+
+
+def velocity_to_twist(velocity: Velocity) -> Any:
+    """geometry_msgs/Twist of a walking velocity."""
+    message = Twist()
+    message.linear.x, message.linear.y, message.angular.z = (float(value) for value in velocity)
+    return message
+
+
+def velocity_from_twist(message: Any) -> Velocity:
+    """Walking velocity of a geometry_msgs/Twist, other components ignored; ``MessageError`` for NaN or infinity."""
+    for part in ("linear", "angular"):
+        for axis in ("x", "y", "z"):
+            value = getattr(getattr(message, part), axis)
+            if not math.isfinite(value):
+                raise MessageError(f"{part}.{axis} is {value}")
+    return message.linear.x, message.linear.y, message.angular.z
+
+
+def require_base_frame(frame_id: str) -> None:
+    """Refuse a velocity of another frame with a ``MessageError``; an empty frame means the base."""
+    if frame_id not in ("", BASE_FRAME):
+        raise MessageError(f"header.frame_id: '{frame_id[:32]}' instead of '{BASE_FRAME}'")

@@ -23,16 +23,13 @@ _SCALARS = (bool, int, float, str)
 
 
 def declare_config(node: Any, default: T, prefix: str = "", live: Collection[str] = ()) -> T:
-    """Declare every field of a configuration as a parameter and read it back.
+    """Declare every field of a configuration as a parameter and return the configuration after overrides.
 
     Args:
         node: rclpy node.
-        default: Configuration whose values are the defaults; nested dataclasses become dotted names.
+        default: Configuration with the default values; nested dataclasses become dotted names.
         prefix: Put before every name, with its dot.
         live: Parameters, with their prefix, that may be changed while the node runs; the others are read-only.
-
-    Returns:
-        The configuration after parameter overrides.
 
     Raises:
         ConfigError: A value is out of range; the parameter is named.
@@ -49,18 +46,7 @@ def describe(
     high: float | None = None,
     integer: tuple[int, int] | None = None,
 ) -> Any:
-    """Descriptor of one parameter.
-
-    Args:
-        description: What it is, with its unit.
-        read_only: Whether it is fixed once the node is up.
-        low: Least value of a float parameter; None for no limit.
-        high: Greatest value of a float parameter; None for no limit.
-        integer: Least and greatest value of an integer parameter; None for no limits.
-
-    Returns:
-        rcl_interfaces/ParameterDescriptor.
-    """
+    """Descriptor of one parameter; ``low`` and ``high`` bound a float, ``integer`` an integer, None: unbounded."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if integer is not None:
         descriptor.integer_range = [IntegerRange(from_value=integer[0], to_value=integer[1])]
@@ -72,6 +58,12 @@ def describe(
             )
         ]
     return descriptor
+
+
+def declare_lockstep(node: Any) -> bool:
+    """Declare the parameter ``lockstep`` that all nodes of the tick share."""
+    text = "The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)"
+    return bool(node.declare_parameter("lockstep", False, describe(text)).value)
 
 
 def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a process can do to keep its deadlines, each step optional and said in the log when not permitted."""
+"""Real-time set-up of a process, each step optional and logged when not permitted, and the time of its ticks."""
 
 from __future__ import annotations
 
@@ -6,51 +6,50 @@ import ctypes
 import errno
 import fcntl
 import gc
+import math
 import os
 import re
 import signal
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_PDEATHSIG = 1
 
 
 def settle() -> None:
-    """Collect garbage once, exempt all that lives from later collections, and turn automatic collection off."""
+    """Collect garbage once, exempt all living objects from later collections, and turn automatic collection off."""
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
 def collect() -> None:
-    """Collect what came since ``settle``; to be called between ticks."""
+    """Collect garbage created since ``settle``; to be called between ticks."""
     gc.collect()
 
 
 def release() -> None:
-    """Collect what has been frozen too: the ROS context, and with it the middleware's thread that watches the graph.
+    """Collect frozen objects too: the ROS context, and with it the middleware's graph thread.
 
-    That thread must have ended when the process does: the middleware then destroys what the thread reads.
+    That thread must end before the process, which destroys what the thread reads.
     """
     gc.unfreeze()
     gc.collect()
 
 
 _done: set[str] = set()
-"""Steps this process has taken; nodes that share it ask for the same ones."""
+"""Completed steps of this process; nodes that share it request the same ones."""
 
 
 def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
-    """Schedule every thread of this process first-in first-out.
+    """Schedule every thread of this process first-in first-out, at priority 1 (lowest) to 99; 0: no change.
 
-    Args:
-        priority: 1 (lowest) to 99; 0 leaves the scheduling alone.
-        log: Takes the sentence that says what happened.
-
-    Returns:
-        Whether it is in force.
+    ``log`` takes the outcome; returns whether it is in force.
     """
     if priority <= 0 or f"fifo {priority}" in _done:
         return priority > 0
@@ -72,14 +71,7 @@ def each_thread(apply: Callable[[int], object]) -> None:
 
 
 def lock_memory(log: Callable[[str], object]) -> bool:
-    """Keep the pages of this process in memory from their first use on.
-
-    Args:
-        log: Takes the sentence that says what happened.
-
-    Returns:
-        Whether it is in force.
-    """
+    """Keep the pages of this process in memory from their first use on; logs and returns as ``use_fifo``."""
     if "locked" in _done:
         return True
     libc = ctypes.CDLL(None, use_errno=True)
@@ -92,23 +84,17 @@ def lock_memory(log: Callable[[str], object]) -> bool:
 
 
 _CORE = "/sys/devices/system/cpu/cpu{}"
-"""Where the kernel tells of a core. Locked by the process that has taken it, until that ends."""
+"""Kernel's description of a core. Locked by the process that has taken it, until that ends."""
 
 
 def take_core(log: Callable[[str], object]) -> bool:
     """Keep every thread of this process on one core that no other process of any graph has taken.
 
-    What the middleware's thread receives, the thread of the laws then goes on with where it is, in the same caches;
-    waking a thread on a core that sleeps costs more than the rest of the hand-over. Where processes that take a core
-    outnumber the cores, the kernel goes on placing the last ones. Only for processes scheduled before all others:
-    whatever else runs on that core would delay any other. And only where little else runs: the kernel keeps a share of
-    each core for ordinary processes, up to 50 ms at a time, and who is bound to the core cannot evade.
-
-    Args:
-        log: Takes the sentence that says what happened.
-
-    Returns:
-        Whether it has one.
+    The thread of the laws then continues on the core of the middleware's thread, with warm caches; waking a thread on a
+    sleeping core costs more than the rest of the hand-over. When such processes outnumber the cores, the kernel places
+    the last ones. Only for real-time processes, because others would be delayed by whatever runs on that core, and only
+    where little else runs: the kernel reserves a share of each core for ordinary processes, up to 50 ms at a time, and
+    a bound process cannot evade. Logs the outcome and returns whether it has a core.
     """
     if "core" in _done:
         return True
@@ -134,8 +120,8 @@ def take_core(log: Callable[[str], object]) -> bool:
 def best_first(cores: Iterable[int]) -> list[int]:
     """Cores in the order in which they suit a tick.
 
-    One thread of each before its second one, fast ones before slow ones, and then the last ones before the first, to
-    which interrupts mostly go.
+    First threads of a core before second ones, fast before slow ones, then last before first: interrupts mostly go to
+    the first.
     """
 
     def rank(core: int) -> tuple[bool, int, int]:
@@ -147,7 +133,7 @@ def best_first(cores: Iterable[int]) -> list[int]:
 
 
 def _about(core: int, file: str) -> str:
-    """What the kernel says of a core; empty where it says nothing."""
+    """A property of a core as the kernel reports it; empty when unknown."""
     try:
         return (Path(_CORE.format(core)) / file).read_text(encoding="ascii").strip()
     except OSError:
@@ -155,26 +141,18 @@ def _about(core: int, file: str) -> str:
 
 
 _cores: set[int] = set()
-"""Where this process was allowed to run before it was pinned; empty while it is not."""
+"""Allowed cores of this process before it was pinned; empty while it is not."""
 
 
 def be_ordinary() -> None:
-    """Schedule the calling thread, and no other, like those of any process that has nothing to do with the tick."""
+    """Schedule the calling thread, and no other, with ordinary priority on any core."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if _cores:
         os.sched_setaffinity(0, _cores)
 
 
 def pin_to(cores: list[int], log: Callable[[str], object]) -> bool:
-    """Run this process on the given cores only; an empty list leaves it to the kernel.
-
-    Args:
-        cores: Core numbers.
-        log: Takes the sentence that says what happened.
-
-    Returns:
-        Whether it is in force.
-    """
+    """Run this process on the given cores only, on all for an empty list; logs and returns as ``use_fifo``."""
     if not cores:
         return False
     _cores.update(os.sched_getaffinity(0))
@@ -191,3 +169,43 @@ def die_with_parent() -> None:
     """Have the kernel end this process when the one that started it dies; no effect where the kernel cannot."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+WINDOW = 4096
+"""Ticks in the statistics: about four seconds at 1 kHz."""
+
+MEDIAN, TAIL = "tick p50 [us]", "tick p99 [us]"
+"""Keys of the figures in the diagnostics."""
+
+
+class TickTimer:
+    """Times a law; a context manager around each of its ticks."""
+
+    def __init__(self) -> None:
+        self._durations = np.zeros(WINDOW)  # [us]
+        self._count = 0
+        self._begin = 0
+
+    def __enter__(self) -> None:
+        self._begin = time.perf_counter_ns()
+
+    def __exit__(self, *error: object) -> None:
+        self._durations[self._count % WINDOW] = 1e-3 * (time.perf_counter_ns() - self._begin)
+        self._count += 1
+
+    @property
+    def last(self) -> float:
+        """Duration of the last tick [s]; 0 before the first."""
+        return 1e-6 * float(self._durations[(self._count - 1) % WINDOW])
+
+    def values(self) -> dict[str, str]:
+        """Median and 99th percentile of the remembered ticks [us], for diagnostics; empty before the first tick."""
+        p50, p99 = self.percentiles()
+        return {MEDIAN: f"{p50:.0f}", TAIL: f"{p99:.0f}"} if self._count else {}
+
+    def percentiles(self) -> tuple[float, float]:
+        """Median and 99th percentile of the remembered ticks [us]; NaN before the first tick."""
+        if self._count == 0:
+            return math.nan, math.nan
+        p50, p99 = np.percentile(self._durations[: min(self._count, WINDOW)], [50.0, 99.0])
+        return float(p50), float(p99)

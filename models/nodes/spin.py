@@ -1,4 +1,4 @@
-"""Run nodes in one process until a signal, with an exit code that tells the truth."""
+"""Run nodes in one process until a signal, with an exit code that reports failures."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ SUPERVISED = "POISE_SUPERVISED"
 """Set by the launcher for the processes that are to end with it."""
 
 SPIN_TIMEOUT = 0.1
-"""Longest time between two looks at the stop flag [s]."""
+"""Longest time between two checks of the stop flag [s]."""
 
 
 def log_variables() -> dict[str, str]:
-    """Where rclpy is to write its logs, if the environment does not say: without a home it would fail."""
+    """Environment for rclpy's logs, if none is set: without a home rclpy would fail."""
     if "HOME" in os.environ or "ROS_LOG_DIR" in os.environ:
         return {}
     return {"ROS_LOG_DIR": str(Path(tempfile.gettempdir()) / f"ros_log_{os.getuid()}")}
 
 
 def log_arguments() -> list[str]:
-    """For ``rclpy.init``, which would fail where no log can be written: they go to the terminal alone then."""
+    """Arguments for ``rclpy.init`` that log to the terminal alone where no log file can be written."""
     home = Path(os.environ.get("ROS_HOME") or Path(os.environ.get("HOME", "/")) / ".ros")
     folder = Path(os.environ.get("ROS_LOG_DIR") or home / "log")
     try:
@@ -62,11 +62,7 @@ class Stop:
 
 
 def make_executor(context: Any = None) -> Any:
-    """Events executor where rclpy has it (a quarter of the processor time), the single-threaded one elsewhere.
-
-    Args:
-        context: ROS context; the process's own when None.
-    """
+    """Events executor where rclpy has it (a quarter of the processor time), the single-threaded one elsewhere."""
     try:
         from rclpy.experimental.events_executor import EventsExecutor
     except ImportError:
@@ -88,16 +84,11 @@ def run(
     loop: Callable[[Any, Sequence[Any], Stop], None] = spin,
     make: Callable[[], Any] = make_executor,
 ) -> int:
-    """Create nodes, bring those up that are to start by themselves, and run them until SIGINT or SIGTERM.
+    """Create nodes, bring up those with autostart, and run them until SIGINT or SIGTERM.
 
-    Args:
-        factories: Each makes one node; they are taken out of the list, as they may refer to each other's.
-        args: Command line, ROS arguments included; that of the process when None.
-        loop: Serves the executor until the flag is set.
-        make: Makes the executor.
-
-    Returns:
-        Exit code: 0 after a signal, 1 when a callback raised or a node that starts by itself could not.
+    ``factories`` each make one node; the list is emptied, because they may refer to each other's nodes. ``args`` is the
+    command line with ROS arguments, that of the process when None; ``loop`` serves the executor of ``make`` until the
+    flag is set. Returns 0 after a signal, 1 when a callback raised or a node with autostart could not start.
     """
     if os.environ.get(SUPERVISED):
         realtime.die_with_parent()
@@ -118,7 +109,7 @@ def run(
     except PoiseError as error:
         print(error, file=sys.stderr, flush=True)
         code = 1
-    except Exception:  # no half-alive node: say it and end the process
+    except Exception:  # no partly failed node: log it and end the process
         traceback.print_exc()
         code = 1
     finally:
@@ -131,7 +122,6 @@ def run(
 
 
 def _end(executor: Any, node: Any) -> None:
-    """Shut a node down and destroy it."""
     node.trigger_shutdown()
     executor.remove_node(node)
     node.destroy_node()

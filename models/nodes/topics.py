@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
-from models.nodes.parameters import describe
-from models.robot_model import RobotModel
 from models.types import FOOT_NAMES
+
+if TYPE_CHECKING:  # the command line must not load Pinocchio for a name
+    from models.robot_model import RobotModel
 
 JOINT_STATES = "joint_states"
 IMU_RAW = "imu/data_raw"
@@ -58,28 +59,15 @@ ODOM_FRAME, BASE_FRAME, FOOTPRINT_FRAME = "odom", "base_link", "base_footprint"
 IMU_FRAME = "imu"
 
 HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off"
-"""Words of ``driver_state``: held in place by the simulator, hanging in the air, or what the joint drivers do."""
-
-MOTION_RUNNING, MOTION_DONE, MOTION_REFUSED = "running", "done", "refused"
-"""First word of ``motion/state`` and ``motion/plan_state``; the reason follows ``refused: ``."""
+"""Words of ``driver_state``: held by the simulator, hanging, or the state of the joint drivers."""
 
 GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
-"""Words of ``gait/phase``: nobody can walk; or the robot stands still. Others name the phase of a walk."""
+"""Words of ``gait/phase``: the robot cannot walk, or stands still. Others name the phase of a walk."""
 
-ROUTE_RUNNING, ROUTE_DONE, ROUTE_ENDED, ROUTE_REFUSED = "running", "done", "ended", "refused"
-"""First word of ``gait/route``; the number of footsteps follows the first, the reason the last two."""
-
-OVERRUNS = "ticks over budget in a row"
-"""Key of the controller's diagnostics that the supervisor reads."""
-
-JOINT_FAULT = "joint at fault"
-"""Key of the controller's diagnostics that the supervisor reads: joint and figures; empty: all is well."""
-
-COASTING = "coasting since [ns]"
-"""Key of the estimator's diagnostics that the supervisor reads: stamp of the last usable sample; empty: all is well."""
-
-INCOMPATIBLE_QOS = "incompatible QoS"
-"""First words of a key of any node's diagnostics that the supervisor reads; the topic follows."""
+CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator/status"
+GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
+SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"
+"""Records of ``models/status.py``, for programs."""
 
 STOP_MOTION = "stop"
 """``motion/request`` that asks the controller to hold the present posture."""
@@ -104,9 +92,3 @@ def needed_topics(model: RobotModel) -> tuple[str, ...]:
     """Topics without which a robot cannot stand: sensors, states, descriptions and commands."""
     states = (ODOM, POSTURE, MODE, DRIVER_STATE, ENCODER_OFFSETS, CLOCK)
     return (*sensor_topics(model), *states, ROBOT_DESCRIPTION, JOINT_COMMAND)
-
-
-def declare_lockstep(node: Any) -> bool:
-    """Declare the parameter ``lockstep`` that all nodes of the tick share."""
-    text = "The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)"
-    return bool(node.declare_parameter("lockstep", False, describe(text)).value)

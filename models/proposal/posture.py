@@ -7,6 +7,8 @@ The joints x of both legs solve, by bounded least squares with the base upright 
 for both soles i: rotation R_i, position (x_i, y_i, z_i), middle m of the rectangle ahead of the sole's origin, abscissa
 x_c of the CoM, knee angle k_i, its value k_0 with the leg stretched, and the bend b. The arms solve for the place of
 the wrist below and ahead of the shoulder and are drawn to their zero otherwise.
+
+Whether each leg could carry the robot alone is checked for this posture.
 """
 
 from __future__ import annotations
@@ -17,13 +19,43 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from models.constants import GRAVITY
 from models.proposal.config import PostureConfig
-from models.proposal.findings import Finding, named
-from models.proposal.legs import Legs
-from models.proposal.skeleton import BASE, Skeleton
+from models.proposal.shapes import Finding, named
+from models.proposal.skeleton import BASE, Legs, Skeleton
 from models.proposal.soles import SoleShape
-from models.proposal.strength import weak_knees
 from models.types import Vector
+
+_RESERVE = 0.5
+"""Share of a knee's torque limit that standing on one leg may take; a walk bends it further and accelerates."""
+
+
+def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: list[int], q: Vector) -> list[Finding]:
+    """Knees that use more than half of their torque limit for one-legged standing in the configuration q (nq,).
+
+    tau = g(q) - J^T f with the weight f = m g on a point of the foot that is below the CoM in the sagittal plane; the
+    sideways position has no effect on the knee.
+    """
+    model = skeleton.model
+    data = model.createData()
+    gravity = pin.computeGeneralizedGravity(model, data, q)
+    pin.computeJointJacobians(model, data, q)
+    com = pin.centerOfMass(model, data, q)
+    weight = GRAVITY * float(pin.computeTotalMass(model))
+    weak = {}
+    for leg, knee in zip(legs, knees, strict=True):
+        jacobian = pin.getJointJacobian(model, data, leg[-1], pin.LOCAL_WORLD_ALIGNED)
+        arm = np.array([com[0] - data.oMi[leg[-1]].translation[0], 0.0, 0.0])
+        wrench = np.concatenate([[0.0, 0.0, weight], np.cross(arm, [0.0, 0.0, weight])])
+        v = int(model.joints[knee].idx_v)
+        torque = abs(float(gravity[v] - jacobian[:, v] @ wrench))
+        if torque > _RESERVE * model.effortLimit[v]:
+            weak[skeleton.name(knee)] = f"{torque:.0f} of {model.effortLimit[v]:g} N.m"
+    if not weak:
+        return []
+    text = f"little torque to walk: standing on one leg takes {', '.join(weak.values())}"
+    return [Finding("note", named("joint", weak), text, "kept: it may stand and not walk")]
+
 
 _HABIT = 1e-3
 """Weight of staying at zero against the tasks."""
@@ -34,28 +66,15 @@ _SMALL = 5e-4
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A standing posture.
+    """A standing posture."""
 
-    Attributes:
-        joints: Positions of the joints that are not at zero [rad].
-        com_height: Height of the CoM above the soles [m].
-        findings: What could not be met.
-    """
-
-    joints: dict[str, float]
-    com_height: float
-    findings: tuple[Finding, ...]
+    joints: dict[str, float]  # positions of the joints that are not at zero [rad]
+    com_height: float  # above the soles [m]
+    findings: tuple[Finding, ...]  # unmet requirements
 
 
 class PostureSolver:
-    """Finds the standing posture of one robot.
-
-    Args:
-        skeleton: Its joints.
-        legs: Which of them are legs.
-        soles: Left and right sole.
-        config: What the posture is to be.
-    """
+    """Finds the standing posture of one robot."""
 
     def __init__(
         self, skeleton: Skeleton, legs: Legs, soles: tuple[SoleShape, SoleShape], config: PostureConfig
@@ -71,11 +90,7 @@ class PostureSolver:
         self._q[7:] = np.clip(0.0, self._lower[7:], self._upper[7:])
 
     def solve(self, arms: tuple[tuple[int, ...], tuple[int, ...]]) -> Standing:
-        """Place the hands, then the legs under the CoM that results.
-
-        Args:
-            arms: Joints of the left and the right arm; empty without arms.
-        """
+        """Place the hands, then the legs under the CoM that results; ``arms`` are joints of both arms, or empty."""
         findings: list[Finding] = []
         for side, arm in zip((1.0, -1.0), arms, strict=True):
             if arm:
@@ -192,13 +207,13 @@ class PostureSolver:
         self._forward()
         length = self._skeleton.reach(list(arm))
         ahead, outward, up = self._config.hands[0]
-        wanted = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
+        target = self._data.oMi[arm[0]].translation + length * np.array([ahead, side * outward, up])
         start = self._q[indices].copy()
 
         def errors(x: Vector) -> Vector:
             self._q[indices] = x
             self._forward()
-            miss = (self._data.oMi[arm[-1]].translation - wanted) / length
+            miss = (self._data.oMi[arm[-1]].translation - target) / length
             return np.concatenate([miss, np.sqrt(_HABIT) * (x - start)])
 
         inside = 0.5 * (self._lower[indices] + self._upper[indices])

@@ -19,7 +19,7 @@ _WIDTH = 120
 
 _HEAD = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
-# {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that the URDF does not say is an
+# {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that is not in the URDF is an
 # assumption: see the findings, then put the maker's figures in their place.
 """
 
@@ -54,11 +54,7 @@ _HULLS = """
 
 
 def write_proposal(proposal: Proposal, path: Path) -> list[Path]:
-    """Write the profile and, where the given URDF had to be changed, the changed one next to it.
-
-    Returns:
-        The files written, the profile first.
-    """
+    """Write the profile and, if it had to be changed, the URDF next to it; returns the files, the profile first."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(profile_text(proposal), encoding="utf-8")
     written = [path]
@@ -113,7 +109,7 @@ def _flow(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Without what is left at its default: None, and poses at rest."""
+    """The record without default values: None, and poses at rest."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items() if v is not None and not (k in ("xyz", "rpy") and not any(v))}
     return list(value) if isinstance(value, tuple) else value

@@ -1,4 +1,13 @@
-"""From a URDF to a profile: read, repair, find, and put together."""
+"""From a URDF to a profile: read, repair, find limbs and soles, and choose drives where the maker gives no figures.
+
+With mass m, height h of the CoM, gravity g and the torque limit tau of a joint,
+
+    armature = clip(a tau h / g, a_min m h^2, a_max m h^2)       kp = k sqrt(tau m g h)      kd = T sqrt(h / g) kp
+
+so that robots of one shape and of different sizes behave alike (all terms scale with mass and length as they must).
+a, k and T lie between those of the G1 and of TALOS. kd stays below c I / dt, with the inertia I = 1 / (M^-1)_ii at
+the joint and the tick dt of its driver: beyond, the sampled velocity gain of a light wrist oscillates.
+"""
 
 from __future__ import annotations
 
@@ -13,22 +22,95 @@ import numpy as np
 import pinocchio as pin
 
 from models.config import default_config
-from models.pinocchio_urdf import pinocchio_from_element
-from models.profile import Feet, Profile, Sensors, Sole, load_profile
-from models.proposal.config import ProposalConfig
-from models.proposal.drives import propose_drives
-from models.proposal.findings import Finding
-from models.proposal.hulls import propose_hulls
-from models.proposal.inertias import placeholders, repair_inertias
-from models.proposal.legs import Legs, asymmetries, find_legs, named_left
-from models.proposal.limbs import find_limbs
+from models.constants import GRAVITY
+from models.profile import Feet, Joint, Motor, Profile, Sensors, Sole, load_profile
+from models.proposal.config import DriveConfig, ProposalConfig
 from models.proposal.posture import PostureSolver
-from models.proposal.repair import BASE_LINK, rename_links, repair_joints
-from models.proposal.shapes import repair_meshes
-from models.proposal.skeleton import BASE, Skeleton
-from models.proposal.soles import SoleShape, find_sole, foot_points
-from models.proposal.tree import end
-from models.urdf import parse_urdf
+from models.proposal.repair import BASE_LINK, placeholders, rename_links, repair_inertias, repair_joints
+from models.proposal.shapes import Finding, end, named, repair_meshes
+from models.proposal.skeleton import BASE, Legs, Skeleton, asymmetries, find_legs, find_limbs, named_left
+from models.proposal.soles import SoleShape, find_sole, foot_points, propose_hulls
+from models.types import Vector
+from models.urdf import parse_urdf, pinocchio_from_element
+
+
+def propose_drives(
+    skeleton: Skeleton, height: float, config: DriveConfig
+) -> tuple[dict[str, Motor], dict[str, Joint], list[Finding]]:
+    """Motors by name and joints by name, for a CoM height above the soles [m]; partners share a motor.
+
+    The findings name joints whose friction in the URDF is implausible for a drive.
+    """
+    model = skeleton.model
+    mass = float(pin.computeTotalMass(model))
+    bare = _felt_inertia(skeleton)
+    motors: dict[str, Motor] = {}
+    joints: dict[str, Joint] = {}
+    sticky: list[str] = []
+    for j in range(BASE + 1, model.njoints):
+        v = int(model.joints[j].idx_v)
+        twin = skeleton.partners.get(j, j)
+        if skeleton.name(twin) in joints and model.effortLimit[v] == model.effortLimit[int(model.joints[twin].idx_v)]:
+            joints[skeleton.name(j)] = joints[skeleton.name(twin)]
+            continue
+        torque = float(model.effortLimit[v])
+        weight = mass * GRAVITY * height
+        effective = min(torque, weight)  # some URDFs write 1000 N.m for "plenty"
+        armature = float(
+            np.clip(
+                config.armature_torque * effective * height / GRAVITY,
+                config.armature_min * mass * height**2,
+                config.armature_max * mass * height**2,
+            )
+        )
+        decay = config.damping_time * np.sqrt(height / GRAVITY)
+        stiffness = config.stiffness * np.sqrt(effective * weight)
+        damping = min(decay * stiffness, config.damping_max * (float(bare[v]) + armature) / config.tick)
+        cap = config.friction * effective
+        viscous, dry = float(model.damping[v]), float(model.friction[v])
+        if viscous > cap or dry > cap:
+            sticky.append(skeleton.name(j))
+        motor = Motor(
+            armature=_rounded(armature),
+            damping=_rounded(min(viscous, cap) if viscous > 0.0 else 0.5 * cap),
+            frictionloss=_rounded(min(dry, cap) if dry > 0.0 else 0.5 * cap),
+            torque_rate=_rounded(torque / config.rise),
+            kp=_rounded(damping / decay),
+            kd=_rounded(damping),
+        )
+        joints[skeleton.name(j)] = Joint(motor=_filed(motors, motor, torque))
+    findings = []
+    if sticky:
+        text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: no figure of a drive"
+        findings.append(Finding("note", named("joint", sticky), text, "cut down to that"))
+    return motors, joints, findings
+
+
+def _felt_inertia(skeleton: Skeleton) -> Vector:
+    """Inertia at each velocity coordinate with all others free, without rotors (nv,) [kg.m^2]."""
+    model = skeleton.model
+    data = model.createData()
+    upper = np.triu(pin.crba(model, data, pin.neutral(model)))
+    return np.asarray(1.0 / np.diag(np.linalg.inv(upper + np.triu(upper, 1).T)))
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _filed(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
+    """Name of a motor, entered unless an equal one is there."""
+    for name, known in motors.items():
+        if known == motor:
+            return name
+    stem = name = f"drive_{torque:g}nm".replace(".", "p").replace("+", "")
+    letter = ord("b")
+    while name in motors:
+        name = f"{stem}_{chr(letter)}"
+        letter += 1
+    motors[name] = motor
+    return name
+
 
 FORWARD = "base_forward"
 """Link put above a base that looks backward."""
@@ -45,36 +127,23 @@ _PATTERN_MASS = 33.3
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A profile as found, and all that was found on the way.
+    """A profile as found, and all findings."""
 
-    Attributes:
-        source: The URDF that was read.
-        profile: The profile; its ``urdf`` is the one that was read, or the name of a file for ``robot`` next to it.
-        robot: The changed URDF where the given one had to be changed; None where it is used as it is.
-        findings: What is missing or wrong.
-        pairs: Names of the joints that mirror each other, left and right.
-        mass: Total mass [kg].
-        com_height: Height of the CoM above the soles in the posture 'stand' [m].
-        leg_length: From hip to ankle along the leg [m].
-    """
-
-    source: Path
-    profile: Profile
-    robot: ET.Element | None
-    findings: tuple[Finding, ...]
-    pairs: tuple[tuple[str, str], ...]
-    mass: float
-    com_height: float
-    leg_length: float
+    source: Path  # the original URDF
+    profile: Profile  # its ``urdf`` is the original one, or the name of a file for ``robot`` next to it
+    robot: ET.Element | None  # the changed URDF where the original one had to be changed, else None
+    findings: tuple[Finding, ...]  # missing or wrong parts
+    pairs: tuple[tuple[str, str], ...]  # names of the joints that mirror each other, left and right
+    mass: float  # total [kg]
+    com_height: float  # above the soles in the posture 'stand' [m]
+    leg_length: float  # from hip to ankle along the leg [m]
 
 
 def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | None = None) -> Proposal:
-    """Propose a profile for a robot of which nothing but its URDF is known.
+    """Propose a profile for a robot of which only the URDF is given.
 
-    Args:
-        urdf: The URDF.
-        packages: Folders in which ``package://`` is looked for first.
-        config: What is assumed; the packaged one when None.
+    ``packages`` are folders searched first for ``package://``; ``config`` holds the assumptions, the packaged ones when
+    None.
 
     Raises:
         RobotModelError: The URDF is unusable: not XML, a mesh is missing, a moving body has no mass, it has no feet;
@@ -155,8 +224,8 @@ def _backward(robot: ET.Element, skeleton: Skeleton, legs: Legs, lopsided: float
     left = named_left(skeleton, legs)
     base = f"link '{skeleton.links(BASE)[0]}'"
     if left is not None and toes is not None and left is not toes:
-        text = f"the names say that left is at {'+' if left else '-'}y, the feet are longer to the other end"
-        findings.append(Finding("wrong", base, text, "the names are believed"))
+        text = f"by the names left is at {'+' if left else '-'}y, the feet are longer to the other end"
+        findings.append(Finding("wrong", base, text, "the names are used"))
     forward = left if left is not None else toes
     if forward is False:
         text = "the base's x axis points backward (REP-103: x forward, y left)"

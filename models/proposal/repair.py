@@ -1,14 +1,19 @@
-"""Joints of a URDF that the loader would refuse: made usable where that is safe, and every change told."""
+"""Repairs of a URDF that the loader would refuse: joints, names of links, and impossible inertias."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
+import numpy as np
+import pinocchio as pin
+
 from models.constants import GRAVITY
 from models.profile import REQUIRED_FRAMES, RESERVED_FRAMES
 from models.proposal.config import RepairConfig
-from models.proposal.findings import Finding, named
-from models.proposal.tree import end, links_below, longest_chain, masses, numbers
+from models.proposal.shapes import Finding, end, link_points, links_below, longest_chain, masses, named, numbers
+from models.proposal.skeleton import BASE, Skeleton
+from models.types import Matrix
+from models.urdf import possible
 
 BASE_LINK = "base_link"
 """Name of REP-105 for the base: that of the root of many robots."""
@@ -17,18 +22,11 @@ _UNSUPPORTED = ("prismatic", "planar")
 
 
 def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
-    """Change joints in place so that ``models.urdf.check_urdf`` has no cause left to refuse them.
+    """Change joints in place so that ``models.urdf.check_urdf`` has no cause left to refuse them; returns the changes.
 
     Mimic, prismatic and planar joints are fixed at zero; so is a joint without torque that moves next to nothing, such
     as a finger. Any other joint without limits gets estimates. A floating joint at the root goes, with its massless
     parent, since the loader adds the base itself.
-
-    Args:
-        robot: The ``<robot>`` element.
-        config: What is assumed.
-
-    Returns:
-        What was changed; empty when nothing was.
     """
     findings = _unfloat(robot)
     mimics = [joint for joint in _moving(robot) if joint.find("mimic") is not None]
@@ -48,7 +46,7 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
 
 
 def rename_links(robot: ET.Element) -> list[Finding]:
-    """Give links another name in place that are called like a frame which the profile defines; a root may be base_link.
+    """Rename in place links with the name of a frame that the profile defines; a root may be base_link.
 
     /tf would have two frames of one name, and MuJoCo two bodies.
     """
@@ -150,3 +148,94 @@ def _fill_range(robot: ET.Element, reach: float) -> list[Finding]:
     if not without:
         return []
     return [Finding("wrong", _names(without), "no position limits", f"{reach:g} rad to both sides assumed")]
+
+
+_MIRROR = np.diag([1.0, -1.0, 1.0])
+_KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+_DIGITS = 12
+"""Digits that count of an inertia in a message; less is the rounding of a printed zero."""
+
+_DENSITY = 1000.0
+"""Of a body without shapes, as a solid ball [kg/m^3]."""
+
+_SPREAD = 0.5
+"""Radius of gyration, over the leg's length, beyond which an inertia is a placeholder rather than a body's [-]."""
+
+
+def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
+    """Replace in place the inertia of links that no body can have, and report it; mass and centre of mass stay.
+
+    MuJoCo requires a possible inertia of every link with mass, also of one that is welded to others.
+    """
+    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    weights = masses(robot)
+    findings = []
+    usable = {name for name, link in elements.items() if weights[name] > 0.0 and possible(_inertia(link))}
+    for joint in range(BASE, skeleton.model.njoints):
+        links = [link for link in skeleton.links(joint) if weights[link] > 0.0]
+        twins = [link for link in skeleton.links(skeleton.partners.get(joint, joint)) if weights[link] > 0.0]
+        whole = possible(skeleton.model.inertias[joint].inertia)
+        for i, link in enumerate(links):
+            if link in usable or (whole and not _inertia(elements[link]).any()):
+                continue  # a point that is welded to a body is no fault
+            moments = np.linalg.eigvalsh(_inertia(elements[link]).round(_DIGITS)) + 0.0  # no -0
+            fault = "impossible inertia: principal moments " + ", ".join(f"{value:.3g}" for value in moments)
+            if len(twins) == len(links) and twins[i] in usable:
+                ratio = weights[link] / weights[twins[i]]
+                twin, own = (_rotation(elements[name], skeleton, name) for name in (twins[i], link))
+                image = own.T @ _MIRROR @ twin
+                inertia = ratio * image @ _inertia(elements[twins[i]]) @ image.T
+                remedy = f"the mirror image of link '{twins[i]}' taken"
+            else:
+                inertia = _solid(elements[link], weights[link])
+                remedy = "that of a solid of its mass and bounds taken"
+            _write(elements[link], inertia)
+            findings.append(Finding("note" if whole else "wrong", f"link '{link}'", f"{fault} kg.m^2", remedy))
+    return findings
+
+
+def placeholders(skeleton: Skeleton, length: float) -> list[Finding]:
+    """Bodies whose inertia would need a mass spread wider than their robot; ``length`` is that of a leg [m]."""
+    wide = []
+    for j in range(BASE, skeleton.model.njoints):
+        inertia = skeleton.model.inertias[j]
+        radius = float(np.sqrt(np.linalg.eigvalsh(inertia.inertia)[0] / inertia.mass))
+        if radius > _SPREAD * length:
+            wide.append(skeleton.links(j)[0])
+    if not wide:
+        return []
+    text = f"inertia of a body more than {1e3 * length:.0f} mm across: a placeholder"
+    return [Finding("wrong", named("link", wide), text, "kept: the robot is slower to turn than it looks")]
+
+
+def _inertia(link: ET.Element) -> Matrix:
+    """Inertia about the centre of mass, in the axes of <inertial> (3, 3) [kg.m^2]."""
+    element = link.find("inertial/inertia")
+    xx, xy, xz, yy, yz, zz = (float(numbers(None if element is None else element.get(key), (0.0,))[0]) for key in _KEYS)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _rotation(link: ET.Element, skeleton: Skeleton, name: str) -> Matrix:
+    """Axes of <inertial> in the base at zero (3, 3)."""
+    origin = link.find("inertial/origin")
+    rpy = numbers(None if origin is None else origin.get("rpy"), (0.0, 0.0, 0.0))
+    return np.asarray(skeleton.place(name).rotation @ pin.rpy.rpyToMatrix(*rpy))
+
+
+def _solid(link: ET.Element, mass: float) -> Matrix:
+    """Inertia of the box of the link's bounds, or of a ball where it has no shapes (3, 3) [kg.m^2]."""
+    points = link_points(link, np.eye(3))
+    if len(points):
+        x, y, z = np.ptp(points, axis=0) ** 2
+        return np.diag([y + z, x + z, x + y]) * mass / 12.0
+    radius = float(np.cbrt(3.0 * mass / (4.0 * np.pi * _DENSITY)))
+    return np.eye(3) * 0.4 * mass * radius**2
+
+
+def _write(link: ET.Element, inertia: Matrix) -> None:
+    element = link.find("inertial/inertia")
+    if element is not None:
+        rows, columns = np.triu_indices(3)
+        for key, value in zip(_KEYS, inertia[rows, columns], strict=True):
+            element.set(key, f"{value:.9g}")

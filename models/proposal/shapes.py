@@ -1,21 +1,98 @@
-"""Points of the shapes on a link, and meshes that MuJoCo cannot read replaced by boxes."""
+"""The URDF as XML: findings, links, joints, and the points of shapes; meshes that MuJoCo cannot read become boxes."""
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from models.errors import RobotModelError
-from models.proposal.findings import Finding, named
-from models.proposal.tree import numbers
-from models.types import Matrix
+from models.types import Matrix, Vector
 from models.urdf import resolve_uri
+
+Severity = Literal["note", "wrong"]
+"""'note': a gap that the proposal fills; 'wrong': the description contradicts itself or a robot that can stand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One fault of a description."""
+
+    severity: Severity
+    culprit: str  # joint, link or file, as in "joint 'left_knee'"
+    fault: str  # missing or wrong part
+    remedy: str  # in the proposal
+
+
+def named(kind: str, names: Iterable[str]) -> str:
+    """One or several joints or links, by name."""
+    listed = list(names)
+    return f"{kind}{'s' if len(listed) > 1 else ''} " + ", ".join(f"'{name}'" for name in listed)
+
+
+def numbers(text: str | None, default: tuple[float, ...]) -> Vector:
+    """The numbers of an attribute; the default where it is absent or malformed."""
+    try:
+        values = [float(item) for item in (text or "").split()]
+    except ValueError:
+        values = []
+    usable = len(values) == len(default) and all(math.isfinite(value) for value in values)
+    return np.array(values if usable else default)
+
+
+def end(joint: ET.Element, role: str) -> str:
+    """Name of a joint's 'parent' or 'child' link; empty where it has none."""
+    element = joint.find(role)
+    return "" if element is None else element.get("link", "")
+
+
+def masses(robot: ET.Element) -> dict[str, float]:
+    """Mass of each link [kg]; 0 where it has none."""
+    result = {}
+    for link in robot.findall("link"):
+        mass = link.find("inertial/mass")
+        result[link.get("name", "")] = 0.0 if mass is None else float(numbers(mass.get("value"), (0.0,))[0])
+    return result
+
+
+def links_below(robot: ET.Element, link: str) -> list[str]:
+    """A link and all that hangs from it."""
+    children: dict[str, list[str]] = {}
+    for joint in robot.findall("joint"):
+        children.setdefault(end(joint, "parent"), []).append(end(joint, "child"))
+    found, waiting = [], [link]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:  # a URDF may hold a loop
+            found.append(name)
+            waiting += children.get(name, [])
+    return found
+
+
+def longest_chain(robot: ET.Element) -> float:
+    """Length of the longest chain of joints, from offset to offset [m]."""
+    joints = {end(joint, "child"): joint for joint in robot.findall("joint")}
+
+    def length(link: str) -> float:
+        total, seen = 0.0, set[str]()
+        while link in joints and link not in seen:
+            seen.add(link)
+            origin = joints[link].find("origin")
+            xyz = numbers(None if origin is None else origin.get("xyz"), (0.0, 0.0, 0.0))
+            total += float(np.linalg.norm(xyz))
+            link = end(joints[link], "parent")
+        return total
+
+    return max((length(link) for link in joints), default=0.0)
+
 
 _STL_HEAD, _STL_FACE = 84, 50
 """Bytes of a binary STL file before its faces, and of a face."""
@@ -35,20 +112,15 @@ _FLAT = 1e-12
 
 
 def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tuple[list[Finding], bool]:
-    """Point every mesh to its file; replace in place what MuJoCo cannot draw, and drop what nobody can read.
+    """Resolve every mesh to its file; replace in place what MuJoCo cannot draw, and drop what cannot be read.
 
-    Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the quarter turn
-    that is missing. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
+    Pinocchio's reader leaves a Collada mesh with y up lying; the origin of such a shape is turned by the missing
+    quarter turn. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
     anywhere, since a collision shape is drawn where there is no visual. Any other collision shape stays as long as
-    Pinocchio reads it.
-
-    Args:
-        robot: The ``<robot>`` element.
-        urdf: Its file, which relative references start from.
-        packages: Where ``package://`` is looked for first.
+    Pinocchio reads it. Relative references start from ``urdf``; ``package://`` is searched in ``packages`` first.
 
     Returns:
-        What was found, and whether a shape was replaced or dropped.
+        The findings, and whether a shape was replaced or dropped.
 
     Raises:
         RobotModelError: A mesh file does not exist; link and file are named.
@@ -109,15 +181,11 @@ def _drawable(file: Path) -> bool:
 
 
 def link_points(link: ET.Element, upright: Matrix, kinds: Sequence[str] = ("collision", "visual")) -> Matrix:
-    """Points whose hull is that of a link's shapes, as far as it can be seen from below.
+    """Points in the link's frame whose hull is that of the link's shapes, as seen from below (n, 3) [m]; n may be 0.
 
-    Args:
-        link: The link; its meshes have absolute paths.
-        upright: Rotation of the link in an upright frame (3, 3): spheres are round, and their lowest point counts.
-        kinds: Tags of the shapes in order of preference; the first that gives a point is taken.
-
-    Returns:
-        Points in the link's frame (n, 3) [m]; n is 0 for a link without shapes.
+    ``upright`` is the rotation of the link in an upright frame (3, 3): spheres are round, and their lowest point
+    counts. ``kinds`` are tags of shapes in order of preference; the first that gives a point is taken. Meshes have
+    absolute paths.
     """
     for kind in kinds:
         clouds = [_placed(shape, upright) for shape in link.findall(kind)]
@@ -141,7 +209,7 @@ def _placed(shape: ET.Element, upright: Matrix) -> Matrix:
 
 
 def _own_points(geometry: ET.Element | None) -> Matrix:
-    """Points of a box, a cylinder or a mesh in its own frame (n, 3) [m]."""
+    """Points of a box, a cylinder or a mesh in the frame of the shape (n, 3) [m]."""
     nothing = np.zeros((0, 3))
     if geometry is None:
         return nothing

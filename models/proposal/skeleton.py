@@ -1,10 +1,18 @@
-"""The joints of a robot in its zero posture: where they are, how they turn, and which mirror each other."""
+"""Joints in the zero posture and what they form: mirrored partners, legs, arms, torso, head and inertial unit."""
 
 from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+from models.errors import RobotModelError
+from models.profile import Frame
+from models.proposal.shapes import Finding, link_points, named
 from models.types import Matrix, Vector
 
 BASE = 1
@@ -15,21 +23,15 @@ _PARALLEL = 0.99  # least cosine between an axis and the image of its partner
 
 
 class Skeleton:
-    """Joints at zero, base upright at the origin.
+    """Joints at zero, base upright at the origin; the arrays go by Pinocchio's joint index.
 
     Reflected at the plane y = 0, a rotation by angle a about an axis u becomes one by -a about M u, M = diag(1, -1, 1).
-    So partners satisfy p' = M p and u' = -s M u, and mirrored motions q' = s q.
-
-    Args:
-        model: Pinocchio model with a free flyer.
-        tolerance: Largest distance of a joint from the image of its partner [m].
+    So partners satisfy p' = M p (within ``tolerance`` [m]) and u' = -s M u, and mirrored motions q' = s q.
 
     Attributes:
-        model: The model.
-        data: Its workspace, at zero.
-        origins: Origin of each joint in the base, by Pinocchio's index (njoints, 3) [m].
+        origins: Origin of each joint in the base (njoints, 3) [m].
         axes: Axis of each joint in the base (njoints, 3).
-        children: Joints that hang from each joint.
+        children: Child joints of each joint.
         partners: Joint that mirrors each joint; itself on the middle plane; joints without a partner are absent.
         signs: s of each joint in ``partners``.
     """
@@ -97,3 +99,238 @@ class Skeleton:
         """Length of a chain from its first joint to its last [m]."""
         points: Vector = self.origins[chain]
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+LEG_JOINTS = 6
+"""Joints that a leg needs to keep its sole flat wherever the base goes."""
+
+_LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
+_RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
+
+
+@dataclass(frozen=True, slots=True)
+class Legs:
+    """Joints of the left and the right leg from base to foot, by Pinocchio's index."""
+
+    left: tuple[int, ...]
+    right: tuple[int, ...]
+
+    @property
+    def both(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Left, then right."""
+        return self.left, self.right
+
+
+def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
+    """The two mirrored chains from the base that reach lowest; left is on the side of +y.
+
+    Raises:
+        RobotModelError: There is no such pair (the robot has no feet), or a leg has too few joints.
+    """
+    base = skeleton.links(BASE)[0]
+    leaves = [
+        j
+        for j in range(BASE + 1, skeleton.model.njoints)
+        if not skeleton.children[j] and skeleton.origins[j][1] > 0.0 and skeleton.partners.get(j, j) != j
+    ]
+    hanging = [j for j in leaves if _apart(skeleton, j) and _below(skeleton, j)]
+    if not hanging:
+        raise RobotModelError(
+            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_lonely(skeleton)}"
+        )
+    foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(skeleton.chain(j))))
+    left = tuple(skeleton.chain(foot))
+    right = tuple(skeleton.partners[j] for j in left)
+    if len(left) < LEG_JOINTS:
+        raise RobotModelError(
+            f"{urdf}: no feet: the leg that ends at joint '{skeleton.name(foot)}' has {len(left)} joints, and a sole "
+            f"stays flat with {LEG_JOINTS}"
+        )
+    return Legs(left, right)
+
+
+def _apart(skeleton: Skeleton, joint: int) -> bool:
+    """Whether the chain to a joint and its mirror image share nothing but the base."""
+    return not any(skeleton.central(j) for j in skeleton.chain(joint))
+
+
+def _below(skeleton: Skeleton, joint: int) -> bool:
+    chain = skeleton.chain(joint)
+    return bool(skeleton.origins[joint][2] < skeleton.origins[chain[0]][2] - 0.5 * skeleton.reach(chain))
+
+
+def _lonely(skeleton: Skeleton) -> str:
+    """The joints at the base that have no partner, for the message."""
+    names = [skeleton.name(j) for j in skeleton.children[BASE] if j not in skeleton.partners]
+    return f"; without a mirror image: {named('joint', names)}" if names else ""
+
+
+def named_left(skeleton: Skeleton, legs: Legs) -> bool | None:
+    """Whether the leg at +y is called left; None where the names do not show it."""
+    votes = 0
+    for left, right in zip(legs.left, legs.right, strict=True):
+        names = skeleton.name(left), skeleton.name(right)
+        votes += bool(_LEFT.search(names[0]) and _RIGHT.search(names[1]))
+        votes -= bool(_RIGHT.search(names[0]) and _LEFT.search(names[1]))
+    return None if votes == 0 else votes > 0
+
+
+def asymmetries(skeleton: Skeleton, tolerance: float) -> list[Finding]:
+    """Joints without a mirror image, and partners whose limits differ.
+
+    ``tolerance`` bounds differences that count as equal: positions [rad], other limits relative to the value [-].
+    """
+    model = skeleton.model
+    findings = []
+    alone = [skeleton.name(j) for j in range(BASE + 1, model.njoints) if j not in skeleton.partners]
+    if alone:
+        findings.append(Finding("note", named("joint", alone), "no mirror image on the other side", "kept as it is"))
+    for joint, other in skeleton.partners.items():
+        if joint == other or skeleton.origins[joint][1] < skeleton.origins[other][1]:
+            continue
+        faults = []
+        mine, theirs = _range(skeleton, joint), _range(skeleton, other)
+        if skeleton.signs[joint] < 0.0:
+            theirs = -theirs[1], -theirs[0]
+        if max(abs(a - b) for a, b in zip(mine, theirs, strict=True)) > tolerance:
+            faults.append(
+                f"ranges differ: [{mine[0]:.2f}, {mine[1]:.2f}] and, mirrored, [{theirs[0]:.2f}, {theirs[1]:.2f}] rad"
+            )
+        v, w = int(model.joints[joint].idx_v), int(model.joints[other].idx_v)
+        for kind, unit, values in (("torque", "N.m", model.effortLimit), ("velocity", "rad/s", model.velocityLimit)):
+            if abs(values[v] - values[w]) > tolerance * max(values[v], values[w]):
+                faults.append(f"{kind} limits differ: {values[v]:g} and {values[w]:g} {unit}")
+        if faults:
+            names = named("joint", [skeleton.name(joint), skeleton.name(other)])
+            findings.append(Finding("wrong", names, "; ".join(faults), "kept: check the URDF"))
+    return findings
+
+
+def _range(skeleton: Skeleton, joint: int) -> tuple[float, float]:
+    """Position limits of a joint [rad]."""
+    q, model = int(skeleton.model.joints[joint].idx_q), skeleton.model
+    return float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])
+
+
+_CAMERA = re.compile(r"camera|rgbd|realsense|d435|zed|gaze|eye", re.IGNORECASE)
+_HEAD = re.compile(r"head|face", re.IGNORECASE)
+_IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
+
+_IMU_REACH = 0.5
+"""How far from the base an inertial unit may be, over the leg's length [-]."""
+
+_HEAD_ABOVE = 1.2
+"""Height of a head that no link shows, over that of the shoulders above the soles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limbs:
+    """All limbs except the legs."""
+
+    arms: tuple[tuple[int, ...], tuple[int, ...]]  # left and right, from shoulder to hand; empty without arms
+    torso: int  # joint that moves the torso; ``BASE`` where it is the base
+    frames: dict[str, Frame]  # of the profile
+    findings: tuple[Finding, ...]  # missing parts
+
+
+def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) -> Limbs:
+    """Find arms, torso, head and inertial unit; ``floor`` is the height of the soles in the base at zero [m]."""
+    findings: list[Finding] = []
+    left = _arm(skeleton, legs)
+    arms = left, tuple(skeleton.partners[j] for j in left)
+    torso = _trunk(skeleton, left)
+    frames = {"torso": Frame(link=skeleton.links(torso)[0])}
+    if not left:
+        text = "no arms: no two mirrored chains of joints outside the legs"
+        findings.append(
+            Finding("wrong", f"link '{skeleton.links(BASE)[0]}'", text, "l_wrist and r_wrist placed on the torso")
+        )
+    shoulder = skeleton.origins[left[0]][2] if left else skeleton.origins[torso][2]
+    frames["gaze"] = _gaze(robot, skeleton, torso, floor + _HEAD_ABOVE * (float(shoulder) - floor), findings)
+    for name, chain in zip(("l_wrist", "r_wrist"), arms, strict=True):
+        frames[name] = Frame(link=skeleton.links(chain[-1] if chain else torso)[0])
+    frames["imu"] = _imu(skeleton, torso, skeleton.reach(list(legs.left)), findings)
+    return Limbs(arms, torso, frames, tuple(findings))
+
+
+def _arm(skeleton: Skeleton, legs: Legs) -> tuple[int, ...]:
+    """The left one of the two mirrored chains with the longest reach, up to where the fingers branch off."""
+    shoulders = [
+        j
+        for j, other in skeleton.partners.items()
+        if j != other
+        and j not in legs.left
+        and skeleton.origins[j][1] > skeleton.origins[other][1]
+        and (skeleton.model.parents[j] == BASE or skeleton.central(int(skeleton.model.parents[j])))
+    ]
+    chains = []
+    for joint in shoulders:
+        chain = [joint]
+        while len(skeleton.children[chain[-1]]) == 1 and skeleton.children[chain[-1]][0] in skeleton.partners:
+            chain.append(skeleton.children[chain[-1]][0])
+        chains.append(tuple(chain))
+    return max(chains, key=lambda chain: skeleton.reach(list(chain)), default=())
+
+
+def _trunk(skeleton: Skeleton, arm: tuple[int, ...]) -> int:
+    """Parent joint of the arms; without arms the last of the middle joints."""
+    if arm:
+        return int(skeleton.model.parents[arm[0]])
+    joint = BASE
+    while central := [j for j in skeleton.children[joint] if skeleton.central(j)]:
+        joint = central[0]
+    return joint
+
+
+def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, findings: list[Finding]) -> Frame:
+    """A camera, else a link called head, else the top of the links on the torso; it looks ahead."""
+    upper = [
+        link
+        for joint in skeleton.below(torso)
+        if joint == torso or _middle(skeleton, joint)
+        for link in skeleton.links(joint)
+    ]
+    for pattern in (_CAMERA, _HEAD):
+        matches = [link for link in upper if pattern.search(link)]
+        if matches:
+            return level(skeleton, max(matches, key=lambda link: float(skeleton.place(link).translation[2])))
+    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    tops = {}
+    for link in upper:
+        place = skeleton.place(link)
+        points = link_points(elements[link], place.rotation) @ place.rotation.T + place.translation
+        tops[link] = float(points[:, 2].max()) if len(points) else float(place.translation[2])
+    link = max(tops, key=lambda name: tops[name])
+    place = skeleton.place(link)
+    top = max(tops[link], height)
+    findings.append(Finding("note", f"link '{link}'", "no link is called head or camera", "gaze placed on top of it"))
+    lift = place.actInv(np.array([place.translation[0], 0.0, top]))
+    return level(skeleton, link, (round(float(lift[0]), 4), round(float(lift[1]), 4), round(float(lift[2]), 4)))
+
+
+def _middle(skeleton: Skeleton, joint: int) -> bool:
+    """Whether a joint and its ancestors are on the middle plane: neck and head."""
+    return all(skeleton.central(j) for j in skeleton.chain(joint))
+
+
+def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) -> Frame:
+    """A link called imu on the base, or on the torso near it, in the axes of the base; else the base."""
+    base = skeleton.links(BASE)[0]
+    for link in (link for joint in (BASE, torso) for link in skeleton.links(joint)):
+        if not _IMU.search(link):
+            continue
+        away = float(np.linalg.norm(skeleton.place(link).translation))
+        if away < _IMU_REACH * leg:
+            return level(skeleton, link)
+        text = f"an inertial unit {1e3 * away:.0f} mm from the base: joint noise times that lever is velocity noise"
+        findings.append(Finding("note", f"link '{link}'", text, f"placed in link '{base}' instead"))
+        return level(skeleton, base)
+    findings.append(Finding("note", f"link '{base}'", "no link is called imu", "the inertial unit is placed here"))
+    return level(skeleton, base)
+
+
+def level(skeleton: Skeleton, link: str, xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Frame:
+    """A frame on a link with the axes of the base at zero."""
+    angles = pin.rpy.matrixToRpy(skeleton.place(link).rotation.T)
+    roll, pitch, yaw = (round(float(angle), 6) + 0.0 for angle in angles)
+    return Frame(link=link, xyz=xyz, rpy=(roll, pitch, yaw))

@@ -1,4 +1,4 @@
-"""The flat part of a foot, from the shapes of the links that its last joint moves."""
+"""Contact shapes: the flat part of each foot, and coarse hulls of the links that hit the floor first."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from models.errors import RobotModelError
+from models.profile import Hull
 from models.proposal.config import SoleConfig
-from models.proposal.findings import Finding
-from models.proposal.shapes import link_points
-from models.proposal.skeleton import Skeleton
+from models.proposal.shapes import Finding, link_points
+from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton
 from models.types import Matrix, Vector
 
 _WIDER = (1.0, 2.5, 5.0)
@@ -34,18 +34,11 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True, slots=True)
 class SoleShape:
-    """A sole as found.
+    """A sole as found."""
 
-    Attributes:
-        link: Link that the last joint of the leg moves.
-        placement: Pose of the sole frame in that link: origin under the ankle, x forward, z up.
-        rectangle: x_min, x_max, y_min, y_max in the sole frame [m].
-        findings: What is wrong with it.
-    """
-
-    link: str
-    placement: pin.SE3
-    rectangle: tuple[float, float, float, float]
+    link: str  # moved by the last joint of the leg
+    placement: pin.SE3  # pose of the sole frame in that link: origin under the ankle, x forward, z up
+    rectangle: tuple[float, float, float, float]  # x_min, x_max, y_min, y_max in the sole frame [m]
     findings: tuple[Finding, ...]
 
 
@@ -64,14 +57,7 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
     """Find the largest rectangle in the face that a foot stands on.
 
     The face is that of the hull's facets which together are largest among those that look down; the sole's outline is
-    the hull of the points at most ``band`` above its lowest one.
-
-    Args:
-        robot: The ``<robot>`` element.
-        skeleton: Its joints.
-        leg: Joints of the leg, from base to foot.
-        config: What counts as a sole.
-        urdf: Its file, for messages.
+    the hull of the points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
 
     Raises:
         RobotModelError: The foot has no flat part that is large enough to stand on; the link is named.
@@ -147,16 +133,10 @@ def _outline(
 
 
 def largest_rectangle(points: Matrix) -> Vector | None:
-    """Largest rectangle along the axes within the hull of points.
+    """Largest rectangle along the axes within the hull of points (n, 2) [m]; None when they span no area.
 
-    Between two abscissae the hull is widest where its lower edge is lowest at neither end: the edge is convex, so that
+    It is x_min, x_max, y_min, y_max (4,) [m]. Between two abscissae the convex hull is narrowest at one of the ends, so
     only both ends count, and the rectangle is theirs.
-
-    Args:
-        points: (n, 2) [m].
-
-    Returns:
-        x_min, x_max, y_min, y_max (4,) [m]; None when the points span no area.
     """
     try:
         corners = points[ConvexHull(points).vertices]
@@ -178,3 +158,43 @@ def largest_rectangle(points: Matrix) -> Vector | None:
     if areas[first, last] <= 0.0:
         return None
     return np.array([x[first], x[last], bottom[first, last], top[first, last]])
+
+
+_LEAST = 0.02
+"""Bodies thinner than this get no hull [m]."""
+
+
+def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limbs) -> dict[str, Hull]:
+    """Capsules within the bounds of the links that hit the floor first."""
+    parts = {"pelvis": BASE}
+    if limbs.torso != BASE:
+        parts["torso"] = limbs.torso
+    heads = [j for j in skeleton.children[limbs.torso] if skeleton.central(j)]
+    if heads:
+        parts["head"] = skeleton.below(heads[0])[-1]
+    for side, leg, arm in zip(("left", "right"), legs.both, limbs.arms, strict=True):
+        parts[f"{side}_thigh"] = leg[len(leg) // 2 - 1]
+        if arm:
+            parts[f"{side}_hand"] = arm[-1]
+    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    hulls = {}
+    for part, joint in parts.items():
+        for link in skeleton.links(joint):
+            points = link_points(elements[link], np.eye(3))
+            if len(points) and (hull := _capsule(link, points.min(axis=0), points.max(axis=0))) is not None:
+                hulls[part] = hull
+                break
+    return hulls
+
+
+def _capsule(link: str, low: np.ndarray, high: np.ndarray) -> Hull | None:
+    """Capsule along the longest side of a box (3,), (3,) [m], as thick as its thinner other side."""
+    size = high - low
+    longest = int(size.argmax())
+    radius = 0.5 * float(np.delete(size, longest).min())
+    if radius < _LEAST:
+        return None
+    ends = np.array([0.5 * (low + high)] * 2)
+    ends[:, longest] += np.array([-1.0, 1.0]) * (0.5 * size[longest] - radius)
+    (x1, y1, z1), (x2, y2, z2) = np.round(ends, 3).tolist()
+    return Hull(link=link, start=(x1, y1, z1), end=(x2, y2, z2), radius=round(radius, 3))

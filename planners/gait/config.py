@@ -1,13 +1,24 @@
-"""Schema of ``config/gait.yaml``: lengths are those of the reference leg; ``scaling.py`` scales them with the leg."""
+"""Schema of ``config/gait.yaml``, whose lengths are those of a reference leg, and scaling to the legs of a robot."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import replace
+from importlib.resources import files
+from typing import Annotated, TypeVar
 
+import numpy as np
+import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT
+from models.config import STRICT, default_config
+from models.robot_model import RobotModel
+
+QUINTIC_PEAK = 15.0 / 8.0
+"""Peak over mean speed of a quintic from rest to rest [-]."""
+
+JOINTS_V = 6
+"""Index of the first joint in a velocity: the base's twist comes before."""
 
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -105,10 +116,10 @@ class SwingConfig:
         rise_step: Largest change from one landing to the next of the height that a foot is expected to land at [m].
         rise_max: Largest expected height over the stance foot's plane, up or down [m].
         tilt_time: Time constant with which the foot turns to the slope expected at its landing [s].
-        trip_lag: Distance behind its reference at which a foot may have been caught by something [m].
-        trip_speed: Share of its reference's speed below which it then has been [-].
+        trip_lag: Distance behind its reference from which a foot may have tripped [m].
+        trip_speed: Share of the reference's speed below which it then has [-].
         trip_filter: Time constant of the measured speed [s].
-        trip_time: How long a caught foot only rises [s].
+        trip_time: Time for which a foot that tripped only rises [s].
     """
 
     clearance: Positive
@@ -161,9 +172,9 @@ class RouteConfig:
         forward: Speed along [m/s].
         lateral: Speed sideways [m/s].
         turn: Turning speed [rad/s].
-        position_tolerance: Distance from its goal at which a sole has reached it [m].
-        turn_tolerance: Heading error at which it has [rad].
-        offset_max: A foot that lands farther from its planned place has the way to the goal planned anew [m].
+        position_tolerance: Position error at the goal [m].
+        turn_tolerance: Heading error at the goal [rad].
+        offset_max: Landing error beyond which the route to the goal is planned anew [m].
         range: Farthest goal [m].
         steps_max: Most footsteps in a route.
     """
@@ -180,13 +191,13 @@ class RouteConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GroundConfig:
-    """Inclination of the ground, felt through the soles.
+    """Inclination of the ground, measured by the soles.
 
     Attributes:
         settle_time: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s].
         anchor_time: The same of a sole that bears: one that tips is drawn back to where it stood [s].
         slope_steps: Steps over whose soles the slope expected at the next landing is the median.
-        slope_max: Steepest slope believed [-].
+        slope_max: Steepest expected slope [-].
     """
 
     settle_time: Positive
@@ -200,17 +211,17 @@ class FootingConfig:
     """A sole that turns over an edge.
 
     Attributes:
-        load: Share of the weight that a sole bears at least for its turning to mean anything [-].
+        load: Least share of the weight on a sole for its rotation to count [-].
         turning: Angular velocity about its length or width above which it turns [rad/s].
-        turned: Angle by which it has turned at least, of late [rad].
-        forget_time: Time constant of "of late" [s].
-        edge: Way by which its CoP may move meanwhile: a sole that rolls as it lands has no edge under it [m].
+        turned: Least recent rotation of a sole that turns over an edge [rad].
+        forget_time: Time constant of the recent rotation [s].
+        edge: Largest motion of its CoP meanwhile: a sole that rolls as it lands has no edge under it [m].
         still: Angular velocity below which it lies still [rad/s].
-        rest: Time for which it has to lie still before how it lies counts [s].
-        fallen: Angle by which a sole that then lies still has turned at least to have found ground there [rad].
-        regain: Speed at which one that has turned less is then believed in again [m/s].
-        strip: Width that is left at least of what bears [m].
-        grain: Steps in which the areas are told: each change costs the QP a new wrench cone [m].
+        rest: Time at rest after which its orientation counts [s].
+        fallen: Least rotation of a sole at rest that has found ground on the other side of the edge [rad].
+        regain: Speed at which the area of a sole at rest that has turned less grows again [m/s].
+        strip: Least width of the area [m].
+        grain: Resolution of the areas: each change costs the QP a new wrench cone [m].
     """
 
     load: Share
@@ -231,16 +242,19 @@ class LiftConfig:
     """A robot that is lifted off the floor.
 
     Attributes:
-        float_time: Both feet without load for so long: it is held as it is, its gait waits [s].
-        up_time: For so long: it has been lifted, the walk is over [s].
-        level_time: It then takes so long to return to the standing posture, for being put down [s].
-        down_time: Both feet loaded for so long: it has been put down [s].
+        float_time: Without load on both feet, the posture is held and the gait waits after this time [s].
+        up_time: The robot counts as lifted and the walk ends after this time [s].
+        level_time: Duration of the return to the standing posture, in which it can be put down [s].
+        down_time: With load on both feet, it counts as put down after this time [s].
     """
 
     float_time: Positive
     up_time: Positive
     level_time: Positive
     down_time: Positive
+
+
+Part = TypeVar("Part", TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -250,16 +264,19 @@ class GaitConfig:
     Attributes:
         leg: Hip height above the sole of the robot that the lengths are written for [m].
         crouch: Walking lowers the CoM below that of standing by this [m].
-        height_rate: Fastest rise of the wanted CoM height [m/s].
-        drop_rate: Fastest descent of it [m/s].
+        height_rate: Fastest rise of the CoM height reference [m/s].
+        drop_rate: Fastest descent of the CoM height reference [m/s].
         preview: Steps that the DCM recursion looks ahead.
         settle_dcm: DCM distance from the middle at which a finished walk counts as standing [m].
+        settle_speed: Speed of the CoM below which it does, too [m/s].
         settle_time: For this long [s].
         step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
         lean_urgent: Share of the way between the feet at which the body is when the foot of an urgent step lands [-].
-        astride: Distance of a sole from where it stands beside the other one at which a robot that stands again after
-            it has caught itself steps back [m].
-        astride_max: Distance at which it does not come to rest [m]; greater than ``astride``.
+        push_horizon: Time for which a push that makes a standing robot step is expected to go on [s].
+        push_filter: Time constant of the DCM's measured rate [s].
+        astride: Distance of a sole from its place in the nominal stance beyond which the robot steps back after
+            a recovery step [m].
+        astride_max: Distance beyond which it does not come to rest [m]; greater than ``astride``.
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
         timing, reach, velocity, swing, adjustment, route, ground, footing, lift: Parts.
@@ -271,9 +288,12 @@ class GaitConfig:
     drop_rate: Positive
     preview: Annotated[int, Field(ge=1, le=12)]
     settle_dcm: Positive
+    settle_speed: Positive
     settle_time: NonNegative
     step_share: Share
     lean_urgent: Share
+    push_horizon: NonNegative
+    push_filter: Positive
     astride: Positive
     astride_max: Positive
     anchor_time: Positive
@@ -300,6 +320,57 @@ class GaitConfig:
         if not reach.width_min <= reach.width <= reach.width_max:
             raise ValueError("reach: width_min <= width <= width_max does not hold")
         if reach.width_urgent < reach.width_max or timing.single_urgent > timing.single_min:
-            raise ValueError("an urgent step may not be held to narrower limits than any other")
+            raise ValueError("the limits of an urgent step may not be narrower than those of other steps")
         if self.astride_max <= self.astride:
-            raise ValueError("a stance that is to be left, astride, must be one to come to rest in, astride_max")
+            raise ValueError("astride_max, the widest stance to come to rest in, must be greater than astride")
+
+
+def load_gait_config(model: RobotModel) -> GaitConfig:
+    """The packaged gait of a robot: ``gait_<name>.yaml``, or ``gait.yaml`` scaled to its legs."""
+    own = f"gait_{model.name}"
+    if (files("planners") / "config" / f"{own}.yaml").is_file():
+        return default_config(GaitConfig, "planners", own)
+    config = scaled(default_config(GaitConfig, "planners", "gait"), leg_length(model))
+    fastest = min(config.swing.speed_max, config.swing.speed_share * foot_speed(model))
+    return replace(config, swing=replace(config.swing, speed_max=fastest))
+
+
+def foot_speed(model: RobotModel) -> float:
+    """Mean speed of a swing whose peak takes a leg as long as in 'stand' at the median of its joints' limits [m/s]."""
+    joints = [joint - JOINTS_V for foot in model.feet for joint in foot.joint_ids_v]
+    return float(np.median(model.v_max[joints])) * leg_length(model) / QUINTIC_PEAK
+
+
+def leg_length(model: RobotModel) -> float:
+    """Height of the first joint of a leg, at the hip, above the soles in the 'stand' posture [m]."""
+    data = model.data()
+    pin.forwardKinematics(model.pin, data, model.standing_configuration())
+    first = model.feet[0].joint_ids_v[0]
+    hip = next(joint for joint in range(1, model.pin.njoints) if model.pin.idx_vs[joint] == first)
+    return float(data.oMi[hip].translation[2])
+
+
+def scaled(config: GaitConfig, leg: float) -> GaitConfig:
+    """The gait for legs of another length: lengths scale with it, times and speeds with its root.
+
+    Widths stay: hips and soles set them, not the length of the legs.
+    """
+    length = leg / config.leg
+    time = length**0.5
+    return replace(
+        config,
+        leg=leg,
+        crouch=config.crouch * length,
+        timing=_times(
+            config.timing, time, "single", "single_min", "single_urgent", "single_max", "double", "start", "finish"
+        ),
+        reach=_times(config.reach, length, "forward", "backward"),
+        velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
+        swing=_times(_times(config.swing, length, "clearance", "rise_max"), time, "speed_max", "late_velocity"),
+        route=_times(config.route, time, "forward", "lateral"),
+    )
+
+
+def _times(part: Part, factor: float, *names: str) -> Part:
+    """A part with some of its fields multiplied."""
+    return replace(part, **{name: getattr(part, name) * factor for name in names})

@@ -1,4 +1,4 @@
-r"""DCM reference over footholds: closed forms of the linear inverted pendulum.
+r"""DCM reference over footholds: closed forms of the linear inverted pendulum, phase by phase.
 
 Symbols: ``xi = c + c'/omega`` the divergent component of motion, ``p`` the ZMP, ``omega = sqrt(g / z)``. The pendulum
 obeys ``xi' = omega (xi - p)``. A step begins at the touchdown of the new stance foot with a double support of duration
@@ -13,19 +13,31 @@ References:
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct, structs
 
-from models.compiled import njit
+from models.compiled import njit, register_jitable
 from models.types import Matrix, Vector
+from planners.gait.footsteps import Point, point_at
+from planners.gait.reaction import LegLever, swing_slope, whole_swing
+from planners.gait.swing import SwingShape
 
-NOTHING: Vector = np.zeros(2)
-"""No reaction of the swing leg (2,) [m]."""
+
+class StepModel(NamedTuple):
+    """Constants of a step, for compiled code."""
+
+    single: float  # nominal single support T_s [s]
+    double: float  # double support T_d [s]
+    centres: Matrix  # middle of each sole in the frame of the sole (2, 2) [m]
+    shape: SwingShape
+    lever: LegLever
 
 
-@njit("float64(float64, float64)", cache=True)
+@register_jitable
 def transfer_share(omega: float, double: float) -> float:
-    r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: how much of a ramp of the ZMP counts like a jump at its start.
+    r"""``alpha = (1 - exp(-omega T_d)) / (omega T_d)``: equivalent share of a jump at the start of a ramp of the ZMP.
 
     .. math:: \xi(T) = p_i + e^{\omega T} (\xi_0 - p_{i-1} - \alpha (p_i - p_{i-1}))
     """
@@ -33,31 +45,27 @@ def transfer_share(omega: float, double: float) -> float:
     return (1.0 - math.exp(-x)) / x if x > 1e-9 else 1.0
 
 
-@njit("UniTuple(float64, 2)(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64[::1])", cache=True)
+@register_jitable
 def touchdown_offset(
     points: Matrix, swings: Matrix, omega: float, single: float, double: float, final: Vector
-) -> tuple[float, float]:
-    r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds.
+) -> Point:
+    r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds [m].
 
     .. math::
         b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1})
               + e^{-\omega T_d} d_i
 
-    with ``d_i`` what the DCM must allow for the reaction of the leg that swings from p_{i-1} to p_{i+1}
-    (``reaction.py``). The recursion contracts by ``exp(omega T)`` a step, so what stands at the end of a preview of
-    three or four steps hardly matters; it is the DCM over the last foothold (capturable), or over the middle of the
-    stance where the walk ends.
+    with ``d_i`` the reaction of the leg that swings from p_{i-1} to p_{i+1} (``reaction.py``). The recursion contracts
+    by ``exp(omega T)`` a step, so the end of a preview of three or four steps hardly matters; there the DCM is over
+    the last foothold (capturable), or over the middle of the stance where the walk ends.
 
     Args:
         points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... (1 + steps, 2) [m].
         swings: d_1, d_2, ..., one less than the coming touchdowns (steps - 1, 2) [m].
-        omega: [1/s].
+        omega: Of the pendulum [1/s].
         single: Single support T_s [s].
         double: Double support T_d [s].
         final: DCM at the last touchdown (2,) [m].
-
-    Returns:
-        b at the touchdown on p_1 [m].
     """
     share = 1.0 - transfer_share(omega, double)
     decay = math.exp(-omega * (single + double))
@@ -71,45 +79,65 @@ def touchdown_offset(
     return x, y
 
 
-def single_support(
-    point: Vector, end: Vector, omega: float, left: float, rest: Vector = NOTHING, offset: Vector = NOTHING
-) -> tuple[Vector, Vector]:
-    """DCM and its rate, ``left`` seconds before it is to be at ``end``, with the ZMP on ``point``; all (2,).
+@njit(cache=True)
+def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: StepModel) -> Point:
+    """DCM offset at the coming touchdown, from the ZMP point of the next foothold, in W [m].
 
-    ``rest`` is the DCM that the rest of the swing will use up [m], ``offset`` CMP minus CoP now [m]; see
-    ``reaction.py``.
+    ``poses`` are the present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3);
+    ``foot`` swings first (0 left, 1 right). With ``ends``, the last step ends the walk over the middle of the stance.
     """
-    dcm, rate = np.empty(2), np.empty(2)
-    _single_support(point, end, omega, left, rest, offset, dcm, rate)
+    count = poses.shape[0]
+    points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
+    for i in range(count):
+        centre = step.centres[foot if i % 2 == 1 else 1 - foot]
+        points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
+    for i in range(count - 2):
+        way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
+        swings[i, 0], swings[i, 1] = whole_swing(
+            omega, step.single, step.single + step.double, way, poses[0, 2], step.shape, step.lever
+        )
+    final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
+    return touchdown_offset(points, swings, omega, step.single, step.double, final)
+
+
+@register_jitable
+def offset_coupling(omega: float, step: StepModel) -> float:
+    """Change of the DCM offset at touchdown per change of the foothold [-]; see ``touchdown_offset``.
+
+    A longer step moves the ZMP farther in the double support, and has a longer swing after it.
+    """
+    fade = math.exp(-omega * step.double)
+    return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.lever)
+
+
+@njit(cache=True)
+def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Point:
+    """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
+    return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.shape, step.lever)
+
+
+def single_support(
+    point: Vector, end: Vector, omega: float, left: float, rest: Vector | None = None, offset: Vector | None = None
+) -> tuple[Vector, Vector]:
+    """DCM and its rate, both (2,), in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
+
+    ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up (2,)
+    [m] (``reaction.py``), ``offset`` CMP minus CoP now (2,) [m], both zero when None.
+    """
+    dcm = point + math.exp(-omega * left) * (end - point)
+    if rest is not None:
+        dcm = dcm + rest
+    rate = omega * (dcm - point - offset) if offset is not None else omega * (dcm - point)
     return dcm, rate
-
-
-@njit(
-    "void(float64[::1], float64[::1], float64, float64, float64[::1], float64[::1], float64[::1], float64[::1])",
-    cache=True,
-)
-def _single_support(
-    point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector, dcm: Vector, rate: Vector
-) -> None:
-    """See ``single_support``; the last two are what it returns."""
-    decay = math.exp(-omega * left)
-    for i in range(2):
-        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
-        rate[i] = omega * (dcm[i] - point[i] - offset[i])
 
 
 def double_support(
     old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
-    """DCM and its rate during the transfer of the ZMP from ``old`` to ``new``.
+    """DCM and its rate, both (2,), while the ZMP moves from ``old`` to ``new`` (2,) [m].
 
-    Args:
-        old: ZMP point of the foot that is to be unloaded (2,) [m].
-        new: ZMP point of the new stance foot (2,) [m].
-        end: DCM at the end of the double support (2,) [m].
-        omega: [1/s].
-        elapsed: Time since touchdown [s].
-        duration: T_d [s].
+    ``elapsed`` counts from touchdown and ``duration`` is T_d [s]; ``end`` is the DCM at the end of the double support
+    (2,) [m].
     """
     rate = (new - old) / duration
     zmp = old + rate * elapsed
@@ -130,3 +158,54 @@ def blend(
     d11 = u * (3.0 * u - 2.0)
     rate = (d00 * start[0] - d00 * end[0]) / duration + d10 * start[1] + d11 * end[1]
     return dcm, rate
+
+
+class DcmState(Struct, frozen=True):
+    """DCM reference of one tick."""
+
+    dcm: Vector  # in W (2,) [m]
+    rate: Vector  # in W (2,) [m/s]
+    start: tuple[Vector, Vector]  # DCM and rate at the start of the present blend
+    old: Vector  # ZMP point of the stance foot of the last single support (2,) [m]
+
+    @staticmethod
+    def at_rest(dcm: Vector, old: Vector | None = None) -> DcmState:
+        """Rest at a DCM (2,) [m]."""
+        rate = np.zeros(2)
+        return DcmState(dcm, rate, (dcm, rate), np.zeros(2) if old is None else old)
+
+    def shifted(self, shift: Vector) -> DcmState:
+        """Moved in W (2,) [m]."""
+        return DcmState(self.dcm + shift, self.rate, (self.start[0] + shift, self.start[1]), self.old + shift)
+
+    def zmp(self, omega: float) -> Vector:
+        """ZMP that moves the reference (2,) [m]."""
+        zmp: Vector = self.dcm - self.rate / omega
+        return zmp
+
+    def begin_blend(self) -> DcmState:
+        """The next blend starts from the present reference."""
+        return structs.replace(self, start=(self.dcm, self.rate))
+
+    def blended(self, end: Vector, rate: Vector, elapsed: float, duration: float) -> DcmState:
+        """On both feet, from the start of the blend to a DCM (2,) [m] and rate (2,) [m/s]."""
+        dcm, now = blend(self.start, (end, rate), elapsed, duration)
+        return DcmState(dcm, now, self.start, self.old)
+
+    def in_single(
+        self, point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector
+    ) -> DcmState:
+        """Single support; arguments as for ``single_support``."""
+        dcm, rate = single_support(point, end, omega, max(left, 0.0), rest, offset)
+        return DcmState(dcm, rate, self.start, point)
+
+    def in_double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
+        """Double support from the last stance foot to the new one; see ``double_support``.
+
+        ``elapsed`` counts from the planned touchdown [s]. It is negative after an early one: the pendulum then runs on
+        as in single support, to its state at the planned touchdown.
+        """
+        dcm, rate = double_support(self.old, new, end, omega, max(elapsed, 0.0), duration)
+        if elapsed < 0.0:
+            dcm, rate = single_support(self.old, dcm, omega, -elapsed)
+        return DcmState(dcm, rate, self.start, self.old)

@@ -1,65 +1,109 @@
-"""Next footholds from a velocity command."""
+"""Footholds: poses of the soles on the floor, and the next ones of a walk at a velocity."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
+import numpy as np
 from msgspec import Struct
 
+from models.compiled import njit, register_jitable
 from models.types import Matrix
-from planners.gait import kernels_steps
 from planners.gait.config import ReachConfig
-from planners.gait.kernels_steps import Limits, Pose, next_pose, preview, wrap
 
 LEFT, RIGHT = 0, 1
 
 Velocity = tuple[float, float, float]
 """Forward [m/s], left [m/s], turn [rad/s], in the body's frame."""
 
+Pose = tuple[float, float, float]
+"""x, y in W [m], heading in W [rad]."""
+
+Point = tuple[float, float]
+"""x, y [m]."""
+
+
+class StepLimits(NamedTuple):
+    """``ReachConfig`` for compiled code."""
+
+    width: float
+    width_min: float
+    width_max: float
+    forward: float
+    backward: float
+    turn_in: float
+    turn_out: float
+
+
+def limits_of(reach: ReachConfig) -> StepLimits:
+    """Limits of the footholds of ordinary steps."""
+    r = reach
+    return StepLimits(r.width, r.width_min, r.width_max, r.forward, r.backward, r.turn_in, r.turn_out)
+
+
+@register_jitable
+def point_at(x: float, y: float, yaw: float, forward: float, left: float) -> Point:
+    """A point given in the frame of a pose, in W."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return x + c * forward - s * left, y + s * forward + c * left
+
+
+@register_jitable
+def relative_to(x: float, y: float, yaw: float, px: float, py: float) -> Point:
+    """A point of W in the frame of a pose."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return c * (px - x) + s * (py - y), -s * (px - x) + c * (py - y)
+
+
+@register_jitable
+def rotated(angle: float, x: float, y: float) -> Point:
+    """A vector turned by an angle [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
+@register_jitable
+def wrap(angle: float) -> float:
+    """The angle in [-pi, pi]; the mirrored angle wraps to exactly the opposite value."""
+    turn = 2.0 * math.pi
+    return angle - turn * float(np.rint(angle / turn))  # ties go to the even number, on both sides of zero
+
 
 class Foothold(Struct, frozen=True):
-    """Pose of a sole on the floor.
-
-    Attributes:
-        x: In W [m].
-        y: In W [m].
-        yaw: Heading in W [rad].
-        z: Height of the floor under it [m].
-    """
+    """Pose of a sole on the floor in W: x, y, height z of the floor [m], heading yaw [rad]."""
 
     x: float
     y: float
     yaw: float
     z: float = 0.0
 
-    def moved(self, forward: float, left: float) -> tuple[float, float]:
-        """A point given in this foothold's frame, in W."""
-        point: tuple[float, float] = kernels_steps.moved(self.x, self.y, self.yaw, forward, left)
-        return point
-
     @property
     def pose(self) -> Pose:
         """x, y in W [m] and heading [rad]."""
         return self.x, self.y, self.yaw
 
-    def relative(self, x: float, y: float) -> tuple[float, float]:
+    def moved(self, forward: float, left: float) -> Point:
+        """A point given in this foothold's frame, in W."""
+        return point_at(self.x, self.y, self.yaw, forward, left)
+
+    def relative(self, x: float, y: float) -> Point:
         """A point of W in this foothold's frame."""
-        point: tuple[float, float] = kernels_steps.relative(self.x, self.y, self.yaw, x, y)
-        return point
+        return relative_to(self.x, self.y, self.yaw, x, y)
+
+    def shifted(self, x: float, y: float) -> Foothold:
+        """This foothold moved in W [m]."""
+        return Foothold(self.x + x, self.y + y, self.yaw, self.z)
 
 
-def limits_of(reach: ReachConfig) -> Limits:
-    """The limits as the compiled functions take them."""
-    return (
-        reach.width,
-        reach.width_min,
-        reach.width_max,
-        reach.forward,
-        reach.backward,
-        reach.turn_in,
-        reach.turn_out,
-    )
+Feet = tuple[Foothold, Foothold]
+"""Footholds of the left and the right sole."""
+
+
+def replaced(feet: Feet, foot: int, hold: Foothold) -> Feet:
+    """Footholds with another one of one foot."""
+    return (hold, feet[1]) if foot == LEFT else (feet[0], hold)
 
 
 def side_of(foot: int) -> float:
@@ -67,42 +111,73 @@ def side_of(foot: int) -> float:
     return 1.0 if foot == LEFT else -1.0
 
 
-def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float, reach: ReachConfig) -> Foothold:
-    """Where the other foot is to be put after one step; see ``kernels_steps.next_pose`` for the law.
+@register_jitable
+def clamp_pose(stance: Pose, side: float, target: Pose, limits: StepLimits) -> Pose:
+    """The pose inside the limits that is nearest to a target of the swing foot (``side`` +1 left, -1 right)."""
+    forward, left = relative_to(stance[0], stance[1], stance[2], target[0], target[1])
+    forward = min(max(forward, -limits.backward), limits.forward)
+    width = min(max(side * left, limits.width_min), limits.width_max)
+    opening = min(max(side * wrap(target[2] - stance[2]), -limits.turn_in), limits.turn_out)
+    x, y = point_at(stance[0], stance[1], stance[2], forward, side * width)
+    return x, y, stance[2] + side * opening
 
-    Args:
-        stance: The sole that stays.
-        foot: Which foot swings (0 left, 1 right).
-        velocity: Forward [m/s], left [m/s], turn [rad/s], in the body's frame.
-        period: Time of a step [s].
-        reach: Limits.
 
-    Returns:
-        The foothold of the swing foot, inside the limits.
+@register_jitable
+def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> Pose:
+    r"""Pose of the swing foot (``side`` +1 left, -1 right) after one step from the stance.
+
+    The body's centre is half a step width inwards of the stance sole, moves on by ``v T`` and turns by ``w T``
+    (``advance``: forward, left [m], turn [rad]); the swing sole lands half a width outwards of it. Sideways and
+    turning, the leading foot opens and the trailing foot closes. The leading foot also takes the part that the trailing
+    foot cannot (cross, or turn in too far), so the mean velocity stays the commanded one:
+
+    .. math:: d_{trail} = \max(w - |v_y| T, w_{min}), \quad d_{lead} = d_{trail} + 2 |v_y| T
+
+    and likewise for the turn of the soles.
     """
-    pose = next_pose(stance.pose, side_of(foot), advance_of(velocity, period), limits_of(reach))
-    return Foothold(*pose, stance.z)
+    forward, left, turn = advance
+    out = side * left  # towards the swing foot's side
+    # Turn of the swing sole from the stance sole, outwards positive.
+    trailing = max(-abs(turn), -limits.turn_in)
+    opening = trailing + 2.0 * abs(turn) if side * turn >= 0.0 else trailing
+    opening = min(max(opening, -limits.turn_in), limits.turn_out)
+    closing = max(limits.width - abs(left), limits.width_min)
+    across = side * (closing + 2.0 * abs(left) if out >= 0.0 else closing)
+    half_turn = 0.5 * side * opening
+    # Displacement in the frame half-way between the two headings: mirrored steps make mirrored, closed paths.
+    c, s = math.cos(half_turn), math.sin(half_turn)
+    x, y = point_at(stance[0], stance[1], stance[2], c * forward - s * across, s * forward + c * across)
+    return clamp_pose(stance, side, (x, y, stance[2] + half_turn + half_turn), limits)
 
 
-def advance_of(velocity: Velocity, period: float) -> Pose:
-    """How far a velocity moves the body in a time [s]: forward, left [m], turn [rad]."""
-    return velocity[0] * period, velocity[1] * period, velocity[2] * period
+@njit(cache=True)
+def _preview(stance: Pose, foot: int, advance: Pose, limits: StepLimits, count: int) -> Matrix:
+    """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 3)."""
+    poses = np.empty((1 + count, 3))
+    poses[0, 0], poses[0, 1], poses[0, 2] = stance
+    side = 1.0 if foot == 0 else -1.0
+    for i in range(1, 1 + count):
+        last = poses[i - 1]
+        poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, limits)
+        side = -side
+    return poses
 
 
-def middle(soles: Sequence[Foothold]) -> Foothold:
-    """Pose half-way between both soles, which is where a robot on both feet is."""
-    left, right = soles
-    yaw = 0.5 * (left.yaw + right.yaw)
-    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
-        yaw -= math.copysign(math.pi, yaw)
-    yaw = wrap(yaw)
-    return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))
-
-
-def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, reach: ReachConfig) -> Foothold:
-    """The foothold nearest to a wanted pose of the swing foot that the limits allow."""
-    pose = kernels_steps.clamped(stance.pose, side_of(foot), (x, y, yaw), limits_of(reach))
-    return Foothold(*pose, stance.z)
+def preview_poses(
+    stance: Foothold,
+    foot: int,
+    velocity: Velocity,
+    period: float,
+    limits: StepLimits,
+    count: int,
+    stop_after: int | None = None,
+) -> Matrix:
+    """``preview_footholds`` below the stance, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
+    if stop_after is not None:
+        count = max(min(count, stop_after), 1)
+        velocity = (0.0, 0.0, 0.0)
+    poses: Matrix = _preview(stance.pose, foot, advance_of(velocity, period), limits, count)
+    return poses
 
 
 def preview_footholds(
@@ -114,36 +189,35 @@ def preview_footholds(
     count: int,
     stop_after: int | None = None,
 ) -> list[Foothold]:
-    """The next footholds, alternating feet.
+    """The next ``count`` footholds, at least one, alternating feet, ``foot`` first, each of a ``period`` [s].
 
-    Args:
-        stance: The sole that stays.
-        foot: Which foot swings first.
-        velocity: Commanded.
-        period: Time of a step [s].
-        reach: Limits.
-        count: How many.
-        stop_after: Steps after which the walk ends; the last of them are steps on the spot. None to walk on.
-
-    Returns:
-        At least one foothold.
+    With ``stop_after``, the walk ends after this number of steps, which are taken on the spot.
     """
     poses = preview_poses(stance, foot, velocity, period, limits_of(reach), count, stop_after)
     return [Foothold(x, y, yaw, stance.z) for x, y, yaw in poses[1:].tolist()]
 
 
-def preview_poses(
-    stance: Foothold,
-    foot: int,
-    velocity: Velocity,
-    period: float,
-    limits: Limits,
-    count: int,
-    stop_after: int | None = None,
-) -> Matrix:
-    """``preview_footholds`` below the stance, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
-    if stop_after is not None:
-        count = max(min(count, stop_after), 1)
-        velocity = (0.0, 0.0, 0.0)
-    poses: Matrix = preview(stance.pose, foot, advance_of(velocity, period), limits, count)
-    return poses
+def advance_of(velocity: Velocity, period: float) -> Pose:
+    """How far a velocity moves the body in a time [s]: forward, left [m], turn [rad]."""
+    return velocity[0] * period, velocity[1] * period, velocity[2] * period
+
+
+def next_foothold(stance: Foothold, foot: int, velocity: Velocity, period: float, reach: ReachConfig) -> Foothold:
+    """Foothold of ``foot`` after one step of ``period`` [s] from a stance; see ``next_pose`` for the law."""
+    pose = next_pose(stance.pose, side_of(foot), advance_of(velocity, period), limits_of(reach))
+    return Foothold(*pose, stance.z)
+
+
+def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, limits: StepLimits) -> Foothold:
+    """The foothold inside the limits that is nearest to a target of the swing foot."""
+    return Foothold(*clamp_pose(stance.pose, side_of(foot), (x, y, yaw), limits), stance.z)
+
+
+def middle(soles: Sequence[Foothold]) -> Foothold:
+    """Pose half-way between both soles, which is the pose of a robot on both feet."""
+    left, right = soles
+    yaw = 0.5 * (left.yaw + right.yaw)
+    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
+        yaw -= math.copysign(math.pi, yaw)
+    yaw = wrap(yaw)
+    return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))

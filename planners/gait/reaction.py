@@ -4,9 +4,10 @@ A leg that is accelerated forward takes angular momentum about the CoM, ``L' = -
 
 .. math:: F = (\lambda x + \tfrac12 \kappa (x - c)^2 + \zeta z, \; \sigma y) \, m g
 
-``x, y, z`` the place of its foot along the heading, sideways and up, ``c`` that of the CoM (``leg_lever.py``). The
-ground force then passes not through the CoM but through the centroidal moment pivot, ``F'' / (m g)`` behind the CoP,
-and it is the CMP that drives the DCM. Integrated over what is left of a swing, ``R`` seconds, CoP at the origin,
+``x, y, z`` the place of its foot along the heading, sideways and up, ``c`` that of the CoM; ``leg_lever`` computes the
+four coefficients. The ground force then passes not through the CoM but through the centroidal moment pivot,
+``F'' / (m g)`` behind the CoP, and the CMP drives the DCM. Integrated over the rest of a swing, ``R`` seconds, CoP at
+the origin,
 
 .. math::
     \xi(T) = e^{\omega R} (\xi(t) - d), \quad
@@ -14,7 +15,8 @@ and it is the CMP that drives the DCM. Integrated over what is left of a swing, 
       = \omega (\dot F_0 - e^{-\omega R} \dot F_R) + \omega^2 (F_0 - e^{-\omega R} F_R)
         - \omega^3 \int_0^R e^{-\omega s} F ds
 
-It needs where the foot is and will be, not how it is accelerated, so a change of foothold or time makes no jump in it.
+It depends on the present and final place of the foot, not on its acceleration, so it is continuous when foothold or
+time change.
 
 References:
     Popovic, Goswami, Herr: Ground reference points in legged locomotion, IJRR 2005 (CMP).
@@ -23,38 +25,59 @@ References:
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from models.compiled import njit
+from models.compiled import njit, register_jitable
+from models.constants import GRAVITY
+from models.errors import RobotModelError
+from models.robot_model import Foot, RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
-from planners.gait.leg_lever import LegLever
-from planners.gait.swing import YAW, SwingFoot, Z
+from planners.gait.config import leg_length
+from planners.gait.footsteps import Point
+from planners.gait.swing import YAW, SwingShape, SwingState, Z
 
 # Gauss-Legendre on [0, 1]
 _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
 _WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
 
+_REACH = 0.25  # of the leg's length: range of foot positions before and behind the stand
+_BEND = 0.06  # of the leg's length: by how much the leg is shorter than standing, as in a swing
+_ITERATIONS = 30
+_TOLERANCE = 1e-6
 
-@njit(
-    "UniTuple(float64, 2)(float64, float64, float64, float64[::1], float64, float64, float64[::1])",
-    cache=True,
-)
+
+class LegLever(NamedTuple):
+    """Angular momentum about the CoM per velocity of a foot, over the weight; ``x`` is its distance ahead of the CoM.
+
+    Forward velocity: ``lever + slope x``. A trailing leg is longer from hip to ankle and swings its shank about the
+    knee; it has about twice the momentum of a leading one.
+    """
+
+    lever: float  # lambda, of the forward velocity, foot under the CoM [s^2]
+    slope: float  # kappa, change of it per metre that the foot is ahead of the CoM [s^2/m]
+    lift: float  # zeta, of the upward velocity: the knee comes forward [s^2]
+    side: float  # sigma, of the sideways velocity [s^2]
+
+
+@register_jitable
 def _allowance(
-    omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: Vector
+    omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: LegLever
 ) -> tuple[float, float]:
     """``d`` along the heading and sideways [m].
 
     Args:
-        omega: [1/s].
+        omega: Of the pendulum [1/s].
         left: R [s].
         rise: Time to the apex of the swing; not positive after it [s].
         foot: Position, velocity, acceleration along the heading, sideways, up, then way to go along the heading and
             sideways, heights of apex and landing, velocity at landing (14,).
         ahead: Of the foot, from the CoM along the heading [m].
         drift: Velocity of the CoM along the heading [m/s].
-        lever: lambda, kappa, zeta, sigma (4,).
+        lever: Of the legs.
     """
     x, y, z = foot[0:3], foot[3:6], foot[6:9]
     x_end, y_end, top, floor, v_end = foot[9], foot[10], foot[11], foot[12], foot[13]
@@ -76,77 +99,67 @@ def _allowance(
             else:
                 pz = quintic_step(z[0], z[1], z[2], (floor, v_end, 0.0), left, t)[0]
             before = ahead + px - drift * t
-            integral += weight * (lever[0] * px + 0.5 * lever[1] * before * before + lever[2] * pz)
-            side += weight * lever[3] * quintic_step(0.0, y[1], y[2], (y_end, 0.0, 0.0), left, t)[0]
+            integral += weight * (lever.lever * px + 0.5 * lever.slope * before * before + lever.lift * pz)
+            side += weight * lever.side * quintic_step(0.0, y[1], y[2], (y_end, 0.0, 0.0), left, t)[0]
     decay = math.exp(-omega * left)
     last = ahead + x_end - drift * left
-    first = 0.5 * lever[1] * ahead * ahead + lever[2] * z[0]
-    final = lever[0] * x_end + 0.5 * lever[1] * last * last + lever[2] * floor
-    rate = lever[0] * x[1] + lever[1] * ahead * (x[1] - drift) + lever[2] * z[1]
-    rate_end = -lever[1] * last * drift + lever[2] * v_end
+    first = 0.5 * lever.slope * ahead * ahead + lever.lift * z[0]
+    final = lever.lever * x_end + 0.5 * lever.slope * last * last + lever.lift * floor
+    rate = lever.lever * x[1] + lever.slope * ahead * (x[1] - drift) + lever.lift * z[1]
+    rate_end = -lever.slope * last * drift + lever.lift * v_end
     along = omega * (rate - decay * rate_end + omega * (first - decay * final - omega * integral))
-    return along, omega * lever[3] * y[1] - omega * omega * (decay * lever[3] * y_end + omega * side)
+    return along, omega * lever.side * y[1] - omega * omega * (decay * lever.side * y_end + omega * side)
 
 
-@njit(
-    "UniTuple(float64, 2)(float64, float64, float64, UniTuple(float64, 2), float64, float64[::1], float64[::1])",
-    cache=True,
-)
+@register_jitable
 def whole_swing(
-    omega: float, duration: float, period: float, way: tuple[float, float], yaw: float, shape: Vector, lever: Vector
-) -> tuple[float, float]:
-    """``d`` at the lift-off of a step of a walk that goes on like this; in W [m].
+    omega: float, duration: float, period: float, way: Point, yaw: float, shape: SwingShape, lever: LegLever
+) -> Point:
+    """``d`` at the lift-off of a step of a steady walk, in W [m].
 
-    Args:
-        omega: [1/s].
-        duration: Of the swing [s].
-        period: Of a step [s].
-        way: Of the swing foot in W [m].
-        yaw: Heading [rad].
-        shape: Apex, clearance and landing velocity of the swing (3,).
-        lever: lambda, kappa, zeta, sigma (4,).
+    ``duration`` is that of the swing and ``period`` that of a step [s]; ``way`` is the foot's displacement in W [m].
     """
     c, s = math.cos(yaw), math.sin(yaw)
     foot = np.zeros(14)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-    foot[11], foot[12], foot[13] = shape[1], 0.0, -shape[2]
+    foot[11], foot[12], foot[13] = shape.clearance, 0.0, -shape.landing_velocity
     drift = 0.5 * foot[9] / period
     ahead = 0.5 * (drift * duration - foot[9])  # as far behind at lift-off as ahead at touchdown
-    x, y = _allowance(omega, duration, shape[0] * duration, foot, ahead, drift, lever)
+    x, y = _allowance(omega, duration, shape.apex * duration, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
 
-@njit(
-    "UniTuple(float64, 2)(float64, float64, float64, float64[:, ::1], float64, float64[::1],"
-    " UniTuple(float64, 2), float64[::1], float64[::1], float64[::1])",
-    cache=True,
-)
-def _rest(
+@register_jitable
+def rest_of_swing(
     omega: float,
     left: float,
-    rise: float,
     motion: Matrix,
     floor: float,
-    shape: Vector,
-    target: tuple[float, float],
+    duration: float,
+    target: Point,
     com: Vector,
     com_velocity: Vector,
-    lever: Vector,
-) -> tuple[float, float]:
-    """``d`` of the rest of a swing; in W [m].
+    shape: SwingShape,
+    lever: LegLever,
+) -> Point:
+    """``d``: DCM that the rest of the swing uses up, in W [m].
 
     Args:
-        omega: [1/s].
+        omega: Of the pendulum [1/s].
         left: Time to touchdown [s].
-        rise: Time to the apex of the swing; not positive after it [s].
         motion: Position, velocity and acceleration of the foot: x, y, z, yaw in W (3, 4).
-        floor: Height that it lifted from [m].
-        shape: Apex, clearance and landing velocity of the swing (3,).
-        target: Where it is to land, in W [m].
-        com: In W (2,) [m].
-        com_velocity: In W (2,) [m/s].
-        lever: lambda, kappa, zeta, sigma (4,).
+        floor: Height at lift-off [m].
+        duration: Of the swing [s].
+        target: Foothold in W [m].
+        com: In W (3,) [m].
+        com_velocity: In W (3,) [m/s].
+        shape: Of the swing.
+        lever: Of the legs.
     """
+    left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
+    rise = left - (1.0 - shape.apex) * duration
+    if rise <= shape.freeze:
+        rise = 0.0
     foot, place = np.zeros(14), motion[0]
     c, s = math.cos(place[YAW]), math.sin(place[YAW])
     for k in range(3):
@@ -154,74 +167,114 @@ def _rest(
         foot[k], foot[3 + k], foot[6 + k] = c * x + s * y, c * y - s * x, motion[k, Z]
     way_x, way_y = target[0] - place[0], target[1] - place[1]
     foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
-    foot[11], foot[12], foot[13] = floor + shape[1], floor, -shape[2]
+    foot[11], foot[12], foot[13] = floor + shape.clearance, floor, -shape.landing_velocity
     ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
     drift = c * com_velocity[0] + s * com_velocity[1]
     x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
 
-@njit("UniTuple(float64, 2)(float64[:, ::1], float64[::1], float64[::1], float64[::1])", cache=True)
-def _cmp_offset(motion: Matrix, com: Vector, com_velocity: Vector, lever: Vector) -> tuple[float, float]:
-    """CMP minus CoP at one moment of a swing; in W [m]. Arguments as for ``_rest``."""
+@njit(cache=True)
+def _rest_and_offset(
+    omega: float,
+    left: float,
+    motion: Matrix,
+    floor: float,
+    duration: float,
+    target: Point,
+    com: Vector,
+    com_velocity: Vector,
+    shape: SwingShape,
+    lever: LegLever,
+) -> tuple[Vector, Vector]:
+    """``rest_of_swing``, and CMP minus CoP at this moment of the swing; in W, both (2,) [m]."""
+    rest, offset = np.empty(2), np.empty(2)
+    rest[0], rest[1] = rest_of_swing(omega, left, motion, floor, duration, target, com, com_velocity, shape, lever)
     place, velocity, acceleration = motion[0], motion[1], motion[2]
     c, s = math.cos(place[YAW]), math.sin(place[YAW])
     ax, ay = acceleration[0], acceleration[1]
     x = c * (place[0] - com[0]) + s * (place[1] - com[1])
     v = c * (velocity[0] - com_velocity[0]) + s * (velocity[1] - com_velocity[1])
-    along = (lever[0] + lever[1] * x) * (c * ax + s * ay) + lever[1] * v * v + lever[2] * acceleration[Z]
-    across = lever[3] * (c * ay - s * ax)
-    return s * across - c * along, -s * along - c * across
+    along = (lever.lever + lever.slope * x) * (c * ax + s * ay) + lever.slope * v * v + lever.lift * acceleration[Z]
+    across = lever.side * (c * ay - s * ax)
+    offset[0], offset[1] = s * across - c * along, -s * along - c * across
+    return rest, offset
 
 
-@njit("float64(float64, float64, float64[::1])", cache=True)
-def slope(omega: float, duration: float, lever: Vector) -> float:
-    """Change of ``d`` at lift-off per change of the swing's way [-], about; arguments as for ``whole_swing``."""
-    return -float(lever[0]) * omega * omega * math.exp(-0.5 * omega * duration)
+@register_jitable
+def swing_slope(omega: float, duration: float, lever: LegLever) -> float:
+    """Approximate change of ``d`` at lift-off per change of the swing's way [-]; arguments as for ``whole_swing``."""
+    return -lever.lever * omega * omega * math.exp(-0.5 * omega * duration)
 
 
-class SwingReaction:
-    """What the DCM must allow for of the swing leg.
+def swing_reaction(
+    omega: float,
+    left: float,
+    swing: SwingState,
+    target: Point,
+    com: Vector,
+    com_velocity: Vector,
+    shape: SwingShape,
+    lever: LegLever,
+) -> tuple[Vector, Vector]:
+    """DCM that the rest of the swing uses up, and CMP minus CoP now, in W, both (2,) [m]; see ``rest_of_swing``."""
+    rest, offset = _rest_and_offset(
+        omega, left, swing.motion, swing.floor, swing.duration, target, com, com_velocity, shape, lever
+    )
+    return rest, offset
 
-    Args:
-        lever: Of the legs.
 
-    Attributes:
-        lever: lambda, kappa, zeta, sigma (4,).
-        com: Of the robot now, in W (2,) [m]; its owner keeps it up to date.
-        com_velocity: In W (2,) [m/s].
+def leg_lever(model: RobotModel) -> LegLever:
+    """The levers of a robot whose legs are bent as in a swing, mean of both.
+
+    Raises:
+        RobotModelError: A foot cannot reach the positions of a swing.
     """
+    data, q = model.data(), model.standing_configuration()
+    length = leg_length(model)
+    ahead, forward, lift, side = [], [], [], []
+    for foot in model.feet:
+        for x in (-_REACH, 0.0, _REACH):
+            posed = _pose_foot(model, data, q, foot, length * np.array([x, 0.0, _BEND]))
+            momentum = _momentum(model, data, posed, foot)
+            ahead.append(float(data.oMf[foot.frame_id].translation[0] - data.com[0][0]))
+            forward.append(-momentum[1, 0])
+            lift.append(-momentum[1, 2])
+            side.append(momentum[0, 1])
+    weight = model.mass * GRAVITY
+    slope, lever = (float(value) for value in np.polyfit(ahead, forward, 1))
+    return LegLever(lever / weight, slope / weight, float(np.mean(lift)) / weight, float(np.mean(side)) / weight)
 
-    def __init__(self, lever: LegLever) -> None:
-        self.lever = np.array([lever.lever, lever.slope, lever.lift, lever.side])
-        self.com, self.com_velocity = np.zeros(2), np.zeros(2)
 
-    def cmp_offset(self, swing: SwingFoot) -> Vector:
-        """CMP minus CoP at this moment of a swing; in W (2,) [m]."""
-        return np.array(_cmp_offset(swing.motion, self.com, self.com_velocity, self.lever))
+def _momentum(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
+    """Angular momentum about the CoM per twist of a foot, moved by its leg alone, in W (3, 6)."""
+    pin.computeCentroidalMap(model.pin, data, q)
+    jacobian = _jacobian(model, data, q, foot)
+    momentum: Matrix = data.Ag[3:, np.array(foot.joint_ids_v)] @ np.linalg.inv(jacobian)
+    return momentum
 
-    def rest(self, omega: float, left: float, swing: SwingFoot, target: tuple[float, float]) -> Vector:
-        """``d``: DCM that the rest of the swing will use up; in W (2,) [m].
 
-        Args:
-            omega: [1/s].
-            left: Time to touchdown [s].
-            swing: The swing foot now.
-            target: Where it is to land, in W [m].
-        """
-        left = max(left, swing.freeze)  # the last moments are stretched, see swing.py
-        rise = left - (1.0 - swing.apex) * swing.duration
-        return np.array(
-            _rest(
-                omega,
-                left,
-                rise if rise > swing.freeze else 0.0,
-                swing.motion,
-                swing.floor,
-                swing.shape,
-                target,
-                self.com,
-                self.com_velocity,
-                self.lever,
-            )
-        )
+def _jacobian(model: RobotModel, data: pin.Data, q: Vector, foot: Foot) -> Matrix:
+    """Of a foot by the joints of its leg, in W (6, 6); updates the frames of ``data``."""
+    pin.computeJointJacobians(model.pin, data, q)
+    pin.updateFramePlacements(model.pin, data)
+    jacobian: Matrix = pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.LOCAL_WORLD_ALIGNED)
+    return jacobian[:, np.array(foot.joint_ids_v)]
+
+
+def _pose_foot(model: RobotModel, data: pin.Data, q: Vector, foot: Foot, shift: Vector) -> Vector:
+    """The posture with one sole moved by ``shift`` (3,) [m], still level; the base stays."""
+    posed = q.copy()
+    _jacobian(model, data, posed, foot)
+    target = data.oMf[foot.frame_id].copy()
+    target.translation = target.translation + shift
+    joints = np.array(foot.joint_ids_v) + (model.nq - model.nv)
+    for _ in range(_ITERATIONS):
+        jacobian = _jacobian(model, data, posed, foot)
+        here = data.oMf[foot.frame_id]
+        turn = pin.log3(target.rotation @ here.rotation.T)
+        error = np.concatenate([target.translation - here.translation, turn])
+        if np.linalg.norm(error) < _TOLERANCE:
+            return posed
+        posed[joints] += np.linalg.solve(jacobian, error)
+    raise RobotModelError(f"{model.name}: the {foot.name} foot cannot be moved by {shift.round(3)} m from 'stand'")

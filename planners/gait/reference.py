@@ -1,4 +1,4 @@
-"""Puts a gait's footholds, swing foot and DCM into the reference of the whole-body controller."""
+"""Reference of the whole-body controller from the state of a gait."""
 
 from __future__ import annotations
 
@@ -7,116 +7,74 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from models.compiled import njit, register_jitable
 from models.robot_model import RobotModel
-from models.types import Matrix, Reference, Vector
+from models.spline import min_jerk
+from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold, middle
-from planners.gait.kernels_reference import height_in_reach, place_bodies
-from planners.gait.reaction import SwingReaction
-from planners.gait.swing import SwingFoot
+from planners.gait.contact import AirborneState, Measurement
+from planners.gait.footsteps import Point, middle, wrap
+from planners.gait.state import BodyState, GaitPhase, GaitState
 
-
-def yaw_matrix(yaw: float) -> Matrix:
-    """Rotation about the vertical (3, 3)."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+Place = tuple[float, float, float, float]
+"""x, y, z [m] and heading [rad] in W."""
 
 
 class ReferenceBuilder:
-    """Reference of one tick of a gait: base and torso upright at the mean heading of the feet, constant CoM height.
-
-    Args:
-        model: The robot.
-        config: The gait.
-        reaction: Of the swing leg.
+    """Reference of one tick: base and torso upright at the mean heading of the feet, constant CoM height.
 
     Attributes:
-        height: Wanted CoM height above the soles [m].
+        standing_height: CoM height above the soles in the 'stand' posture [m].
+        under: Each sole from the CoM in that posture (2, 2) [m].
     """
 
-    def __init__(self, model: RobotModel, config: GaitConfig, reaction: SwingReaction) -> None:
+    def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
-        self._reaction = reaction
         self._posture = model.posture("stand")
-        self._zero = np.zeros(model.nj)
+        self._zero, self._still = np.zeros(model.nj), np.zeros((2, 6))
         data = model.data()
-        q = model.standing_configuration()
-        pin.centerOfMass(model.pin, data, q)
+        pin.centerOfMass(model.pin, data, model.standing_configuration())
         torso = pin.updateFramePlacement(model.pin, data, model.frame_id("torso"))
-        self._standing_height = float(data.com[0][2])
+        self.standing_height = float(data.com[0][2])
         soles = [pin.updateFramePlacement(model.pin, data, foot.frame_id).translation[:2] for foot in model.feet]
-        self._under = np.array([sole - data.com[0][:2] for sole in soles])
+        self.under = np.array([sole - data.com[0][:2] for sole in soles])
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
-        self._no_motion, self._no_tilt = np.zeros((3, 4)), np.zeros(2)
-        self.height = self._standing_height
-        self._ground: float | None = None
-
-    def reset(self, height: float) -> None:
-        """Start at a measured CoM height [m]."""
-        self.height = height
-        self._ground = None
 
     def build(
-        self,
-        footholds: list[Foothold],
-        tilts: Matrix,
-        swing: SwingFoot | None,
-        foot: int,
-        load: tuple[float, float],
-        com: Vector,
-        lean: float,
-        dcm: Vector,
-        dcm_rate: Vector,
-        *,
-        areas: Matrix,
-        upright: bool,
-        dt: float,
-    ) -> Reference:
-        """Build it.
-
-        Args:
-            footholds: Of both feet.
-            tilts: Slope under each planted sole (2, 2) [-].
-            swing: The swing foot's reference; None in double support.
-            foot: Which foot swings.
-            load: Share of the load of each foot.
-            com: Measured CoM (3,) [m].
-            lean: Share of the way between the feet at which the body will be when the swing foot lands.
-            dcm: (2,) [m].
-            dcm_rate: (2,) [m/s].
-            areas: What bears of each sole, in its frame (2, 4) [m].
-            upright: Whether to rise to the standing height.
-            dt: Time since the last tick [s].
-        """
-        config = self._config
-        wanted = self._standing_height - (0.0 if upright else config.crouch)
-        left, right = footholds
-        yaw = middle(footholds).yaw
-        wanted = min(wanted, self._in_reach(footholds, None if swing is None else foot, com, lean, yaw))
+        self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None, dt: float
+    ) -> tuple[Reference, BodyState]:
+        """Reference and body of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
+        config, holds = self._config, state.soles.holds
+        left, right = holds
+        single, foot = state.phase is GaitPhase.SINGLE, 1 - state.stance
+        swinging = foot if single else -1
+        lean = config.lean_urgent if state.step.urgent else 0.5
+        places = ((left.x, left.y), (right.x, right.y))
+        yaw = middle(holds).yaw
+        if state.phase is GaitPhase.STAND and state.rest is not None:
+            height = state.rest.height
+        else:
+            height = self.standing_height - (0.0 if state.phase.resting else config.crouch)
+            com, leg = state.measured.com, config.leg
+            reach = height_in_reach(places, self.under, swinging, com, lean, yaw, leg, self.standing_height)
+            height = min(height, reach)
         step = config.height_rate * dt
-        change = min(max(wanted - self.height, -config.drop_rate * dt), step)
-        self.height += change
-        rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
-        motions, bodies = np.empty((2, 2, 6)), np.empty((2, 3, 3))
-        place_bodies(
+        change = min(max(height - state.body.height, -config.drop_rate * dt), step)
+        rotations, positions, motions, bodies = _place_bodies(
             ((left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)),
-            tilts,
-            -1 if swing is None else foot,
-            self._no_motion if swing is None else swing.motion,
-            self._no_tilt if swing is None else swing.tilt,
+            state.soles.tilts,
+            swinging,
+            state.swing.motion,
+            state.swing.tilt,
             self._upright,
-            rotations,
-            positions,
-            motions,
-            bodies,
         )
-        ground = 0.5 * (left.z + right.z) if swing is None else footholds[1 - foot].z
-        if self._ground is None:
-            self._ground = ground
-        self._ground += min(max(ground - self._ground, -step), step)
-        contacts = (True, True) if swing is None else (foot != 0, foot != 1)
-        return Reference(
-            com=np.array([dcm[0], dcm[1], self._ground + self.height]),
+        ground = holds[1 - foot].z if single else 0.5 * (left.z + right.z)
+        before = ground if state.body.ground is None else state.body.ground
+        ground = before + min(max(ground - before, -step), step)
+        body = BodyState(state.body.height + change, ground)
+        dcm = state.dcm.dcm
+        reference = Reference(
+            com=np.array([dcm[0], dcm[1], ground + body.height]),
             com_velocity=np.array([0.0, 0.0, change / dt]),
             com_acceleration=self._zero[:3],
             base_orientation=bodies[0],
@@ -128,26 +86,142 @@ class ReferenceBuilder:
             sole_positions=positions,
             sole_velocities=motions[0],
             sole_accelerations=motions[1],
-            contacts=contacts,
+            contacts=(foot != 0, foot != 1) if single else (True, True),
             load=load,
             dcm=dcm,
-            dcm_velocity=dcm_rate,
-            heading_rate=0.0 if swing is None else 0.5 * float(swing.velocity[3]),
-            cmp_offset=None if swing is None else self._reaction.cmp_offset(swing),
-            sole_areas=areas,
+            dcm_velocity=state.dcm.rate,
+            heading_rate=0.5 * float(state.swing.velocity[3]) if single else 0.0,
+            cmp_offset=cmp_offset,
+            sole_areas=state.footing.areas,
+        )
+        return reference, body
+
+    def build_airborne(self, airborne: AirborneState, state: RobotState, measured: Measurement) -> Reference:
+        """Reference of a robot in the air: the posture held, or on the way to standing, without any contact."""
+        posture, rate = airborne.posture, self._zero
+        if airborne.confirmed:
+            duration, way = self._config.lift.level_time, self._posture - posture
+            share, growth, _ = min_jerk(min(airborne.since / duration, 1.0))
+            posture, rate = posture + share * way, growth / duration * way
+        upright = pin.Quaternion(state.q[3:7]).toRotationMatrix()
+        rotations = np.empty((2, 3, 3))
+        for sole, rotation in zip(measured.soles, rotations, strict=True):
+            sole_rotation(sole.yaw, 0.0, 0.0, rotation)
+        return Reference(
+            com=measured.com,
+            com_velocity=self._zero[:3],
+            com_acceleration=self._zero[:3],
+            base_orientation=upright,
+            torso_orientation=upright,
+            posture=posture,
+            posture_velocity=rate,
+            posture_acceleration=self._zero,
+            sole_rotations=rotations,
+            sole_positions=np.array([(sole.x, sole.y, sole.z) for sole in measured.soles]),
+            sole_velocities=self._still,
+            sole_accelerations=self._still,
+            contacts=(False, False),
+            dcm=measured.com[:2],
+            dcm_velocity=self._zero[:2],
         )
 
-    def _in_reach(self, footholds: list[Foothold], swinging: int | None, com: Vector, lean: float, yaw: float) -> float:
-        """CoM height at which no leg is longer than in the 'stand' posture [m]; see ``height_in_reach``."""
-        left, right = footholds
-        height: float = height_in_reach(
-            ((left.x, left.y), (right.x, right.y)),
-            self._under,
-            -1 if swinging is None else swinging,
-            com,
-            lean,
-            yaw,
-            self._config.leg,
-            self._standing_height,
-        )
-        return height
+
+@register_jitable
+def sole_rotation(yaw: float, rise_x: float, rise_y: float, rotation: Matrix) -> None:
+    """Rotation of a sole that heads along ``yaw`` on a slope with these rises along x and y of W, into (3, 3)."""
+    size = math.sqrt(rise_x * rise_x + rise_y * rise_y + 1.0)
+    nx, ny, nz = -rise_x / size, -rise_y / size, 1.0 / size
+    c, s = math.cos(yaw), math.sin(yaw)
+    part = c * nx + s * ny
+    ax, ay, az = c - part * nx, s - part * ny, -part * nz
+    length = math.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / length, ay / length, az / length
+    rotation[0, 0], rotation[1, 0], rotation[2, 0] = ax, ay, az
+    rotation[0, 1], rotation[1, 1], rotation[2, 1] = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    rotation[0, 2], rotation[1, 2], rotation[2, 2] = nx, ny, nz
+
+
+@njit(cache=True)
+def _place_bodies(
+    places: tuple[Place, Place],
+    tilts: Matrix,
+    foot: int,
+    motion: Matrix,
+    tilt: Vector,
+    upright: Matrix,
+) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Rotations and positions of the soles, their motions, and rotations of base and torso at the mean heading.
+
+    These are (2, 3, 3), (2, 3) [m], velocities and accelerations (2, 2, 6), and (2, 3, 3). ``places`` are the planted
+    soles with their slopes ``tilts`` (2, 2); ``foot`` swings (-1 without one), with position, velocity and acceleration
+    x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). ``upright`` are the rotations of base and torso at heading 0
+    (2, 3, 3).
+    """
+    rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
+    motions, bodies = np.zeros((2, 2, 6)), np.empty((2, 3, 3))
+    first, second = places[0][3], places[1][3]
+    for i in range(2):
+        x, y, z, yaw = places[i]
+        rise_x, rise_y = tilts[i, 0], tilts[i, 1]
+        if i == foot:
+            x, y, z, yaw = motion[0, 0], motion[0, 1], motion[0, 2], motion[0, 3]
+            rise_x, rise_y = tilt[0], tilt[1]
+            for k in range(2):
+                for axis in range(3):
+                    motions[k, i, axis] = motion[1 + k, axis]
+                motions[k, i, 5] = motion[1 + k, 3]
+            if i == 0:
+                first = yaw
+            else:
+                second = yaw
+        positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
+        sole_rotation(yaw, rise_x, rise_y, rotations[i])
+    turn = first + 0.5 * wrap(second - first)
+    c, s = math.cos(turn), math.sin(turn)
+    for body in range(2):
+        for k in range(3):
+            x, y = upright[body, 0, k], upright[body, 1, k]
+            bodies[body, 0, k], bodies[body, 1, k], bodies[body, 2, k] = (
+                c * x - s * y,
+                s * x + c * y,
+                upright[body, 2, k],
+            )
+    return rotations, positions, motions, bodies
+
+
+@register_jitable
+def height_in_reach(
+    places: tuple[Point, Point],
+    under: Matrix,
+    swinging: int,
+    com: Vector,
+    lean: float,
+    yaw: float,
+    leg: float,
+    standing: float,
+) -> float:
+    """CoM height at which no leg is longer than ``leg``, as when the robot stands [m].
+
+    The distance of a planted foot from under its hip is the measured one; of both feet, ``lean`` of the way between
+    them when the swing foot lands. ``places`` are the footholds in W [m], ``under`` is each sole from the CoM when the
+    robot stands at heading 0 (2, 2) [m], ``swinging`` is -1 without a foot in the air, ``standing`` the CoM height then
+    [m].
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    left_x, left_y = (
+        places[0][0] - (c * under[0, 0] - s * under[0, 1]),
+        places[0][1] - (s * under[0, 0] + c * under[0, 1]),
+    )
+    right_x, right_y = (
+        places[1][0] - (c * under[1, 0] - s * under[1, 1]),
+        places[1][1] - (s * under[1, 0] + c * under[1, 1]),
+    )
+    x, y = left_x - right_x, left_y - right_y
+    square = lean * lean * (x * x + y * y)
+    if swinging != 0:
+        x, y = left_x - com[0], left_y - com[1]
+        square = max(square, x * x + y * y)
+    if swinging != 1:
+        x, y = right_x - com[0], right_y - com[1]
+        square = max(square, x * x + y * y)
+    return standing - leg + math.sqrt(max(leg * leg - square, 0.25 * leg * leg))

@@ -1,94 +1,264 @@
-"""A walk with an end: the footsteps still to be taken, to a goal or as they were listed."""
+"""Routes: footsteps to a pose or as listed, their validation, and the remaining steps of one."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from models.errors import PoiseError
+from msgspec import Struct
+
+from models.errors import CommandError, PoiseError, UnreachableError
+from models.types import FOOT_NAMES
 from planners.gait.config import GaitConfig
-from planners.gait.footstep_plan import Footstep, check_footsteps, plan_to_pose
-from planners.gait.footsteps import Foothold, clamped
+from planners.gait.footsteps import (
+    LEFT,
+    RIGHT,
+    Foothold,
+    StepLimits,
+    Velocity,
+    clamped,
+    middle,
+    next_foothold,
+    side_of,
+    wrap,
+)
+
+SLACK = 1e-6
+"""Tolerance of the limits for rounding [m, rad]."""
 
 
-class Route:
-    """Hands out the coming footholds while they are being taken.
+@dataclass(frozen=True, slots=True)
+class Footstep:
+    """One step of a plan: ``foot`` (0 left, 1 right) is put down at ``hold``."""
 
-    They are fixed in W, so what one step misses, for a push or a slip, the next ones make up for as far as the reach
-    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from where it was to.
+    foot: int
+    hold: Foothold
 
-    Args:
-        config: The gait.
 
-    Attributes:
-        outcome: Why the last route ended: ``done`` once all its steps were taken; empty before and meanwhile.
+def soles_at(pose: Foothold, width: float) -> tuple[Foothold, Foothold]:
+    """Both soles of a robot that stands at a pose, with a distance between them [m]."""
+    left, right = (Foothold(*pose.moved(0.0, side * 0.5 * width), pose.yaw, pose.z) for side in (1.0, -1.0))
+    return left, right
+
+
+def plan_to_pose(
+    goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int | None = None
+) -> list[Footstep]:
+    """Footsteps from the present soles to soles side by side at a pose; empty when already there.
+
+    Each step follows the quickest of three ways: translate and then turn, turn and then translate, or face the goal,
+    walk there and turn. ``goal`` is the pose of the middle between the soles at the end. ``foot`` steps first; None
+    chooses the one on the side of the motion.
+
+    Raises:
+        CommandError: The goal is not finite.
+        UnreachableError: It would take too many steps.
+    """
+    if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
+        raise CommandError(f"goal ({goal.x}, {goal.y}, {goal.yaw}) refused: not finite")
+    here = middle(soles)
+    far = math.hypot(goal.x - here.x, goal.y - here.y)
+    if far > config.route.range:
+        raise UnreachableError(f"goal refused: {far:.1f} m away, at most {config.route.range:g} m")
+    if foot is None:
+        _, left, turn = velocity_towards(goal, here, 1.0, config)
+        lean = left if abs(left) > SLACK else turn
+        foot = LEFT if lean >= 0.0 else RIGHT
+    return list(_steps(goal, soles, config, foot))
+
+
+def touchdown_times(count: int, config: GaitConfig) -> list[float]:
+    """Touchdowns of an undisturbed walk, t_k = t_start + k t_single + (k - 1) t_double, from its start [s]."""
+    timing = config.timing
+    return [timing.start + timing.single + k * config.period for k in range(count)]
+
+
+def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int) -> Iterator[Footstep]:
+    ends = soles_at(goal, config.reach.width)
+    feet = list(soles)
+    for _ in range(config.route.steps_max):
+        if _arrived(feet, goal, config):
+            return
+        feet[foot] = _step_towards(goal, ends[foot], feet[1 - foot], foot, config)
+        yield Footstep(foot, feet[foot])
+        foot = 1 - foot
+    raise UnreachableError(f"goal refused: more than {config.route.steps_max} steps away")
+
+
+def _arrived(soles: Sequence[Foothold], goal: Foothold, config: GaitConfig) -> bool:
+    """Whether the robot stands at the goal, soles side by side."""
+    route, here = config.route, middle(soles)
+    (x, left), (other_x, right) = (here.relative(sole.x, sole.y) for sole in soles)  # mirrored like the soles
+    ahead, out = x - other_x, left - right
+    return (
+        math.hypot(here.x - goal.x, here.y - goal.y) <= route.position_tolerance
+        and abs(wrap(here.yaw - goal.yaw)) <= route.turn_tolerance
+        and abs(ahead) <= route.position_tolerance
+        and abs(wrap(soles[LEFT].yaw - soles[RIGHT].yaw)) <= route.turn_tolerance
+        and config.reach.width_min <= out <= config.reach.width_max
+    )
+
+
+def _step_towards(goal: Foothold, end: Foothold, stance: Foothold, foot: int, config: GaitConfig) -> Foothold:
+    """The next foothold of a foot: its last one, if one step gets there, else one towards it."""
+    side, period, route = side_of(foot), config.period, config.route
+    centre = Foothold(*stance.moved(0.0, side * 0.5 * config.reach.width), stance.yaw, stance.z)
+    x, y = centre.relative(goal.x, goal.y)
+    turn = wrap(goal.yaw - centre.yaw)
+    fits = abs(x) <= route.forward * period + SLACK and abs(y) <= route.lateral * period + SLACK
+    if fits and abs(turn) <= route.turn * period + SLACK and _out_of_reach(stance, foot, end, config) is None:
+        return Foothold(end.x, end.y, end.yaw, stance.z)
+    return next_foothold(stance, foot, velocity_towards(goal, centre, side, config), period, config.reach)
+
+
+def velocity_towards(goal: Foothold, centre: Foothold, side: float, config: GaitConfig) -> Velocity:
+    """Velocity of the next step of the quickest way, slow enough that equal steps end where the way ends.
+
+    ``centre`` is the pose of the body. ``side`` (+1 or -1) is the direction of a turn by exactly half a turn, so that
+    mirrored goals give mirrored steps.
+    """
+    route = config.route
+    x, y = centre.relative(goal.x, goal.y)
+    turn = _signed(goal.yaw - centre.yaw, side)
+    bearing, far = _signed(math.atan2(y, x), side) if math.hypot(x, y) > SLACK else 0.0, math.hypot(x, y)
+    if far < route.position_tolerance and abs(turn) > SLACK:
+        return 0.0, 0.0, _equal(turn, route.turn, config.period)
+    turned = goal.relative(centre.x, centre.y)
+    translate = max(abs(x) / route.forward, abs(y) / route.lateral)
+    times = (
+        translate + abs(turn) / route.turn,
+        abs(turn) / route.turn + max(abs(turned[0]) / route.forward, abs(turned[1]) / route.lateral),
+        abs(bearing) / route.turn + far / route.forward + abs(_signed(turn - bearing, side)) / route.turn,
+    )
+    quickest = times.index(min(times))
+    if quickest == 2:
+        if abs(bearing) > route.turn * config.period:
+            return 0.0, 0.0, _equal(bearing, route.turn, config.period)
+        return _equal(far, route.forward, config.period), 0.0, bearing / config.period
+    if quickest == 1 and abs(turn) > SLACK:
+        return 0.0, 0.0, _equal(turn, route.turn, config.period)
+    steps = max(math.ceil(translate / config.period - SLACK), 1)
+    return x / (steps * config.period), y / (steps * config.period), 0.0
+
+
+def _equal(way: float, speed: float, period: float) -> float:
+    """Speed, at most the given one, at which a whole number of steps makes the way."""
+    return way / (max(math.ceil(abs(way) / (speed * period) - SLACK), 1) * period)
+
+
+def _signed(angle: float, side: float) -> float:
+    """The angle in (-pi, pi); half a turn goes round by the given side."""
+    wrapped = wrap(angle)
+    return side * math.pi if abs(wrapped) > math.pi - SLACK else wrapped
+
+
+def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config: GaitConfig) -> None:
+    """Refuse footsteps that cannot be taken from the left and right sole.
+
+    Raises:
+        CommandError: There are none or too many, a value is not finite, or a foot steps twice in a row.
+        UnreachableError: A step is out of reach, crosses the other leg, or moves the body too fast.
+    """
+    if not 0 < len(steps) <= config.route.steps_max:
+        raise CommandError(f"{len(steps)} footsteps refused: 1 to {config.route.steps_max} can be taken")
+    feet = list(soles)
+    for i, step in enumerate(steps):
+        name, hold = f"footstep {i + 1} ({FOOT_NAMES[step.foot]}) refused", step.hold
+        if not all(math.isfinite(value) for value in (hold.x, hold.y, hold.yaw)):
+            raise CommandError(f"{name}: ({hold.x}, {hold.y}, {hold.yaw}) is not finite")
+        if i and step.foot == steps[i - 1].foot:
+            raise CommandError(f"{name}: the same foot as before")
+        before = middle(feet)
+        reason = _out_of_reach(feet[1 - step.foot], step.foot, hold, config)
+        feet[step.foot] = hold
+        reason = reason or _too_fast(before, middle(feet), config)
+        if reason is not None:
+            raise UnreachableError(f"{name}: {reason}")
+
+
+def _out_of_reach(stance: Foothold, foot: int, hold: Foothold, config: GaitConfig) -> str | None:
+    """Why a foot cannot be put there; None if it can."""
+    reach, other = config.reach, f"the {FOOT_NAMES[1 - foot]} sole"
+    side = side_of(foot)
+    forward, left = stance.relative(hold.x, hold.y)
+    out, opening = side * left, side * wrap(hold.yaw - stance.yaw)
+    if forward > reach.forward + SLACK:
+        return f"{forward:.3f} m ahead of {other}, at most {reach.forward:.3f} m"
+    if -forward > reach.backward + SLACK:
+        return f"{-forward:.3f} m behind {other}, at most {reach.backward:.3f} m"
+    if out < reach.width_min - SLACK:
+        return f"legs would cross or touch: {out:.3f} m outwards of {other}, at least {reach.width_min:.3f} m"
+    if out > reach.width_max + SLACK:
+        return f"{out:.3f} m outwards of {other}, at most {reach.width_max:.3f} m"
+    if opening > reach.turn_out + SLACK:
+        return f"turned out by {opening:.3f} rad from {other}, at most {reach.turn_out:.3f} rad"
+    if -opening > reach.turn_in + SLACK:
+        return f"turned in by {-opening:.3f} rad from {other}, at most {reach.turn_in:.3f} rad"
+    return None
+
+
+def _too_fast(before: Foothold, after: Foothold, config: GaitConfig) -> str | None:
+    """Why the body cannot move so far in one step; None if it can."""
+    limits, period = config.velocity, config.period
+    forward, left = before.relative(after.x, after.y)
+    ahead = limits.forward if forward >= 0.0 else limits.backward
+    for what, way, most, unit in (
+        ("along", abs(forward), ahead * period, "m"),
+        ("sideways", abs(left), limits.lateral * period, "m"),
+        ("round", abs(wrap(after.yaw - before.yaw)), limits.turn * period, "rad"),
+    ):
+        if way > most + SLACK:
+            return f"moves the body {what} by {way:.3f} {unit} in one step, at most {most:.3f} {unit}"
+    return None
+
+
+class Route(Struct, frozen=True):
+    """Remaining footsteps of a walk to a goal, or of listed footsteps.
+
+    They are fixed in W: the next steps correct what one step misses, after a push or a slip, as far as the reach
+    allows. A route to a goal is planned anew when a foot lands farther than ``offset_max`` from its place.
     """
 
-    def __init__(self, config: GaitConfig) -> None:
-        self._config = config
-        self._steps: deque[Footstep] = deque()
-        self._goal: Foothold | None = None
-        self.outcome = ""
+    steps: tuple[Footstep, ...] = ()  # empty without a route
+    goal: Foothold | None = None  # pose of the middle between the soles at the end; None for listed footsteps
+    outcome: str = ""  # why the last route ended, ``done`` after all its steps; empty before and meanwhile
 
     @property
     def left(self) -> int:
-        """Touchdowns until it ends; 0: there is no route."""
-        return len(self._steps)
+        """Touchdowns until it ends; 0 without a route."""
+        return len(self.steps)
 
     @property
     def foot(self) -> int:
         """The foot that steps next, while there is a route."""
-        return self._steps[0].foot
+        return self.steps[0].foot
 
-    def take(self, steps: Sequence[Footstep], soles: Sequence[Foothold]) -> None:
-        """Begin a list of footsteps from where the soles stand; see ``check_footsteps`` for what is raised."""
-        check_footsteps(steps, soles, self._config)
-        self._begin(steps, None)
+    def ended(self, reason: str) -> Route:
+        """Without the remaining steps."""
+        return Route((), self.goal, reason) if self.steps else self
 
-    def towards(
-        self, goal: Foothold, soles: Sequence[Foothold], foot: int | None, under_way: Footstep | None = None
-    ) -> None:
-        """Begin a route to a pose; see ``plan_to_pose`` for what is raised.
-
-        Args:
-            goal: Pose of the middle between the soles at the end.
-            soles: Left and right sole, or the target of the one in the air.
-            foot: The foot that steps next; None for either.
-            under_way: The step that is being taken.
-        """
-        steps = plan_to_pose(goal, soles, self._config, foot)
-        self._begin([under_way, *steps] if under_way is not None else steps, goal)
-
-    def _begin(self, steps: Sequence[Footstep], goal: Foothold | None) -> None:
-        self._steps, self._goal = deque(steps), goal
-        self.outcome = "" if steps else "done"
-
-    def end(self, reason: str) -> None:
-        """Forget the steps that are left."""
-        if self._steps:
-            self._steps.clear()
-            self.outcome = reason
-
-    def ahead(self, stance: Foothold, count: int) -> list[Foothold]:
-        """The next footholds, alternating feet, each brought into reach of the one before; at most so many."""
+    def ahead(self, stance: Foothold, count: int, limits: StepLimits) -> list[Foothold]:
+        """At most ``count`` next footholds, alternating feet, each brought into reach of the one before."""
         holds: list[Foothold] = []
-        for step in list(self._steps)[:count]:
-            hold = step.hold
-            stance = clamped(stance, step.foot, hold.x, hold.y, hold.yaw, self._config.reach)
+        for step in self.steps[:count]:
+            stance = clamped(stance, step.foot, *step.hold.pose, limits)
             holds.append(stance)
         return holds
 
-    def landed(self, soles: Sequence[Foothold]) -> None:
-        """The next step has been taken, and the soles are there now."""
-        step = self._steps.popleft()
+    def landed(self, soles: Sequence[Foothold], config: GaitConfig) -> Route:
+        """After the next step, with the soles there now."""
+        step, steps, outcome = self.steps[0], self.steps[1:], self.outcome
         hold = soles[step.foot]
-        missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y) > self._config.route.offset_max
-        if missed and self._goal is not None:
+        missed = math.hypot(hold.x - step.hold.x, hold.y - step.hold.y) > config.route.offset_max
+        if missed and self.goal is not None:
             try:
-                self._steps = deque(plan_to_pose(self._goal, soles, self._config, 1 - step.foot))
+                steps = tuple(plan_to_pose(self.goal, soles, config, 1 - step.foot))
             except PoiseError as error:
-                self._steps.clear()
-                self.outcome = str(error)
-        if not self._steps and not self.outcome:
-            self.outcome = "done"
+                steps, outcome = (), str(error)
+        return Route(steps, self.goal, outcome if steps or outcome else "done")
+
+
+def route_of(steps: Sequence[Footstep], goal: Foothold | None = None) -> Route:
+    """A new route."""
+    return Route(tuple(steps), goal, "" if steps else "done")

@@ -14,18 +14,17 @@ from models.heading import heading
 from models.nodes import topics
 from models.nodes.messages import set_stamp, to_ns
 from models.nodes.odometry import QUATERNION_TOLERANCE
-from models.nodes.own_types import own_message
+from models.nodes.services import own_message
 from models.robot_model import SOLE_FRAMES
 from models.types import FOOT_NAMES
-from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
+from planners.gait.route import Footstep
 
 
 def foothold_from_pose(name: str, pose: Any) -> Foothold:
-    """Place and heading of a geometry_msgs/Pose; its height, roll and pitch are left out: the floor is felt.
+    """Place and heading of a geometry_msgs/Pose; height, roll and pitch are ignored because the foot feels the floor.
 
-    Raises:
-        MessageError: A value is not finite, or the quaternion is not of unit length; ``name`` says whose.
+    Raises ``MessageError`` with ``name`` for a value that is not finite or a quaternion not of unit length.
     """
     position, turn = pose.position, pose.orientation
     for field, part, axes in (("position", position, "xyz"), ("orientation", turn, "xyzw")):
@@ -39,36 +38,22 @@ def foothold_from_pose(name: str, pose: Any) -> Foothold:
 
 
 def goal_from_message(name: str, message: Any) -> Foothold:
-    """Where the middle between the soles is to be, from a geometry_msgs/PoseStamped in ``odom``.
-
-    Raises:
-        MessageError: Another frame, or see ``foothold_from_pose``.
-    """
+    """Goal of the middle between the soles, from a PoseStamped in ``odom``; ``MessageError`` for an invalid one."""
     require_odom(name, message.header.frame_id)
     return foothold_from_pose(name, message.pose)
 
 
 def require_odom(name: str, frame_id: str) -> None:
-    """Refuse a frame that the robot knows nothing of.
-
-    Raises:
-        MessageError: The frame is named.
-    """
+    """Raise ``MessageError`` for a frame other than ``odom``."""
     if frame_id != topics.ODOM_FRAME:
         raise MessageError(f"{name}: header.frame_id: '{frame_id[:32]}' instead of '{topics.ODOM_FRAME}'")
 
 
 def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
-    """Footsteps of a nav_msgs/Path in ``odom``, whose poses' own frame_id names the sole: ``l_sole`` or ``r_sole``.
+    """Footsteps of a nav_msgs/Path in ``odom``; the frame_id of each pose names the sole: ``l_sole`` or ``r_sole``.
 
-    Poses without a name alternate; the first one is of the foot on whose side of the robot it lies.
-
-    Args:
-        message: The path.
-        soles: Left and right sole.
-
-    Raises:
-        MessageError: A frame is unknown, or see ``foothold_from_pose``.
+    Poses without a name alternate; the first one is of the foot on whose side of the robot it lies (``soles``: left and
+    right). Raises ``MessageError`` for an unknown frame, or see ``foothold_from_pose``.
     """
     require_odom("footsteps", message.header.frame_id)
     here = middle(soles)
@@ -89,13 +74,7 @@ def steps_from_path(message: Any, soles: Sequence[Foothold]) -> list[Footstep]:
 
 
 def path_from_steps(stamp: int, steps: Sequence[Footstep], stamps: Sequence[int] | None = None) -> Any:
-    """nav_msgs/Path of footsteps in ``odom``; the poses' own frame_id names the sole.
-
-    Args:
-        stamp: Of the path [ns].
-        steps: The footsteps.
-        stamps: Of each touchdown [ns]; that of the path where None.
-    """
+    """nav_msgs/Path of footsteps in ``odom``, frame_id the sole; touchdown stamps [ns], the path's when None."""
     path = Path()
     path.header.frame_id = topics.ODOM_FRAME
     set_stamp(path.header.stamp, stamp)

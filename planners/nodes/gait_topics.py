@@ -1,4 +1,4 @@
-"""What the graph sees of the gait: phase, footsteps planned and taken, capturability margin."""
+"""State of the gait as topics: phase, footsteps planned and taken, capturability margin."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.parameters import describe
 from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.status import GaitStatus
 from models.types import FOOT_NAMES
 from planners.gait.config import GaitConfig
-from planners.gait.footstep_plan import Footstep
-from planners.gait.gait import GaitPlanner
-from planners.gait.view import GaitView, capture_margin, coming_steps
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep
+from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 
 TAKEN_MAX = 20
-"""Footsteps that ``gait/footsteps_taken`` remembers."""
+"""Length of ``gait/footsteps_taken``."""
 
 
 def declare_rates(node: PoiseNode) -> tuple[int, int]:
-    """Declare how often footsteps and margin are told; returns the times between [ns]."""
+    """Declare the rates of footsteps and margin; returns the times between [ns]."""
 
     def period(name: str, text: str, default: float) -> int:
         return round(
@@ -38,20 +39,12 @@ def declare_rates(node: PoiseNode) -> tuple[int, int]:
 
 
 class GaitTopics:
-    """Tells, after a tick, what has changed.
-
-    Args:
-        node: Node that publishes.
-        law: What is told about.
-        periods: See ``declare_rates``.
-
-    Attributes:
-        margin: Newest capturability margin [m].
-    """
+    """Publishes changes after a tick, at the periods of ``declare_rates``; ``margin``: capturability margin [m]."""
 
     def __init__(self, node: PoiseNode, law: GaitPlanner, periods: tuple[int, int]) -> None:
         self._law, self._periods = law, periods
         self._phase = node.announce(String, topics.GAIT_PHASE, LATCHED)
+        self._publish_status = node.announce_status(topics.GAIT_STATUS, LATCHED)
         self._margin = node.announce(Float64, topics.GAIT_CAPTURE_MARGIN, SENSOR)
         self._planned = node.announce(Path, topics.FOOTSTEPS, EVENT)
         self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
@@ -59,19 +52,22 @@ class GaitTopics:
         self.reset()
 
     def reset(self) -> None:
-        """A walk begins: tell everything anew."""
+        """A walk begins: publish everything again."""
         self._word, self._steps = "", 0
         self._last_planned = self._last_margin = 0
         self._history.clear()
         self.margin = math.nan
 
-    def tell_phase(self, word: str) -> None:
-        """Publish a word of ``gait/phase`` if it is a new one."""
+    def publish_phase(self, word: str) -> None:
+        """Publish a new word of ``gait/phase``."""
         if word != self._word:
             self._word = word
+            self._publish_status(
+                GaitStatus(word != topics.GAIT_ABSENT, word in (topics.GAIT_SETTLED, topics.GAIT_ABSENT))
+            )
             self._phase.publish(String(data=word))
 
-    def tell(self, stamp: int) -> None:
+    def publish(self, stamp: int) -> None:
         """Publish what is due at a stamp [ns]."""
         law = self._law
         if law.settled:
@@ -91,7 +87,7 @@ class GaitTopics:
         if law.walking and (word != self._word or stamp - self._last_planned >= self._periods[0]):
             self._last_planned = stamp
             self._planned.publish(self._plan(stamp, view or law.view, law.config))
-        self.tell_phase(word)
+        self.publish_phase(word)
 
     @staticmethod
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:

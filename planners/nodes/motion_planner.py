@@ -1,38 +1,159 @@
-"""Node ``motion_planner``: names of motions, or poses, in; joint trajectories out."""
+"""Node ``motion_planner``: motion names or poses in, joint trajectories out."""
 
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 
 from models.config import default_config
-from models.errors import MessageError, PoiseError
+from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import JointStateCodec, trajectory_to_message
+from models.nodes.messages import JointStateCodec, head_from_message, trajectory_to_message
+from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import declare_config, describe
-from models.nodes.qos import EVENT, SENSOR
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.services import Owed, offer_own, serve_later
 from models.nodes.spin import run
+from models.status import MotionState, MotionStatus
 from models.trajectory import thin
-from models.types import Vector
-from planners.calibration_motions import calibration_motions, variant
-from planners.library import motion_files
+from models.types import JointTrajectory, Mode, Vector
+from planners.goals import frame_named, planted_target
+from planners.library import calibration_motions, motion_files, variant
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
-from planners.nodes.motion_service import MotionService
+
+BEGIN_TIMEOUT = 2.0
+"""Longest wait for the controller's status of a trajectory [s]; none comes for one refused beside a running one."""
+
+LOOK_PERIOD = 0.05
+"""Period of checks of that wait [s]."""
+
+
+class MotionService:
+    """Plans with ``MotionPlanner.plan_pose`` from the posture of a robot in mode ``stand``.
+
+    ``posture`` is the reference posture of the controller (nj,) [rad] and raises ``MessageError`` before the first;
+    ``publish`` publishes on ``motion/joint_trajectory``; ``points_max`` limits the points of each trajectory.
+    """
+
+    def __init__(
+        self,
+        node: PoiseNode,
+        law: MotionPlanner,
+        posture: Callable[[], Vector],
+        publish: Callable[[Any], None],
+        points_max: int,
+    ) -> None:
+        self._node, self._law, self._posture, self._publish = node, law, posture, publish
+        self._points_max, self._odometry = points_max, OdometryCodec()
+        self._mode, self._odom = "", b""
+        self._head: tuple[float, float] | None = None
+        self._owed: tuple[Owed, Any] | None = None
+        self._until = 0.0
+        node.listen(String, topics.MODE, self._on_mode, LATCHED)
+        node.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_status)
+        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.listen(JointState, topics.HEAD_STATE, self._on_head, SENSOR)
+        node.own(node.destroy_timer, node.every(LOOK_PERIOD, self._look))
+        offer_own(node, "PlanMotion", topics.PLAN_MOTION, self._on_call, serve_later)
+
+    def _on_call(self, request: Any, response: Any) -> Any:
+        try:
+            trajectory = self._plan(request)
+        except PoiseError as error:
+            self._node.refuse(topics.PLAN_MOTION, error)
+            response.success, response.message = False, str(error)
+            return response
+        response.trajectory = trajectory_to_message(thin(trajectory, self._points_max))
+        response.success, response.message = True, f"{request.frame} gets there in {trajectory.times[-1]:.2f} s"
+        if not request.execute:
+            return response
+        self._publish(response.trajectory)
+        self._owed, self._until = (Owed(), response), time.monotonic() + BEGIN_TIMEOUT
+        return self._owed[0]
+
+    def _plan(self, request: Any) -> JointTrajectory:
+        if not self._node.active:
+            raise CommandError("the motion planner is not active")
+        if self._mode != Mode.STAND.value:
+            raise CommandError(f"plans are made for a robot that stands, not in mode '{self._mode or 'unknown'}'")
+        if self._owed is not None:
+            raise CommandError("another plan is just beginning to be executed")
+        frame, pose, joints = frame_named(request.frame), request.target.pose, self._posture()
+        turn = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
+        if not request.use_orientation and not np.array_equal(turn, (0.0, 0.0, 0.0, 1.0)):
+            raise CommandError("target: an orientation is given, but use_orientation is false")
+        place = np.array([getattr(pose.position, axis) for axis in "xyz"])
+        base = self._odometry.decode(self._odom)[1] if self._odom else None
+        model = self._node.model
+        target = planted_target(model, self._seen(joints), request.target.header.frame_id, place, turn, base)
+        return self._law.plan_pose(
+            frame,
+            target.translation,
+            pin.Quaternion(target.rotation).coeffs() if request.use_orientation else None,
+            start_q=joints,
+            duration=request.duration if request.duration != 0.0 else None,
+        )
+
+    def _seen(self, joints: Vector) -> Vector:
+        """A posture with the measured head angles (nj,) [rad].
+
+        Plans start without the offsets of ``head/pan_tilt``; a target in a frame of the head, such as its camera's,
+        needs them.
+        """
+        head = self._node.model.profile.head
+        if head is None or self._head is None:
+            return joints
+        seen = joints.copy()
+        seen[[self._node.model.joint_index(name) for name in (head.pan, head.tilt)]] = self._head
+        return seen
+
+    def _on_head(self, message: Any) -> None:
+        try:
+            self._head = head_from_message(message)
+        except PoiseError as error:
+            self._node.refuse(topics.HEAD_STATE, error)
+
+    def _on_mode(self, message: String) -> None:
+        self._mode = message.data
+
+    def _on_odom(self, data: bytes) -> None:
+        self._odom = data
+
+    def _on_status(self, status: MotionStatus) -> None:
+        """Result of the controller for the trajectory, which has no request."""
+        if status.state is MotionState.RUNNING:
+            self._answer("")
+        elif status.state is MotionState.REFUSED and not status.request:
+            self._answer(f"the controller refuses it: {status.reason}")
+
+    def _look(self) -> None:
+        if self._owed is not None and time.monotonic() > self._until:
+            self._answer("the controller does not say that it follows it")
+
+    def _answer(self, problem: str) -> None:
+        if self._owed is None:
+            return
+        (owed, response), self._owed = self._owed, None
+        if problem:
+            self._node.refuse(topics.PLAN_MOTION, problem)
+            response.success, response.message = False, problem
+        owed.answer(response)
 
 
 class MotionPlannerNode(PoiseNode):
-    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes.
-
-    Args:
-        kwargs: Passed to rclpy.
-    """
+    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_planner", **kwargs)
@@ -49,14 +170,15 @@ class MotionPlannerNode(PoiseNode):
         self._law = MotionPlanner(self.model, self._config, extra=[*calibration_motions(), *own])
         self._codec = JointStateCodec(self.model)
         self._posture: Vector | None = None
-        self._trajectory = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        self._trajectory = self.announce(JointTrajectoryMsg, topics.MOTION_TRAJECTORY, EVENT)
         self._plan_state = self.announce(String, topics.MOTION_PLAN_STATE, EVENT)
+        self._publish_status = self.announce_status(topics.MOTION_STATUS)
         self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
         self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
         MotionService(self, self._law, self._start, self._trajectory.publish, self._points_max)
 
     def before_diagnostics(self) -> None:
-        """Say what can be asked for."""
+        """Report the motions that can be requested."""
         if self.active:
             self.message = f"motions: {', '.join(self._law.names)}"
 
@@ -73,7 +195,7 @@ class MotionPlannerNode(PoiseNode):
         return self._posture
 
     def _on_request(self, message: String) -> None:
-        """Plan; answers carry the request, so that who asks can tell an overtaken one."""
+        """Plan; answers repeat the request, so that the sender recognises an overtaken one."""
         if not self.active or message.data == topics.STOP_MOTION:
             return
         try:
@@ -81,7 +203,9 @@ class MotionPlannerNode(PoiseNode):
             trajectory = self._law.plan(motion, start_q=self._start())
         except PoiseError as error:
             self.refuse(topics.MOTION_REQUEST, error)
-            self._plan_state.publish(String(data=f"{topics.MOTION_REFUSED}: {message.data}: {error}"))
+            refusal = MotionStatus(MotionState.REFUSED, message.data, str(error))
+            self._publish_status(refusal)
+            self._plan_state.publish(String(data=str(refusal)))
             return
         self.values["last plan"] = message.data
         self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
@@ -91,7 +215,7 @@ class MotionPlannerNode(PoiseNode):
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the node in a process of its own."""
+    """Run the node in a separate process."""
     sys.exit(run([MotionPlannerNode], args))
 
 

@@ -13,40 +13,40 @@ from std_msgs.msg import String
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.own_types import offer_own
 from models.nodes.qos import EVENT
-from planners.gait.command import VelocityCommand
-from planners.gait.footstep_plan import Footstep, plan_to_pose, soles_at, touchdown_times
+from models.nodes.services import offer_own
+from models.status import RouteState, RouteStatus
+from planners.gait.commands import VelocityCommand
 from planners.gait.footsteps import Foothold
-from planners.gait.gait import GaitPlanner
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep, plan_to_pose, soles_at, touchdown_times
 from planners.nodes.footstep_messages import footstep_message, goal_from_message, path_from_steps, steps_from_path
+from planners.nodes.gait_stage import GaitStage
 
 
 class RouteTopics:
-    """Has the gait walk to a pose or take listed footsteps, in mode ``walk`` only, and tells what becomes of it.
+    """Has the gait walk to a pose or take listed footsteps, in mode ``walk`` only, and publishes its status.
 
-    Args:
-        node: Node that subscribes.
-        law: Takes the footsteps.
-        command: The velocity, which a route puts an end to; another one that comes later ends the route.
-        ready: Why the robot cannot take any now; empty when it can.
-        soles: Where the soles of a robot that stands are; raises ``CommandError`` when nobody knows.
-        now: Stamp of the newest state [ns].
+    A route ends the velocity ``command``, and a later velocity ends the route. ``ready`` returns why the robot cannot
+    walk now, empty when it can; ``soles`` those of a standing robot, or raises ``CommandError``; ``now`` the stamp of
+    the newest state [ns].
     """
 
     def __init__(
         self,
         node: PoiseNode,
         law: GaitPlanner,
+        stack: GaitStage,
         command: VelocityCommand,
         ready: Callable[[], str],
         soles: Callable[[], Sequence[Foothold]],
         now: Callable[[], int],
     ) -> None:
-        self._node, self._law, self._command, self._ready = node, law, command, ready
+        self._node, self._law, self._stack, self._command, self._ready = node, law, stack, command, ready
         self._soles, self._now = soles, now
         self._running = False
         self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
+        self._publish_status = node.announce_status(topics.ROUTE_STATUS)
         node.listen(
             PoseStamped, topics.GOAL_POSE, lambda message: self._try(topics.GOAL_POSE, self._go, message), EVENT
         )
@@ -59,16 +59,17 @@ class RouteTopics:
         node.serve(GetPlan, topics.PLAN_FOOTSTEPS, self._on_plan)
         offer_own(node, "PlanFootsteps", topics.PLAN_TIMED_FOOTSTEPS, self._on_timed_plan)
 
-    def tell(self) -> None:
+    def publish_end(self) -> None:
         """After a tick: publish that the route has ended."""
         route = self._law.route
         if self._running and not route.left:
             self._running = False
-            done = route.outcome == topics.ROUTE_DONE
-            self._say(topics.ROUTE_DONE if done else topics.ROUTE_ENDED, "" if done else route.outcome)
+            done = route.outcome == RouteState.DONE.value
+            self._publish(RouteStatus(RouteState.DONE) if done else RouteStatus(RouteState.ENDED, reason=route.outcome))
 
-    def _say(self, word: str, more: str = "") -> None:
-        self._words.publish(String(data=f"{word}: {more}" if more else word))
+    def _publish(self, status: RouteStatus) -> None:
+        self._publish_status(status)
+        self._words.publish(String(data=str(status)))
 
     def _try(self, topic: str, act: Callable[[Any], None], message: Any) -> None:
         if not self._node.active:
@@ -79,20 +80,20 @@ class RouteTopics:
             act(message)
         except PoiseError as error:
             self._node.refuse(topic, error)
-            self._say(topics.ROUTE_REFUSED, str(error))
+            self._publish(RouteStatus(RouteState.REFUSED, reason=str(error)))
             return
         self._command.supersede()
         self._running = True
-        self._say(topics.ROUTE_RUNNING, f"{self._law.route.left} footsteps")
+        self._publish(RouteStatus(RouteState.RUNNING, self._law.route.left))
 
     def _go(self, message: Any) -> None:
-        self._law.walk_to(goal_from_message("goal", message))
+        self._stack.walk_to(goal_from_message("goal", message))
 
     def _take(self, message: Any) -> None:
-        self._law.take_steps(steps_from_path(message, self._law.footholds))
+        self._stack.take_steps(steps_from_path(message, self._law.footholds))
 
     def _on_plan(self, request: Any, response: Any) -> Any:
-        """A plan, or an empty path: GetPlan has no room for a reason, which diagnostics and log give."""
+        """A plan, or an empty path: GetPlan has no field for a reason; diagnostics and log give it."""
         try:
             if not request.tolerance >= 0.0:
                 raise MessageError(f"tolerance is {request.tolerance}")
@@ -102,7 +103,7 @@ class RouteTopics:
         return response
 
     def _on_timed_plan(self, request: Any, response: Any) -> Any:
-        """The same with sides, times and reasons; see ``PlanFootsteps.srv``."""
+        """Plan with sides, times and reasons; see ``PlanFootsteps.srv``."""
         try:
             steps = self._plan(request)
         except PoiseError as error:
@@ -121,7 +122,7 @@ class RouteTopics:
         return plan_to_pose(goal, self._start(request.start), self._law.config)
 
     def _start(self, start: Any) -> Sequence[Foothold]:
-        """Soles to plan from: those of a robot that stands at the given pose, or, without a frame, as they are now."""
+        """Soles to plan from: those of a robot standing at the given pose, or, without a frame, the present ones."""
         config = self._law.config
         if start.header.frame_id:
             return soles_at(goal_from_message("start", start), config.reach.width)

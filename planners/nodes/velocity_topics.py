@@ -1,4 +1,4 @@
-"""What the supervisor has the gait do: a velocity, repeated while the robot walks, and a standstill."""
+"""Commands of the supervisor to the gait: a velocity, repeated while the robot walks, and a standstill."""
 
 from __future__ import annotations
 
@@ -12,26 +12,18 @@ from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
+from models.nodes.odometry import velocity_from_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED
-from models.nodes.velocity import velocity_from_twist
 from models.types import Mode
-from planners.gait.command import VelocityCommand
+from planners.gait.commands import VelocityCommand
 
 
 class VelocityTopics:
-    """Fills the velocity command. Who may command it is decided by the supervisor (``controllers/arbitration.py``).
+    """Fills the velocity ``command``. The supervisor arbitrates its sources (``controllers/arbitration.py``).
 
-    A velocity may come just before the mode that it belongs to. Leaving mode ``walk`` forgets it.
-
-    Args:
-        node: Node that subscribes.
-        command: What is filled.
-        now: Stamp of the newest state [ns].
-        stop: Called where the supervisor wants a standstill.
-        left: Called when mode ``walk`` has been left.
-
-    Attributes:
-        mode: The robot's mode; empty before it has been heard.
+    A velocity may come just before its mode; leaving mode ``walk`` discards it. ``now`` returns the stamp of the newest
+    state [ns], ``stop`` is called for a standstill and ``left`` after mode ``walk``; ``mode`` is empty before the first
+    message.
     """
 
     def __init__(

@@ -106,7 +106,7 @@ def test_it_begins_with_any_checkpoint(fallen: ClosedLoop) -> None:
     box = fallen.black_box.box
     turns: list[bool] = []
     while box.checkpoints:
-        walking = box.checkpoints[0].walking
+        walking = box.checkpoints[0].memory.mode is Mode.WALK
         if len(box.checkpoints) == 1 or not turns or walking is not turns[-1]:
             turns.append(walking)
             report = replay_box(box.record("again"))
@@ -138,10 +138,10 @@ def test_what_cannot_be_run_again_is_said(fallen: ClosedLoop, tmp_path: Path) ->
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "without.npz")])
     assert result.exit_code == 2 and "holds no state of the laws" in result.output.replace("\n", " ")
     assert record.replay is not None
-    told = deepcopy(record.replay.told)
-    del told["laws"]["estimator"]["arrays"][3]
+    told = deepcopy(record.replay.record)
+    del told["stages"]["estimator"]["arrays"][3]
     with pytest.raises(PoiseError, match="another version"):
-        replay_box(replace(record, replay=replace(record.replay, told=told)))
+        replay_box(replace(record, replay=replace(record.replay, record=told)))
     gone = np.delete(np.arange(len(record.t)), 50)
     holed = replace(record, **{name: getattr(record, name)[gone] for name in UNITS})
     assert replay_box(holed).lost == 1

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.sensor_errors import SensorErrors
-from controllers.calibration.chain_terms import ChainTerms
+from bridge.plants.sensor_errors import SensorErrors
+from controllers.calibration.closed_chain import ChainTerms
 from models.calibration import Calibration
 from models.robot_model import RobotModel
 from models.types import Mode, Vector

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.closed_loop import ClosedLoop
-from bridge.lockstep import Controller
-from bridge.mujoco_plant import MujocoPlant
+from controllers.joint_servo import JointServo
+from controllers.stack import Law
 from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from models.types import Mode, RobotState, SolveStatus
+from models.types import JointCommand, Mode, RobotState, SolveStatus
 from tests.wrapped import Wrapped, columns
 
 DT = 0.001
@@ -39,13 +41,14 @@ def test_starts_standing_without_drop_or_jerk(robot: RobotModel) -> None:
 def test_torque_does_not_step_while_it_starts(robot: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """At most 5 % of the torque limit in a millisecond, the sensors' noise included, until it stands on its own."""
     torques: list[NDArray[np.float64]] = []
-    write = MujocoPlant.write
+    step = JointServo.step
 
-    def keep(plant: MujocoPlant, tau: NDArray[np.float64]) -> None:
-        torques.append(tau.copy())
-        write(plant, tau)
+    def keep(servo: JointServo, *sample: Any) -> JointCommand:
+        command = step(servo, *sample)
+        torques.append(servo.torque.copy())
+        return command
 
-    monkeypatch.setattr(MujocoPlant, "write", keep)
+    monkeypatch.setattr(JointServo, "step", keep)
     ClosedLoop(robot, record=False)
     steps = np.abs(np.diff(np.array(torques), axis=0)) / robot.tau_max
     assert len(steps) > 1000
@@ -166,5 +169,5 @@ def test_bad_arguments_are_refused_by_name(g1: RobotModel, options: dict[str, ob
 
 
 def test_wrapped_controller_is_a_controller(g1: RobotModel) -> None:
-    controller: Controller = Wrapped(g1)
+    controller: Law = Wrapped(g1)
     assert not controller.motion_active

@@ -9,7 +9,7 @@ import pytest
 
 from bridge import lockstep
 from bridge.closed_loop import ClosedLoop
-from controllers.sample_assembler import mean_sample
+from controllers.samples import mean_sample
 from models.errors import CommandError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData

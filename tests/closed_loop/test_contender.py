@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import contender, contender_loop, push, terrain, walk_cases
-from benchmarks.contender_loop import ContenderLoop
-from benchmarks.stand_still import StandStill
-from benchmarks.torque_bound import torque_bound
-from models.config import default_config
+from benchmarks.core import contender, contender_loop
+from benchmarks.core.benchmark import settings
+from benchmarks.core.contender_loop import ContenderLoop
+from benchmarks.stability import push, terrain, walk_cases
+from benchmarks.stability.stand_still import StandStill
+from benchmarks.stability.torque_bound import torque_bound
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
-BASELINE = "benchmarks.stand_still:StandStill"
-CONFIG = default_config(push.PushConfig, "benchmarks", "push")
+BASELINE = "benchmarks.stability.stand_still:StandStill"
+CONFIG = settings(push.PushConfig, "push")
 
 
 class Posture:
@@ -100,8 +101,8 @@ def test_speed_and_terrain_tests_run_with_a_contender() -> None:
     ("name", "reason"),
     [
         ("no.such.module:Class", "no.such"),
-        ("benchmarks.stand_still:Runner", "Runner"),
-        ("benchmarks.stand_still", "module:Class"),
+        ("benchmarks.stability.stand_still:Runner", "Runner"),
+        ("benchmarks.stability.stand_still", "module:Class"),
         ("models.errors:PoiseError", "lacks torque_controlled, reset, set_velocity, step"),
     ],
 )

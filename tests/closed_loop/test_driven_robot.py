@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bridge.driver.drivers import SimulatedDrivers
 from bridge.loop_config import LoopConfig
-from bridge.mujoco_plant import MujocoPlant
-from bridge.ros.driven_robot import DrivenRobot
-from bridge.sensor_errors import SensorErrors
-from bridge.start_up import hanging_command
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.start_up import hanging_command
 from controllers.joint_servo import ServoState
 from models.config import default_config
 from models.errors import CommandError
@@ -18,13 +18,13 @@ from models.types import Mode
 
 
 @pytest.fixture
-def driven(g1: RobotModel) -> DrivenRobot:
-    return DrivenRobot(MujocoPlant(g1), default_config(LoopConfig, "bridge", "closed_loop"))
+def driven(g1: RobotModel) -> SimulatedDrivers:
+    return SimulatedDrivers(MujocoPlant(g1), g1, default_config(LoopConfig, "bridge", "closed_loop"))
 
 
-def test_active_drivers_are_switched_off_through_damp_only(driven: DrivenRobot) -> None:
+def test_active_drivers_are_switched_off_through_damp_only(driven: SimulatedDrivers) -> None:
     driven.set_mode(Mode.STAND)
-    driven.plant.hold(False)
+    driven.plant.release()
     with pytest.raises(CommandError, match="'damp' comes first"):
         driven.set_mode(Mode.OFF)
     assert driven.servo.state is ServoState.ACTIVE
@@ -37,9 +37,11 @@ def test_active_drivers_are_switched_off_through_damp_only(driven: DrivenRobot) 
 def test_encoder_offsets_are_corrected_for_drivers_and_readers_alike(g1: RobotModel) -> None:
     """A robot whose encoders are off by what the drivers subtract behaves as one whose encoders are right."""
     config = default_config(LoopConfig, "bridge", "closed_loop")
-    plain = DrivenRobot(MujocoPlant(g1, sensor_noise=False), config)
+    plain = SimulatedDrivers(MujocoPlant(g1, sensor_noise=False), g1, config)
     offsets = np.random.default_rng(0).uniform(-0.03, 0.03, g1.nj)
-    off = DrivenRobot(MujocoPlant(g1, sensor_noise=False, sensor_errors=SensorErrors(encoder_offsets=offsets)), config)
+    off = SimulatedDrivers(
+        MujocoPlant(g1, sensor_noise=False, sensor_errors=SensorErrors(encoder_offsets=offsets)), g1, config
+    )
     off.encoder_offsets = offsets
     off.reset()
     settled = [robot.settle() for robot in (plain, off)]
@@ -52,7 +54,7 @@ def test_encoder_offsets_are_corrected_for_drivers_and_readers_alike(g1: RobotMo
     assert np.abs(off.plant.truth.q - plain.plant.truth.q).max() > 0.01  # [rad]
 
 
-def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: DrivenRobot) -> None:
+def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: SimulatedDrivers) -> None:
     assert driven.movable and driven.state == "held"
     driven.reset(hanging=True)
     driven.settle()
@@ -65,14 +67,14 @@ def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: D
     assert driven.state == "held"
     driven.set_mode(Mode.STAND)
     assert driven.awaits_command and not driven.movable
-    driven.plant.hold(False)
+    driven.plant.release()
     driven.set_mode(Mode.DAMP)
     assert not driven.movable
     driven.set_mode(Mode.OFF)
     assert driven.movable
 
 
-def test_commands_that_cease_while_the_robot_is_held_leave_its_drivers_ready(driven: DrivenRobot) -> None:
+def test_commands_that_cease_while_the_robot_is_held_leave_its_drivers_ready(driven: SimulatedDrivers) -> None:
     """Nobody would arm them again: to the supervisor a held robot is as well as it was."""
     driven.settle()
     driven.set_mode(Mode.STAND)

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.fault_plan import Fault
+from bridge.plants.fault_plan import Fault
 from models.types import Mode
 
 
@@ -35,5 +35,5 @@ def test_drop_out_of_100_ms_damps_and_names_the_imu() -> None:
     _silence(loop, 0.1)
     loop.run(0.1)
     assert loop.mode is Mode.DAMP
-    reason = "; ".join(loop._lockstep.supervisor.faults)
+    reason = "; ".join(loop.faults)
     assert "IMU" in reason and "more than 0.050 s" in reason

@@ -11,12 +11,14 @@ from unittest.mock import patch
 
 import pytest
 
-from benchmarks import endurance
-from benchmarks.endurance import hour, plot, run
-from benchmarks.harness import Case, Options
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Options
+from benchmarks.stability import endurance
+from benchmarks.stability.endurance import hour
 from models.robot_model import RobotModel
 
 GIVEN = endurance._config()
+BENCH = catalogue()["endurance"].load()
 NOTHING = dict.fromkeys(GIVEN.shares, 0.0)
 
 
@@ -71,10 +73,12 @@ def test_every_bound_decides(g1: RobotModel, change: dict[str, float]) -> None:
 
 def test_the_report_draws_and_judges(short: Case, tmp_path: Path) -> None:
     with patch.object(
-        endurance, "hour", lambda robot, seed: {**short, "ok": seed == 0, "ends": ["at 1.0 s: x"] * seed}
+        endurance.Endurance,
+        "measure",
+        staticmethod(lambda robot, seed: {**short, "ok": seed == 0, "ends": ["at 1.0 s: x"] * seed}),
     ):
-        report = run(Options(seeds=2))
+        report = BENCH.run(Options(seeds=2))
     assert not report.passed
     assert report.figures["falls_and_faults"] == 1.0
     assert report.notes == ["seed 1 at 1.0 s: x"]
-    assert plot(report, tmp_path)[0].stat().st_size > 0
+    assert BENCH.plots(report, tmp_path)[0].stat().st_size > 0

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.estimate import interval
-from benchmarks.estimate_runs import PARTS, ErrorLog, nees
+from benchmarks.stability.estimate import interval
+from benchmarks.stability.estimate_runs import PARTS, ErrorLog, nees
 from bridge.closed_loop import ClosedLoop
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from benchmarks import fault_margins
-from benchmarks.fault_acts import ACTS
-from benchmarks.fault_rows import Row, config, with_knee
-from benchmarks.faults import measure, run
-from benchmarks.harness import Case, Options
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Options
+from benchmarks.faults import faults
+from benchmarks.faults.fault_acts import ACTS
+from benchmarks.faults.fault_rows import Row, config, with_knee
+from benchmarks.faults.faults import measure
 from models.errors import ConfigError
 from tests.fault_guards import GUARDS, RATE, WITHOUT_GUARD
 
@@ -27,7 +29,7 @@ def test_the_knees_name_is_put_in_everywhere() -> None:
 
 def test_an_unknown_row_is_refused_with_those_there_are() -> None:
     with pytest.raises(ConfigError, match="unknown scenario 'meteor'; known: joints_out_10ms"):
-        run(Options(scenarios=("meteor",)))
+        catalogue()["faults"].load().run(Options(scenarios=("meteor",)))
 
 
 def test_every_row_has_a_guard_or_needs_none() -> None:
@@ -40,8 +42,24 @@ def test_every_row_that_damps_or_refuses_names_a_reason() -> None:
     assert all(row.reason for row in config().rows.values() if row.expect in ("damps", "refuses"))
 
 
-QUICK = ("knee_dead", "imu_out_100ms", "joints_out_200ms", "stamp_in_the_future", "trajectory_nan", "imu_flipped")
-"""In every run of the tests; the others are slow together."""
+QUICK = ("knee_dead", "trajectory_nan", "imu_flipped")
+"""In every run of the tests."""
+
+STRIDE = 10
+"""Runs of the tests until each of the other rows has been in one: each commit has its own tenth."""
+
+
+def _rotating() -> frozenset[str]:
+    """The rows of this commit; without git, those of the first."""
+    count = ["git", "-C", str(Path(__file__).parent), "rev-list", "--count", "HEAD"]
+    try:
+        turn = int(subprocess.run(count, capture_output=True, text=True, check=True).stdout)
+    except (OSError, subprocess.CalledProcessError):
+        turn = 0
+    return frozenset(list(GUARDS)[turn % STRIDE :: STRIDE])
+
+
+IN_EVERY_RUN = _rotating().union(QUICK)
 
 
 def holds(name: str) -> bool:
@@ -52,7 +70,7 @@ def holds(name: str) -> bool:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in GUARDS]
+    "name", [pytest.param(name, marks=[] if name in IN_EVERY_RUN else pytest.mark.slow) for name in GUARDS]
 )
 def test_a_row_holds_and_fails_without_its_guard(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo leaves a log where it is given a torque that is no number
@@ -78,18 +96,18 @@ def only_to(limit: float) -> Callable[[str, int, Row], Case]:
 
 
 def test_a_margin_is_the_largest_delay_that_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fault_margins, "trial", only_to(0.0234))
+    monkeypatch.setattr(faults, "trial", only_to(0.0234))
     case = measure("g1", 0, "delay_margin")
     assert 0.0234 - config().delays.resolution <= case["margin"] <= 0.0234
     assert case["ok"] and case["reason"] == "then mode, too late"
 
 
 def test_a_margin_below_what_is_required_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fault_margins, "trial", only_to(0.0075))
+    monkeypatch.setattr(faults, "trial", only_to(0.0075))
     assert measure("g1", 0, "delay_margin_walk")["ok"] is False
 
 
 @pytest.mark.slow
 def test_joint_states_that_never_come_on_time_have_a_margin() -> None:
-    report = run(Options(scenarios=("delay_margin_walk",)))
+    report = catalogue()["faults"].load().run(Options(scenarios=("delay_margin_walk",)))
     assert report.passed and report.figures["delay_margin_walk_s"] < config().delays.largest

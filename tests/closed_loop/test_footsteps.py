@@ -11,8 +11,8 @@ import pytest
 from bridge.closed_loop import ClosedLoop
 from models.errors import CommandError, UnreachableError
 from models.types import Mode
-from planners.gait.footstep_plan import Footstep
 from planners.gait.footsteps import Foothold, middle
+from planners.gait.route import Footstep
 
 
 @pytest.fixture(scope="module")

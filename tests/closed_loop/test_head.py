@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
+from bridge.record.run_file import read_run
 from bridge.replay import replay
-from bridge.run_file import read_run
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import Mode

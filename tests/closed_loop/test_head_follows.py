@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
-from bridge.camera import SimulatedCamera
 from bridge.closed_loop import ClosedLoop
+from bridge.plants.camera import SimulatedCamera
 from controllers.gaze import Gaze
 from controllers.target_finder import TargetFinder
 from models.robot_model import RobotModel

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.fault_plan import Fault
-from controllers.estimation.foot_sensors import FootSensorState
+from bridge.plants.fault_plan import Fault
+from controllers.estimation.feet import FootSensorState
 from models.robot_model import RobotModel
 from models.types import Mode
 

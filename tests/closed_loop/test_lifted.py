@@ -8,7 +8,7 @@ import pytest
 from bridge.closed_loop import ClosedLoop
 from models.constants import GRAVITY
 from models.types import Mode
-from planners.gait.phase import GaitPhase
+from planners.gait.state import GaitPhase
 
 
 def hoist(loop: ClosedLoop, speed: float, duration: float) -> float:
@@ -28,7 +28,7 @@ def test_a_lifted_robot_freezes_and_stands_once_it_is_put_down(robot: str) -> No
     loop.set_velocity(0.0, 0.0, 0.3)
     loop.run(1.6)
     assert loop.gait.walking
-    loop.plant.hold(True)
+    loop.plant.hold()
     hoist(loop, 0.3, 0.5)
     assert loop.gait.phase is GaitPhase.LIFTED
     steps = loop.gait.steps
@@ -40,7 +40,7 @@ def test_a_lifted_robot_freezes_and_stands_once_it_is_put_down(robot: str) -> No
         hoist(loop, -0.05, 0.05)
         if loop.plant.load > 0.95 * loop.robot.mass * GRAVITY:
             break
-    loop.plant.hold(False)
+    loop.plant.release()
     loop.run(1.5)
     assert not loop.fallen and loop.mode is Mode.WALK
     assert loop.gait.phase is GaitPhase.STAND and loop.gait.steps == steps

@@ -10,8 +10,8 @@ import pytest
 
 from bridge.loop_config import LoopConfig
 from bridge.monitor import PlantMonitor
-from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import ReleaseGate, hanging_command
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.start_up import ReleaseGate, hanging_command
 from controllers.joint_servo import JointServo
 from models.config import default_config
 from models.constants import GRAVITY
@@ -31,7 +31,7 @@ def standing(model: RobotModel) -> tuple[MujocoPlant, PlantMonitor]:
         servo.command(command, sensors.t)
         plant.write(servo.step(sensors.t, sensors.q, sensors.v, DT))
         if k == 300:
-            plant.hold(False)
+            plant.release()
         plant.step()
     monitor = PlantMonitor(plant, CONFIG)
     monitor.update()

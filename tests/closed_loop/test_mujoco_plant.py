@@ -8,13 +8,14 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from bridge.mujoco_plant import MujocoPlant
-from bridge.start_up import hanging_command
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.start_up import hanging_command
 from controllers.joint_servo import JointServo
 from models.constants import GRAVITY
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import pin_to_mujoco
 from models.robot_model import RobotModel
+from models.types import JointCommand
 
 DT = 0.001
 
@@ -43,9 +44,9 @@ def test_starts_held_with_the_soles_on_the_floor(robot: RobotModel) -> None:
 def test_let_go_without_torque_it_falls(g1: RobotModel) -> None:
     plant = MujocoPlant(g1)
     height = plant.truth.q[2]
-    plant.hold(False)
+    plant.release()
     for _ in range(1000):
-        plant.write(np.zeros(g1.nj))
+        plant.write(JointCommand.torque(np.zeros(g1.nj)))
         plant.step()
     assert plant.truth.q[2] < 0.6 * height
     plant.reset()
@@ -54,10 +55,10 @@ def test_let_go_without_torque_it_falls(g1: RobotModel) -> None:
 
 def test_hold_anywhere(g1: RobotModel) -> None:
     plant = MujocoPlant(g1)
-    plant.hold(False)
+    plant.release()
     for _ in range(150):
         plant.step()
-    plant.hold(True)
+    plant.hold()
     before = plant.truth.q[:7]
     for _ in range(100):
         plant.step()
@@ -69,11 +70,11 @@ def test_exact_sensors_are_the_truth(robot: RobotModel) -> None:
     plant = MujocoPlant(robot, sensor_noise=False)
     data, imu = robot.data(), robot.frame_id("imu")
     rng = np.random.default_rng(2)
-    plant.hold(False)
+    plant.release()
     plant.data.qpos[2] += 0.5  # in the air
     mujoco.mj_forward(plant.model, plant.data)
     for _ in range(50):
-        plant.write(0.2 * robot.tau_max * rng.uniform(-1.0, 1.0, robot.nj))
+        plant.write(JointCommand.torque(0.2 * robot.tau_max * rng.uniform(-1.0, 1.0, robot.nj)))
         before = plant.truth
         plant.step()
     truth, sample = plant.truth, plant.read()
@@ -116,7 +117,7 @@ def contact_wrenches(plant: MujocoPlant) -> NDArray[np.float64]:
 def test_true_wrenches_are_the_sum_of_the_contacts(robot: RobotModel) -> None:
     plant = MujocoPlant(robot, sensor_noise=False)
     hang(plant, 0.3)
-    plant.hold(False)
+    plant.release()
     hang(plant, 0.05)
     mujoco.mj_forward(plant.model, plant.data)
     expected = contact_wrenches(plant)
@@ -129,11 +130,11 @@ def test_true_wrenches_are_the_sum_of_the_contacts(robot: RobotModel) -> None:
 def test_push_changes_momentum_by_its_impulse(robot: RobotModel) -> None:
     """In the air, 30 N for 0.1 s on top of gravity; the push begins with the next step and then ends."""
     plant = MujocoPlant(robot)
-    plant.hold(False)
+    plant.release()
     plant.data.qpos[2] += 2.0
     mujoco.mj_forward(plant.model, plant.data)
     force = np.array([20.0, -10.0, 20.0])
-    plant.apply_push(force, 0.1, "torso")
+    plant.push(force, 0.1, "torso")
     momenta = []
     for _ in range(200):
         plant.step()
@@ -147,8 +148,8 @@ def test_push_changes_momentum_by_its_impulse(robot: RobotModel) -> None:
 
 def test_pushes_add_up(g1: RobotModel) -> None:
     plant = MujocoPlant(g1)
-    plant.apply_push((10.0, 0.0, 0.0), 0.003)
-    plant.apply_push((0.0, 5.0, 0.0), 0.001)
+    plant.push((10.0, 0.0, 0.0), 0.003)
+    plant.push((0.0, 5.0, 0.0), 0.001)
     seen = []
     for _ in range(4):
         plant.step()
@@ -171,7 +172,7 @@ def test_bad_push_is_refused(
 ) -> None:
     plant = MujocoPlant(g1)
     with pytest.raises(CommandError, match=culprit):
-        plant.apply_push(force, duration, body)  # type: ignore[arg-type]
+        plant.push(force, duration, body)  # type: ignore[arg-type]
     plant.step()
     assert not plant.data.xfrc_applied.any()
 
@@ -218,6 +219,6 @@ def test_joint_order_of_the_plant_is_that_of_the_model(robot: RobotModel) -> Non
     for i, name in enumerate(robot.joint_names):
         tau = np.zeros(robot.nj)
         tau[i] = 0.01
-        plant.write(tau)
+        plant.write(JointCommand.torque(tau))
         assert plant.data.actuator(name).ctrl[0] == 0.01
         assert np.count_nonzero(plant.data.ctrl) == 1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.sensor_errors import FootFault, SensorErrors
-from controllers.estimation.foot_sensors import FootSensorState
+from bridge.plants.sensor_errors import FootFault, SensorErrors
+from controllers.estimation.feet import FootSensorState
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Mode

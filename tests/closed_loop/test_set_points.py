@@ -11,8 +11,8 @@ import pytest
 
 from bridge.closed_loop import ClosedLoop
 from models.types import JointTrajectory, Vector
+from planners.goals import planted_target
 from planners.motion import MotionPlanner
-from planners.target import planted_target
 
 JOINT = "left_shoulder_pitch_joint"
 PERIOD = 0.02

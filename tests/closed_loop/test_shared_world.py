@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.mujoco_world import Place
+from bridge.plants.world import Place
 from bridge.shared_world import SharedWorld
 from models.errors import ConfigError
 from models.types import Mode

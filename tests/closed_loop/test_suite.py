@@ -10,10 +10,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import report_tables, suite
-from benchmarks.cli import MODULES, app
-from benchmarks.saved_reports import CASES, REPORTS
-from benchmarks.suite import Entry, SuiteConfig, command_of, suite_config
+from benchmarks import cli
+from benchmarks.cli import app
+from benchmarks.core.benchmark import Info, Listed, catalogue
+from benchmarks.report import report_tables, suite
+from benchmarks.report.saved_reports import CASES, REPORTS
+from benchmarks.report.suite import Entry, command_of, entries_of
 from models.errors import PoiseError
 
 RUNNER = CliRunner()
@@ -26,10 +28,12 @@ ROW = "stamp_in_the_future"
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
     entries = (Entry("faults", ("g1",), 1, (ROW,)), Entry("stand", ("nobody",)))
-    keys = {"faults": {"survived": "ended as they must", "absent": "absent"}}
-    config = SuiteConfig(entries, (), keys, {"faults": ("survived", "total", "nonsense")})
-    for module in (suite, report_tables):  # each has the name
-        monkeypatch.setattr(module, "suite_config", lambda: config)
+    keys = {"survived": "ended as they must", "absent": "absent"}
+    info = Info("", choice="scenario", keys=keys, figures=("survived", "total", "nonsense"))
+    listed = {"faults": Listed("faults", info, "benchmarks.faults.faults"), "stand": catalogue()["stand"]}
+    monkeypatch.setattr(suite, "entries_of", lambda name: entries)
+    for module in (cli, report_tables):  # each has the name
+        monkeypatch.setattr(module, "catalogue", lambda: listed)
 
 
 def run(folder: Path) -> Any:
@@ -95,27 +99,27 @@ def test_a_folder_without_lines_or_with_a_missing_case_is_refused(tmp_path: Path
 def test_the_packaged_suites_are_of_benchmarks_and_robots_that_there_are() -> None:
     from models.profile import robot_names
 
-    config = suite_config()
-    for entry in (*config.quick, *config.full):
-        assert entry.bench in MODULES and set(entry.robots) <= set(robot_names())
-    assert (
-        {entry.bench for entry in config.full} == set(config.figures) == set(config.keys) == set(MODULES) - {"scaling"}
-    )
-    assert {entry.bench for entry in config.quick} <= set(config.figures)
+    quick, full = entries_of("quick"), entries_of("full")
+    for entry in (*quick, *full):
+        assert set(entry.robots) <= set(robot_names())
+    assert [entry.bench for entry in full] == [name for name in catalogue() if name != "scaling"]
+    assert {entry.bench for entry in quick} <= {entry.bench for entry in full}
+    for entry in full:
+        assert catalogue()[entry.bench].info.keys and catalogue()[entry.bench].info.figures
 
 
 def test_a_command_says_how_to_measure_again() -> None:
-    assert command_of(Entry("push_walk", ("g1",), 2, ("left",)), "g1") == (
+    assert command_of(Entry("push_walk", ("g1",), 2, ("left",)), catalogue()["push_walk"], "g1") == (
         "poise bench push --robot g1 --seeds 2 --mode walk --direction left"
     )
-    assert command_of(Entry("walk", ("talos",), 1, ("stop", "top")), "talos") == (
+    assert command_of(Entry("walk", ("talos",), 1, ("stop", "top")), catalogue()["walk"], "talos") == (
         "poise bench walk --robot talos --seeds 1 --scenario stop --scenario top"
     )
 
 
 def test_an_unknown_benchmark_is_refused(tmp_path: Path) -> None:
-    from benchmarks.harness import Sweep
-    from benchmarks.results import ResultsFile
+    from benchmarks.core.harness import Sweep
+    from benchmarks.core.results import ResultsFile
 
     with ResultsFile(tmp_path / CASES) as file, pytest.raises(PoiseError, match="unknown benchmark 'dance'"):
-        suite.run_suite([Entry("dance", ("g1",))], MODULES, tmp_path, Sweep(None, file), console=None)  # type: ignore[arg-type]
+        suite.run_suite([Entry("dance", ("g1",))], catalogue(), tmp_path, Sweep(None, file), console=None)  # type: ignore[arg-type]

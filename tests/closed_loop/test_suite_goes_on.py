@@ -13,40 +13,43 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-import benchmarks
-from benchmarks import report_page, suite
 from benchmarks.cli import app
-from benchmarks.executors import InProcess
-from benchmarks.harness import Sweep
-from benchmarks.results import ResultsFile, read_lines
-from benchmarks.saved_reports import CASES, REPORTS
-from benchmarks.suite import Entry, command_of
-from benchmarks.suite_plan import PLAN, read_progress, save_begun, save_plan
+from benchmarks.core.benchmark import Benchmark, Info, Listed
+from benchmarks.core.executors import InProcess
+from benchmarks.core.harness import Case, Options, Sweep
+from benchmarks.core.results import ResultsFile, read_lines
+from benchmarks.report import report_page, suite
+from benchmarks.report.saved_reports import CASES, PLAN, REPORTS, read_progress, save_begun, save_plan
+from benchmarks.report.suite import Entry, command_of
 from models.errors import WorkersError
-
-BENCH = """
-from benchmarks.harness import LoadMeter, Options, Report, run_cases
 from tests import sweep_cases
 
 
-def run(options: Options) -> Report:
-    cases = [{{"seed": seed}} for seed in range(options.seeds)]
-    found = run_cases(sweep_cases.{name}, cases, bench="{name}", options=options)
-    return Report("{name}", options.robot, options.seeds, {{}}, found, True, LoadMeter().read())
-"""
-"""A benchmark of a test's own."""
+class _Sweep(Benchmark):
+    """A benchmark whose cases are the function of its name in ``tests/sweep_cases.py``."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.measure = getattr(sweep_cases, name)
+
+    def cases(self, options: Options) -> list[Case]:
+        return [{"seed": seed} for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        return {}
 
 
-def made(monkeypatch: pytest.MonkeyPatch, folder: Path, *names: str) -> dict[str, str]:
+class _Listed(Listed):
+    def load(self) -> Benchmark:
+        return _Sweep(self.name)
+
+
+def made(*names: str) -> dict[str, Listed]:
     """Benchmarks whose cases are the functions of these names in ``tests/sweep_cases.py``."""
-    for name in names:
-        (folder / f"bench_{name}.py").write_text(BENCH.format(name=name))
-        monkeypatch.delitem(sys.modules, f"benchmarks.bench_{name}", raising=False)
-    monkeypatch.setattr("benchmarks.__path__", [*benchmarks.__path__, str(folder)])
-    return {name: f"bench_{name}" for name in names}
+    return {name: _Listed(name, Info(""), "") for name in names}
 
 
-def suite_of(folder: Path, modules: dict[str, str], *entries: Entry) -> tuple[bool, str]:
+def suite_of(folder: Path, modules: dict[str, Listed], *entries: Entry) -> tuple[bool, str]:
     """Whether a suite passed, and what it said."""
     console = Console(record=True, width=200, file=StringIO())
     with ResultsFile(folder / CASES) as file:
@@ -58,7 +61,7 @@ def test_whatever_a_benchmark_raises_is_told_and_the_others_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("markdown_it")
-    modules = made(monkeypatch, tmp_path, "refused", "square")
+    modules = made("refused", "square")
     passed, said = suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
     assert not passed and "refused g1: could not be run: KeyError: 0" in said and "square g1: 1 cases, passed" in said
     trace = tmp_path / "errors/refused-g1.txt"
@@ -76,7 +79,7 @@ def test_who_interrupts_and_who_has_no_workers_ends_the_suite(
     def ends(seed: int) -> None:
         raise error
 
-    modules = made(monkeypatch, tmp_path, "refused", "square")
+    modules = made("refused", "square")
     monkeypatch.setattr("tests.sweep_cases.refused", ends)
     with pytest.raises(error):
         suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
@@ -88,7 +91,7 @@ def test_who_interrupts_and_who_has_no_workers_ends_the_suite(
 def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    modules = made(monkeypatch, tmp_path, "square")
+    modules = made("square")
     assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
     assert not read_progress(tmp_path).missing
     suite_of(tmp_path, modules, Entry("square", ("g1",), 2))  # has all, and begins nothing
@@ -100,8 +103,12 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     assert not read_progress(tmp_path).missing
     save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
     assert read_progress(tmp_path).missing
-    monkeypatch.setattr("benchmarks.suite_plan.source_state", lambda: "later")
-    save_plan(tmp_path, "full", {("square", "g1"): command_of(Entry("square", ("g1",), 2), "g1"), ("stand", "g1"): ""})
+    monkeypatch.setattr("benchmarks.report.saved_reports.source_state", lambda: "later")
+    save_plan(
+        tmp_path,
+        "full",
+        {("square", "g1"): command_of(Entry("square", ("g1",), 2), modules["square"], "g1"), ("stand", "g1"): ""},
+    )
     assert [part.state for part in read_progress(tmp_path).missing] == [
         "not begun; reported: an earlier measurement", "not begun",
     ]  # fmt: skip
@@ -110,7 +117,7 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
 def test_a_part_with_a_case_that_cannot_be_run_here_is_finished_however_often(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    modules = made(monkeypatch, tmp_path, "lacking")
+    modules = made("lacking")
     for _ in range(2):  # the second run tries it again
         assert suite_of(tmp_path, modules, Entry("lacking", ("g1",), 2))[0]
         assert not read_progress(tmp_path).missing
@@ -118,7 +125,7 @@ def test_a_part_with_a_case_that_cannot_be_run_here_is_finished_however_often(
 
 
 def test_cases_that_were_measured_again_are_reported_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = made(monkeypatch, tmp_path, "square")
+    modules = made("square")
     for _ in range(2):
         (tmp_path / CASES).unlink(missing_ok=True)
         assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
@@ -130,13 +137,12 @@ CASES_OF_ALL = 6
 
 COMMAND = """
 import sys
-from benchmarks import report_tables, suite
+from benchmarks.report import suite
 from benchmarks.cli import app
-from benchmarks.suite import Entry, SuiteConfig
+from benchmarks.report.suite import Entry
 
 entries = (Entry("faults", ("g1",), 6, ("stamp_in_the_future",)), Entry("stand", ("nobody",)))
-for module in (suite, report_tables):  # each has the name
-    module.suite_config = lambda: SuiteConfig((), entries, {"faults": {"survived": "all"}}, {"faults": ("survived",)})
+suite.entries_of = lambda name: entries
 app(["all", "--full", "--out", sys.argv[1], "--workers", "2"])
 """
 """``poise bench all`` with a tiny suite."""

@@ -18,4 +18,4 @@ def test_walks_blindly(ground: str, seed: int) -> None:
     assert not loop.fallen
     assert loop.truth.q[0] > 1.4
     if ground == "slope_across":
-        assert loop.gait._soles.slope == pytest.approx([0.0, np.tan(0.1396)], abs=0.03)
+        assert loop.gait.state.soles.slope == pytest.approx([0.0, np.tan(0.1396)], abs=0.03)

@@ -94,6 +94,45 @@ def test_a_walk_repeats_bit_for_bit() -> None:
     assert (run() == first).all()
 
 
+def test_after_a_walk_it_is_settled_only_when_the_robot_is_at_rest() -> None:
+    loop = ClosedLoop("g1", seed=0, record=False)
+    loop.command("walk")
+    loop.set_velocity(0.3, 0.0, 0.0)
+    loop.run(2.5)
+    loop.set_velocity(0.0, 0.0, 0.0)
+    end, heights = loop.t + 4.0, []
+    while not loop.gait.settled:
+        assert loop.t < end
+        loop.run(0.02)
+        if not loop.gait.walking:
+            heights.append(loop.truth.q[2])
+    assert max(heights) - min(heights) < 0.01  # the blend to standing leaves the height where it is
+    place = loop.truth.q[:3].copy()
+    loop.run(1.0)
+    assert np.linalg.norm(loop.truth.q[:3] - place) < 0.003
+
+
+@pytest.mark.parametrize(("degrees", "waving"), [(90.0, False), (180.0, False), (0.0, True)])
+def test_pushed_in_mode_stand_it_steps_and_is_back_in_its_stance(degrees: float, waving: bool) -> None:
+    loop = ClosedLoop("g1", seed=2, record=False)
+    loop.run(0.3)
+    if waving:
+        assert loop.command("wave").accepted
+        loop.run(1.0)
+    force = loop.robot.mass * 0.6 / 0.1  # [N] 0.6 m/s in 0.1 s
+    angle = math.radians(degrees)
+    loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), 0.1)
+    loop.run(4.0)
+    assert not loop.fallen, loop.fall_reason
+    assert loop.mode is Mode.STAND
+    assert loop.gait.steps >= 1 and loop.gait.settled
+    left, right = loop.gait.footholds
+    assert right.relative(left.x, left.y) == pytest.approx(
+        (0.0, loop.gait.config.reach.width), abs=loop.gait.config.astride
+    )
+    assert np.abs(loop.truth.v[6:]).mean() < 0.05
+
+
 @pytest.mark.parametrize("degrees", [45.0, 180.0])
 def test_a_standing_robot_steps_to_take_a_push_and_then_steps_back_to_its_stance(degrees: float) -> None:
     """More than twice what the ankles take; it comes to rest astride first, then beside its other foot."""

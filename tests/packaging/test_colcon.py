@@ -62,5 +62,5 @@ def test_a_workspace_is_built_and_sourced(root: Path, tmp_path: Path) -> None:
         assert (Path(prefix) / "share/ament_index/resource_index/packages" / package).is_file()
         assert (Path(prefix) / "share" / package / "package.xml").is_file()
     assert (Path(prefix) / "share/bridge/launch/humanoid.launch.py").is_file()
-    for package, name in (("controllers", "supervisor"), ("planners", "motion_planner"), ("bridge", "mujoco_bridge")):
+    for package, name in (("controllers", "supervisor"), ("planners", "motion_planner"), ("bridge", "robot_driver")):
         assert os.access(Path(prefix) / "lib" / package / name, os.X_OK)

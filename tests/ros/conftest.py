@@ -14,24 +14,28 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, join_graph
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.realtime import release
+from models.nodes.status import StatusMessage, status_to_message
 from models.robot_model import RobotModel
+from models.status import Status
 
 STAMP = 12_345_678_901
 """Of made-up messages [ns]."""
@@ -124,6 +128,22 @@ def barefoot(g1: RobotModel, tmp_path: Path) -> Path:
     path = tmp_path / "barefoot.yaml"
     path.write_text(yaml.safe_dump(profile), encoding="utf-8")
     return path
+
+
+class StatusTopic:
+    """Publisher of status records."""
+
+    def __init__(self, node: Any, topic: str, qos: Any = EVENT) -> None:
+        self._publisher = node.create_publisher(StatusMessage, topic, qos)
+        self.get_subscription_count = self._publisher.get_subscription_count
+
+    def publish(self, record: Status, **changed: object) -> None:
+        """Publish a record; ``changed`` are fields with a value, or of a type, that the record does not have."""
+        message = status_to_message(record, "/test", Time())
+        for item in message.changed_parameters:
+            if item.name in changed:
+                item.value = Parameter(item.name, value=changed[item.name]).to_parameter_msg().value
+        self._publisher.publish(message)
 
 
 class Eyes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 
 
 def set_parameter(graph: Graph, node: str, name: str, value: float) -> None:

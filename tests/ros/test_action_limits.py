@@ -25,7 +25,7 @@ pytestmark = pytest.mark.ros
 def test_a_goal_waits_for_its_answer_as_long_as_the_parameter_says(bench: Any) -> None:
     node = bench.add(ActionServerNode, answer_timeout=0.2)
     bench.world.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
-    bench.wait(lambda: node._turns.ears.mode == "stand")
+    bench.wait(lambda: node._turns.robot.mode == "stand")
     client = ActionClient(bench.world, ExecuteMotion, "execute_motion")
     bench.wait(client.server_is_ready)
     bench.spin(0.2)

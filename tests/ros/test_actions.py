@@ -11,7 +11,7 @@ from rclpy.action.client import ActionClient
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import process_specs
 from models.errors import PoiseError
@@ -136,7 +136,7 @@ def test_a_motion_that_somebody_else_stops_is_not_done(user: User) -> None:
     handle = begun(user, "wave")
     user.graph.send("stop")
     status, result = user.result(handle)
-    assert status == ABORTED and result.message == "stopped by somebody else"
+    assert status == ABORTED and result.message == "stopped by another client"
 
 
 def test_a_motion_is_cancelled_and_the_robot_stands(user: User) -> None:

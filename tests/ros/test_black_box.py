@@ -14,11 +14,12 @@ from std_msgs.msg import String
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.replay_box import replay_box
 from bridge.ros.environment import free_domain
 from controllers.black_box_file import BlackBoxRecord
 from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.stack import ControlStack
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from models.robot_model import RobotModel
@@ -39,7 +40,8 @@ class Ticking:
         world = bench.world
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
         self.drivers = world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
-        make = lambda **kwargs: BalanceControllerNode(local=True, **kwargs)  # noqa: E731
+        self.stack = ControlStack()
+        make = lambda **kwargs: BalanceControllerNode(self.stack, **kwargs)  # noqa: E731
         self.node = bench.add(make, **{**SOON, **parameters})
         for publisher in (self.mode, self.drivers):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
@@ -50,8 +52,8 @@ class Ticking:
         for _ in range(count):
             self.stamp += 1_000_000
             state = replace(self.state, t=1e-9 * self.stamp)
+            self.stack.raw = self.sensors
             self.node.on_state(state, self.stamp)
-            self.node.keep(state, self.sensors, self.stamp)
 
     def set_mode(self, mode: str) -> None:
         self.mode.publish(String(data=mode))
@@ -108,8 +110,8 @@ def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> 
     assert says.get_subscription_count() == 0  # while it stands they cost nothing
     robot.set_mode("damp")
     bench.wait(lambda: says.get_subscription_count() == 1)
-    say("/cell/supervisor", "/mujoco_bridge")  # another robot's, another node's
-    say("/mujoco_bridge", "/supervisor")
+    say("/cell/supervisor", "/robot_driver")  # another robot's, another node's
+    say("/robot_driver", "/supervisor")
     say("/supervisor")
     file = Path(robot.wait_outcome())
     bench.wait(lambda: says.get_subscription_count() == 0)
@@ -126,7 +128,7 @@ def test_a_folder_that_refuses_is_counted_and_told(bench: Any, g1: RobotModel, t
     assert "black box not written" in robot.wait_outcome()
     assert robot.node.counters["black boxes not written"] == 1
     robot.set_mode("stand")
-    assert robot.node.scheduled == (True, True)  # it works on
+    assert robot.stack.scheduled == (True, True)  # it works on
 
 
 def test_a_node_that_stops_writes_what_is_due(bench: Any, g1: RobotModel, tmp_path: Path) -> None:

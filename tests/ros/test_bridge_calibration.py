@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.nodes.mujoco_bridge import MujocoBridge
+from bridge.nodes.robot_driver import RobotDriver
 from models.calibration import Calibration
 from models.calibration_store import CalibrationStore
 from models.nodes import topics
@@ -59,10 +59,10 @@ class World:
 def test_offsets_are_taken_at_the_start_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
     world = World(bench, g1)
     store = save(g1, tmp_path, 0.01)
-    bridge = bench.add(MujocoBridge, calibration_dir=tmp_path)
+    bridge = bench.add(RobotDriver, calibration_dir=tmp_path)
     bench.wait(lambda: world.offsets)
     np.testing.assert_array_equal(world.offsets[-1], 0.01)
-    driven = bridge._driven
+    driven = bridge.drivers
     np.testing.assert_allclose(driven.plant.read().q - driven.read().q, 0.01)
     save(g1, tmp_path, 0.02)
     for _ in range(20):
@@ -83,8 +83,8 @@ def test_a_simulated_robot_reads_no_file_of_the_users(
 ) -> None:
     monkeypatch.setenv("POISE_CALIBRATION_DIR", str(tmp_path))
     save(g1, tmp_path, 0.01)
-    bridge = bench.add(MujocoBridge)
-    assert bridge._driven.encoder_offsets is None
+    bridge = bench.add(RobotDriver)
+    assert bridge.drivers.encoder_offsets is None
     assert bridge.values["calibration"] == "none is read"
 
 
@@ -92,18 +92,18 @@ def test_two_robots_in_namespaces_have_files_of_their_own(bench: Any, g1: RobotM
     save(g1, tmp_path, 0.01, "/cell")
     found = []
     for namespace in ("/cell", "/other"):
-        node = bench.add(lambda at=namespace, **kwargs: MujocoBridge(namespace=at, **kwargs), calibration_dir=tmp_path)
-        found.append(node._driven.encoder_offsets)
+        node = bench.add(lambda at=namespace, **kwargs: RobotDriver(namespace=at, **kwargs), calibration_dir=tmp_path)
+        found.append(node.drivers.encoder_offsets)
     np.testing.assert_array_equal(found[0], 0.01)
     assert found[1] is None
 
 
 def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotModel) -> None:
     world = World(bench, g1)
-    bridge = bench.add(MujocoBridge)
+    bridge = bench.add(RobotDriver)
     assert world.call(SetBool, "hang", data=False) == (True, "the robot does not hang already")
     assert world.call(SetBool, "hang", data=True) == (True, "the robot hangs, feet in the air")
-    assert np.abs(bridge._driven.plant.wrenches[:, 2]).max() < 1.0
+    assert np.abs(bridge.drivers.plant.wrenches[:, 2]).max() < 1.0
     assert bridge.free_running  # in lockstep nobody answers a robot in the air
     bridge.commands.on_mode(String(data="stand"))
     assert bridge.counters[f"refused {topics.MODE}"] == 1
@@ -112,7 +112,7 @@ def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotM
     bridge.commands.on_mode(String(data="stand"))
     accepted, reason = world.call(SetBool, "hang", data=True)
     assert not accepted and "refused: the drivers are 'held'" in reason
-    bridge._driven.plant.hold(False)
+    bridge.drivers.plant.release()
     assert "'active'" in world.call(SetBool, "hang", data=True)[1]
     for mode in ("damp", "off"):
         bridge.commands.on_mode(String(data=mode))
@@ -120,8 +120,8 @@ def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotM
 
 
 def test_sensor_errors_are_injected_or_refused(bench: Any, g1: RobotModel) -> None:
-    bridge = bench.add(MujocoBridge, sensor_noise=False, sensor_errors="'{gyro_bias: [0.05, 0, 0]}'")
-    np.testing.assert_array_equal(bridge._driven.plant.noise.bias[3 * g1.nj : 3 * g1.nj + 3], [0.05, 0.0, 0.0])
+    bridge = bench.add(RobotDriver, sensor_noise=False, sensor_errors="'{gyro_bias: [0.05, 0, 0]}'")
+    np.testing.assert_array_equal(bridge.drivers.plant.noise.bias[3 * g1.nj : 3 * g1.nj + 3], [0.05, 0.0, 0.0])
     bench.remove(bridge)
-    bridge = bench.add(MujocoBridge, active=False, sensor_errors="'{gyro: 1}'")
+    bridge = bench.add(RobotDriver, active=False, sensor_errors="'{gyro: 1}'")
     assert "unknown key 'gyro'" in bridge.message

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from bridge.nodes.mujoco_bridge import MujocoBridge
+from bridge.nodes.robot_driver import RobotDriver
 from models.nodes import topics
 from models.nodes.cdr import stamp_of
 from models.nodes.qos import sensor
@@ -42,7 +42,7 @@ class World:
         self.bench.wait(future.done)
         return future.result().success, future.result().message
 
-    def ticks(self, bridge: MujocoBridge, count: int) -> dict[str, int]:
+    def ticks(self, bridge: RobotDriver, count: int) -> dict[str, int]:
         """Messages by topic that come while the bridge runs so many ticks."""
         self.bench.spin(0.1)
         self.seen.clear()
@@ -54,12 +54,12 @@ class World:
         return dict(self.seen)
 
 
-def scenario(bridge: MujocoBridge, text: str) -> None:
+def scenario(bridge: RobotDriver, text: str) -> None:
     assert bridge.set_parameters([Parameter("faults.scenario", value=text)])[0].successful
 
 
 def test_services_inject_what_the_parameter_says_and_clear_it(bench: Any) -> None:
-    world, bridge = World(bench), bench.add(MujocoBridge, lockstep=True)
+    world, bridge = World(bench), bench.add(RobotDriver, lockstep=True)
     every = {topics.IMU_RAW: 6, topics.JOINT_STATES: 6, **dict.fromkeys(topics.FOOT_WRENCHES, 6)}
     assert world.ticks(bridge, 6) == every
     scenario(bridge, "[{target: imu, kind: off, end: 0.004}, {target: 'foot:left', kind: slow, rate: 500}]")
@@ -75,7 +75,7 @@ def test_services_inject_what_the_parameter_says_and_clear_it(bench: Any) -> Non
     scenario(bridge, "{target: joint_states, kind: off, end: 0.002}")
     assert world.call("faults/inject")[0]
     assert world.ticks(bridge, 6) == {**every, topics.JOINT_STATES: 4}
-    bridge._driven.plant.faults.inject("{target: stamps, kind: wrong, offset: -0.005, end: 0.001}")
+    bridge.drivers.plant.faults.inject("{target: stamps, kind: wrong, offset: -0.005, end: 0.001}")
     world.ticks(bridge, 2)
     assert world.stamps[-1] - world.stamps[-2] == 6_000_000  # [ns]
 
@@ -90,16 +90,16 @@ def test_services_inject_what_the_parameter_says_and_clear_it(bench: Any) -> Non
     ],
 )
 def test_refusals_carry_the_reason_and_are_counted(bench: Any, text: str, culprit: str) -> None:
-    world, bridge = World(bench), bench.add(MujocoBridge)
+    world, bridge = World(bench), bench.add(RobotDriver)
     scenario(bridge, text)
     accepted, told = world.call("faults/inject")
     assert not accepted and culprit in told
     assert bridge.counters["refused faults/inject"] == 1 and culprit in bridge.values["last refusal"]
-    assert not bridge._driven.plant.faults.active
+    assert not bridge.drivers.plant.faults.active
 
 
 def test_lockstep_does_not_wait_for_an_answer_that_nobody_can_give(bench: Any) -> None:
-    bridge = bench.add(MujocoBridge, lockstep=True)
+    bridge = bench.add(RobotDriver, lockstep=True)
     bridge.commands.on_mode(String(data="stand"))
     bridge.step()  # the first sample was taken before
     for text, ticks in (
@@ -109,7 +109,7 @@ def test_lockstep_does_not_wait_for_an_answer_that_nobody_can_give(bench: Any) -
         ("{target: stamps, kind: wrong, offset: -0.05, end: 0.002}", 2),
         ("{target: imu.gyro, kind: wrong, value: 1.0, end: 0.002}", 0),
     ):
-        bridge._driven.plant.faults.inject(text)
+        bridge.drivers.plant.faults.inject(text)
         free = []
         for _ in range(4):
             bridge.publish_tick(0.0)
@@ -122,9 +122,9 @@ def test_a_scan_that_is_off_is_not_published(bench: Any) -> None:
     stamps: list[int] = []
     qos = sensor(reliable=True)
     bench.world.create_subscription(LaserScan, topics.SCAN, lambda data: stamps.append(stamp_of(data)), qos, raw=True)
-    bridge = bench.add(MujocoBridge, lockstep=True)
+    bridge = bench.add(RobotDriver, lockstep=True)
     bench.wait(lambda: bridge._scan._publisher.get_subscription_count() == 1)
-    bridge._driven.plant.faults.inject("{target: scan, kind: off, end: 0.015}")
+    bridge.drivers.plant.faults.inject("{target: scan, kind: off, end: 0.015}")
     for bridge.tick in (1000, 2000, 3000):
         bridge.publish_tick(0.0)
         for _ in range(10):
@@ -135,11 +135,11 @@ def test_a_scan_that_is_off_is_not_published(bench: Any) -> None:
 
 
 def test_a_plan_waits_for_the_release(bench: Any) -> None:
-    bridge = bench.add(MujocoBridge, **{"faults.plan": "dead_knee"})
-    faults = bridge._driven.plant.faults
+    bridge = bench.add(RobotDriver, **{"faults.plan": "dead_knee"})
+    faults = bridge.drivers.plant.faults
     assert not faults.active
-    bridge._driven.plant.hold(False)
+    bridge.drivers.plant.release()
     assert [str(fault) for fault in faults.injected] == ["motor:left_knee_joint off (from 1 s)"]
     bench.remove(bridge)
-    bridge = bench.add(MujocoBridge, active=False, **{"faults.plan": "headless"})
+    bridge = bench.add(RobotDriver, active=False, **{"faults.plan": "headless"})
     assert "unknown scenario 'headless'; known: dead_knee" in bridge.message

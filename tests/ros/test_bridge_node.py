@@ -13,12 +13,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.nodes.mujoco_bridge import MujocoBridge
+from bridge.nodes.robot_driver import RobotDriver
 from models.nodes import topics
 from models.nodes.cdr import stamp_of
 from models.nodes.messages import JointCommandCodec, decode, doubles
+from models.nodes.perception import scan_from_message
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
-from models.nodes.scan import scan_from_message
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import JointCommand
@@ -29,23 +29,23 @@ MS = 1_000_000
 
 
 @pytest.fixture
-def bridge(bench: Any, tmp_path: Path) -> MujocoBridge:
+def bridge(bench: Any, tmp_path: Path) -> RobotDriver:
     """In mode stand, at tick 100 of which every one has been published."""
-    node: MujocoBridge = bench.add(MujocoBridge, latency_file=tmp_path / "latency.npz")
+    node: RobotDriver = bench.add(RobotDriver, latency_file=tmp_path / "latency.npz")
     node.commands.on_mode(String(data="stand"))
     for node.tick in range(1, 101):
         node.publish_tick(0.0)
     return node
 
 
-def _send(bridge: MujocoBridge, g1: RobotModel, tick: int, q: float = 0.0) -> None:
+def _send(bridge: RobotDriver, g1: RobotModel, tick: int, q: float = 0.0) -> None:
     zero = np.zeros(g1.nj)
     bridge.commands.on_command(
         JointCommandCodec(g1).encode(tick * MS, JointCommand(g1.posture("stand") + q, zero, zero))
     )
 
 
-def test_commands_that_answer_old_sensors_are_refused(bridge: MujocoBridge, g1: RobotModel) -> None:
+def test_commands_that_answer_old_sensors_are_refused(bridge: RobotDriver, g1: RobotModel) -> None:
     _send(bridge, g1, 79)
     assert bridge.counters["commands too old"] == 1
     assert "79000000 ns is 21000000 ns old" in bridge.values["last refusal"]
@@ -54,7 +54,7 @@ def test_commands_that_answer_old_sensors_are_refused(bridge: MujocoBridge, g1: 
     assert bridge.commands.stamp == 80 * MS
 
 
-def test_only_accepted_commands_count_as_answers(bridge: MujocoBridge, g1: RobotModel) -> None:
+def test_only_accepted_commands_count_as_answers(bridge: RobotDriver, g1: RobotModel) -> None:
     """The latency of a command that is refused is no latency."""
     received = bridge._probe.received  # type: ignore[union-attr]
     _send(bridge, g1, 101)  # not yet due
@@ -68,7 +68,7 @@ def test_only_accepted_commands_count_as_answers(bridge: MujocoBridge, g1: Robot
 
 def test_sensors_may_be_published_at_a_part_of_the_tick_rate(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
     heard: list[int] = []
-    node: MujocoBridge = bench.add(MujocoBridge, latency_file=tmp_path / "slow.npz", sensor_rate=500.0)
+    node: RobotDriver = bench.add(RobotDriver, latency_file=tmp_path / "slow.npz", sensor_rate=500.0)
     bench.world.create_subscription(
         JointState, topics.JOINT_STATES, lambda data: heard.append(stamp_of(data)), SENSOR, raw=True
     )
@@ -84,7 +84,7 @@ def test_sensors_may_be_published_at_a_part_of_the_tick_rate(bench: Any, g1: Rob
 
 
 def test_a_rate_that_the_tick_rate_is_no_multiple_of_is_refused(bench: Any) -> None:
-    node = bench.add(MujocoBridge, sensor_rate=300.0)
+    node = bench.add(RobotDriver, sensor_rate=300.0)
     assert not node.active and "1000 Hz is no multiple of 300 Hz" in node.message
 
 
@@ -139,16 +139,16 @@ def _message(g1: RobotModel, how: str) -> JointTrajectory:
         ("repeated", "header.stamp: 99000000 ns is not after 99000000 ns"),
     ],
 )
-def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotModel, how: str, culprit: str) -> None:
+def test_commands_over_the_graph(bench: Any, bridge: RobotDriver, g1: RobotModel, how: str, culprit: str) -> None:
     """With stamps that are due: each is taken, or refused by name without a trace in the drivers."""
     _send(bridge, g1, 99)
-    before = bridge._driven.servo.setpoint
+    before = bridge.drivers.servo.setpoint
     publisher = bench.world.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
     bench.wait(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(_message(g1, how))
     if not culprit:
         bench.wait(lambda: bridge.commands.stamp == 100 * MS)
-        setpoint = bridge._driven.servo.setpoint
+        setpoint = bridge.drivers.servo.setpoint
         np.testing.assert_array_equal(setpoint.q, np.clip(g1.posture("stand") + 0.001, g1.q_lower, g1.q_upper))
         np.testing.assert_array_equal(setpoint.v, 0.01)
         np.testing.assert_array_equal(setpoint.tau, 0.1)
@@ -156,10 +156,10 @@ def test_commands_over_the_graph(bench: Any, bridge: MujocoBridge, g1: RobotMode
     bench.wait(lambda: bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1)
     assert culprit in bridge.values["last refusal"]
     assert bridge.commands.stamp == 99 * MS
-    np.testing.assert_array_equal(bridge._driven.servo.setpoint.q, before.q)
+    np.testing.assert_array_equal(bridge.drivers.servo.setpoint.q, before.q)
 
 
-def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, bridge: MujocoBridge) -> None:
+def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, bridge: RobotDriver) -> None:
     heard: list[str] = []
     bench.world.create_subscription(String, topics.DRIVER_STATE, lambda message: heard.append(message.data), LATCHED)
     bench.wait(lambda: heard == [topics.HELD])
@@ -167,29 +167,29 @@ def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, brid
     bench.wait(lambda: heard == [topics.HELD, topics.HELD])
 
 
-def test_unknown_modes_are_refused_by_name(bridge: MujocoBridge) -> None:
+def test_unknown_modes_are_refused_by_name(bridge: RobotDriver) -> None:
     bridge.commands.on_mode(String(data="fly"))
     assert bridge.counters[f"refused {topics.MODE}"] == 1
     assert "unknown mode 'fly'" in bridge.values["last refusal"]
-    assert bridge._driven.awaits_command
+    assert bridge.drivers.awaits_command
 
 
 def test_the_ground_is_laid_or_refused(bench: Any) -> None:
-    bridge = bench.add(MujocoBridge, terrain="slope_up")
-    assert bridge._driven.plant.ground.height(5.0, 0.0) > 0.5
+    bridge = bench.add(RobotDriver, terrain="slope_up")
+    assert bridge.drivers.plant.ground.height(5.0, 0.0) > 0.5
     bench.remove(bridge)
-    bridge = bench.add(MujocoBridge, active=False, terrain="lava")
+    bridge = bench.add(RobotDriver, active=False, terrain="lava")
     assert "terrain: unknown 'lava'; known: flat, tiles" in bridge.message
 
 
-def _tick_until(bridge: MujocoBridge, tick: int) -> None:
+def _tick_until(bridge: RobotDriver, tick: int) -> None:
     while bridge.tick < tick:
         bridge.step()
         bridge.publish_tick(0.0)
 
 
 def test_scans_come_at_their_rate_and_show_the_obstacle(bench: Any, g1: RobotModel) -> None:
-    bridge: MujocoBridge = bench.add(MujocoBridge, terrain="box", sensor_noise=False)
+    bridge: RobotDriver = bench.add(RobotDriver, terrain="box", sensor_noise=False)
     scans: list[Scan] = []
     bench.world.create_subscription(LaserScan, topics.SCAN, lambda m: scans.append(scan_from_message(m)), SENSOR)
     bench.wait(lambda: bridge._scan._publisher.get_subscription_count() == 1)
@@ -223,12 +223,12 @@ def test_scans_come_at_their_rate_and_show_the_obstacle(bench: Any, g1: RobotMod
     assert np.isposinf(scan_at(500).ranges).all()
 
 
-def test_nobody_asked_no_scan(bench: Any, bridge: MujocoBridge) -> None:
+def test_nobody_asked_no_scan(bench: Any, bridge: RobotDriver) -> None:
     bridge._scan._scanner.scan = None  # type: ignore[method-assign,assignment]
     _tick_until(bridge, 200)
 
 
-def test_an_obstacle_that_there_is_not_is_refused(bench: Any, bridge: MujocoBridge) -> None:
+def test_an_obstacle_that_there_is_not_is_refused(bench: Any, bridge: RobotDriver) -> None:
     client = bench.world.create_client(SetBool, "obstacle")
     bench.wait(client.service_is_ready)
     answer = client.call_async(SetBool.Request(data=True))

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from std_msgs.msg import String
 
-from bridge.inhabitants import inhabitants
-from bridge.launch_world import Inhabitant, WorldGraph
-from bridge.mujoco_world import Place
-from bridge.nodes.mujoco_bridge import MujocoBridge
-from bridge.ros.bridged_world import BridgedWorld
-from bridge.start_up import hanging_command
+from bridge.driver.world import DriverWorld
+from bridge.launch.world import Inhabitant, WorldGraph, inhabitants
+from bridge.nodes.robot_driver import RobotDriver
+from bridge.plants.start_up import hanging_command
+from bridge.plants.world import Place
 from models.errors import PoiseError
 from models.nodes.messages import JointCommandCodec
 from models.robot_model import RobotModel
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.ros
 MS = 1_000_000
 
 
-class Clockless(BridgedWorld):
+class Clockless(DriverWorld):
     """A world whose time nobody is told: it has no node of its own."""
 
     def _publish_time(self) -> None:
@@ -34,7 +33,7 @@ class Clockless(BridgedWorld):
 
 
 @pytest.fixture
-def world(bench: Any) -> Iterator[BridgedWorld]:
+def world(bench: Any) -> Iterator[DriverWorld]:
     """Two bridges, configured, the first active."""
     shared = Clockless()
     made = [_add(bench, shared, number, place=[0.0, 1.5 * number, 0.5 * number]) for number in range(2)]
@@ -44,46 +43,46 @@ def world(bench: Any) -> Iterator[BridgedWorld]:
     yield shared
 
 
-def _add(bench: Any, shared: BridgedWorld, number: int, **parameters: object) -> Any:
+def _add(bench: Any, shared: DriverWorld, number: int, **parameters: object) -> Any:
     """A bridge of the world, not yet configured: that builds the world of those that are there."""
-    return bench.add(partial(MujocoBridge, shared, namespace=f"/robot_{number}"), configured=False, **parameters)
+    return bench.add(partial(RobotDriver, shared, namespace=f"/robot_{number}"), configured=False, **parameters)
 
 
-def _answer(bridge: MujocoBridge, robot: RobotModel) -> None:
+def _answer(bridge: RobotDriver, robot: RobotModel) -> None:
     carry = hanging_command(robot)
     command = JointCommand(carry.q, carry.v, carry.tau)
     bridge.commands.on_command(JointCommandCodec(robot).encode(bridge.tick * MS, command))
 
 
-def test_a_bridge_that_is_not_active_is_a_statue_with_the_same_time(world: BridgedWorld) -> None:
-    first, second = world.bridges
-    before = second.driven.plant.truth.q
+def test_a_bridge_that_is_not_active_is_a_statue_with_the_same_time(world: DriverWorld) -> None:
+    first, second = world.drivers
+    before = second.drivers.plant.truth.q
     assert world.running
     for _ in range(50):
         world.publish_tick(0.0)
         world.step()
     assert (first.tick, second.tick, world.tick) == (51, 51, 51)
-    np.testing.assert_array_equal(second.driven.plant.truth.q, before)
+    np.testing.assert_array_equal(second.drivers.plant.truth.q, before)
     second.trigger_activate()
     world.step()
     assert first.stamp == second.stamp == 52 * MS
-    assert np.linalg.norm(second.driven.plant.truth.q[:2] - [0.0, 1.5]) < 0.05
+    assert np.linalg.norm(second.drivers.plant.truth.q[:2] - [0.0, 1.5]) < 0.05
 
 
-def test_a_pause_of_one_is_a_pause_of_all(world: BridgedWorld) -> None:
-    for bridge in world.bridges:
+def test_a_pause_of_one_is_a_pause_of_all(world: DriverWorld) -> None:
+    for bridge in world.drivers:
         bridge.trigger_activate()
         assert world.running
         bridge.paused = True
         assert not world.running
         bridge.paused = False
-    for bridge in world.bridges:
+    for bridge in world.drivers:
         bridge.trigger_deactivate()
     assert not world.running
 
 
-def test_lockstep_waits_for_all_that_take_commands_and_for_nobody_else(world: BridgedWorld, g1: RobotModel) -> None:
-    first, second = world.bridges
+def test_lockstep_waits_for_all_that_take_commands_and_for_nobody_else(world: DriverWorld, g1: RobotModel) -> None:
+    first, second = world.drivers
     second.trigger_activate()
     assert not world.answered and not world.free_running  # held, without a mode: time stands still
     first.commands.on_mode(String(data="stand"))
@@ -97,8 +96,8 @@ def test_lockstep_waits_for_all_that_take_commands_and_for_nobody_else(world: Br
     assert world.answered
     world.step()
     assert not world.answered
-    for bridge in world.bridges:
-        bridge.driven.plant.hold(False)
+    for bridge in world.drivers:
+        bridge.drivers.plant.release()
         bridge.commands.on_mode(String(data="damp"))
     assert world.free_running  # they fall, and time goes on
 
@@ -107,15 +106,15 @@ def test_bridges_that_want_different_worlds_are_refused(bench: Any) -> None:
     shared = Clockless()
     for number, terrain in enumerate(("flat", "tiles")):
         _add(bench, shared, number, terrain=terrain)
-    shared.bridges[0].trigger_configure()
-    assert "terrain: the robots of a world share it" in shared.bridges[0].message
+    shared.drivers[0].trigger_configure()
+    assert "terrain: the robots of a world share it" in shared.drivers[0].message
     with pytest.raises(PoiseError, match="terrain: the robots of a world share it"):
         _ = shared.world
 
 
 def test_a_place_needs_a_world_of_several(bench: Any) -> None:
-    node = bench.add(MujocoBridge, active=False, place="[1.0, 0.0, 0.0]")
-    assert "place: a robot that has the world for itself" in node.message
+    node = bench.add(RobotDriver, active=False, place="[1.0, 0.0, 0.0]")
+    assert "place: the only robot of a world" in node.message
 
 
 def test_robots_are_read_from_the_command_line() -> None:
@@ -147,4 +146,4 @@ def test_a_world_has_robots_and_one_ground() -> None:
     with pytest.raises(PoiseError, match="no robot"):
         WorldGraph({})
     with pytest.raises(PoiseError, match="terrain: of the world, not of one robot"):
-        WorldGraph({"a": Inhabitant("g1", parameters={"mujoco_bridge": {"terrain": "tiles"}})})
+        WorldGraph({"a": Inhabitant("g1", parameters={"robot_driver": {"terrain": "tiles"}})})

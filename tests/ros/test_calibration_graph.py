@@ -11,11 +11,11 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.launch import Graph
-from bridge.mujoco_plant import MujocoPlant
+from bridge.launch.graph import Graph
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensor_errors import read_sensor_errors
 from bridge.ros.environment import free_domain
-from bridge.sensor_errors import read_sensor_errors
-from controllers.calibration.chain_terms import ChainTerms
+from controllers.calibration.closed_chain import ChainTerms
 from models.calibration_store import CalibrationStore
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
@@ -78,7 +78,7 @@ class Calibrated:
 
     def in_effect(self, words: str) -> None:
         """Wait until drivers and estimator say that they started with a calibration."""
-        nodes = ("/mujoco_bridge", "/state_estimator")
+        nodes = ("/robot_driver", "/state_estimator")
         reports = self.eyes.reports
         self.graph.wait_for(
             lambda: all(words in reports.get(node, {}).get("calibration", "") for node in nodes), 10.0, f"with {words}"
@@ -91,7 +91,7 @@ def _run(robot: RobotModel, folder: Path, errors: dict[str, object]) -> Iterator
         robot.name,
         lockstep=True,
         domain_id=free_domain(),
-        parameters={"mujoco_bridge": {"sensor_errors": text}},
+        parameters={"robot_driver": {"sensor_errors": text}},
         calibration=folder,
         log=folder / "log",
         say=lambda text: None,
@@ -171,7 +171,7 @@ def test_a_spoilt_file_is_refused_by_name_and_rolled_back(run: Calibrated) -> No
     text = run.store.path.read_text()
     run.store.path.write_text(text[: len(text) // 2])
     run.put_down()
-    for node in ("mujoco_bridge", "state_estimator"):
+    for node in ("robot_driver", "state_estimator"):
         assert str(run.store.path) in run.eyes.reports[f"/{node}"]["calibration refused"]
     run.in_effect(f"imu of {dict(before.stamps)['imu']}")
     reply = run.call("calibrate/rollback")

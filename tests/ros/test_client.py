@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -31,21 +30,24 @@ from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
+from models.status import MotionState, MotionStatus, SupervisorStatus
+from models.types import Mode
+from tests.ros.conftest import StatusTopic
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
 
 
 class FakeSupervisor(Node):
-    """Waves when told, refuses the rest, and says so on ``/diagnostics``."""
+    """Waves on command, refuses the rest, and reports that."""
 
     def __init__(self, context: Context) -> None:
         super().__init__("supervisor", context=context)
         self.refused = 0
         self.texts: list[str] = []
         self.create_subscription(String, topics.HUMANOID_COMMANDS, self.on_text, EVENT)
-        self.states = self.create_publisher(String, topics.MOTION_STATE, EVENT)
-        self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+        self.states = StatusTopic(self, topics.MOTION_STATUS)
+        self.status = StatusTopic(self, topics.SUPERVISOR_STATUS, LATCHED)
         self.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
         self.create_service(Trigger, "mode/damp", self.on_damp)
         self.create_timer(0.05, self.report)
@@ -53,7 +55,7 @@ class FakeSupervisor(Node):
     def on_text(self, message: String) -> None:
         self.texts.append(message.data)
         if message.data == "wave":
-            self.states.publish(String(data=topics.MOTION_RUNNING))
+            self.states.publish(MotionStatus(MotionState.RUNNING))
         else:
             self.refused += 1
 
@@ -62,12 +64,7 @@ class FakeSupervisor(Node):
         return response
 
     def report(self) -> None:
-        status = DiagnosticStatus(name="/supervisor")
-        status.values = [
-            KeyValue(key=f"refused {topics.HUMANOID_COMMANDS}", value=str(self.refused)),
-            KeyValue(key="last refusal", value="unknown command 'fly'"),
-        ]
-        self.diagnostics.publish(DiagnosticArray(status=[status]))
+        self.status.publish(SupervisorStatus("g1", Mode.STAND, self.refused, "unknown command 'fly'", ()))
 
 
 @pytest.fixture
@@ -123,7 +120,7 @@ def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
 
 def test_nobody_there(context: Context) -> None:
     with Client() as client:
-        with pytest.raises(CommandError, match="nobody listens on humanoid_commands"):
+        with pytest.raises(CommandError, match="no subscriber on humanoid_commands"):
             client.send("wave", timeout=0.3)
         with pytest.raises(CommandError, match="service mode/stand is absent"):
             client.trigger("mode/stand", timeout=0.3)

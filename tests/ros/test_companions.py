@@ -16,8 +16,8 @@ GIVE_UP = 10.0  # [s]
 COMMAND = """
 import sys, time
 from pathlib import Path
-from benchmarks.latency_config import latency_config
-from benchmarks.nodes.companions import companions
+from benchmarks.graph.graph_run import latency_config
+from benchmarks.graph.graph_run import companions
 
 with companions(latency_config().scenarios["stress"], int(sys.argv[1]), Path(sys.argv[2])) as started:
     print(*started.values(), flush=True)

@@ -24,13 +24,19 @@ from models.nodes import topics
 from models.nodes.imu import OrientedImuCodec
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec, set_stamp
 from models.nodes.qos import EVENT, LATCHED, SENSOR
-from models.nodes.tf_type import tf_message_type
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import PushEstimate, RobotState
-from tests.ros.test_transforms import decode as decode_transforms
-from tests.ros.test_transforms import pose
+
+TFMessage = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not built").TFMessage
 
 pytestmark = pytest.mark.ros
+
+
+def pose(transform: Any) -> list[float]:
+    """Translation and quaternion."""
+    t, r = transform.transform.translation, transform.transform.rotation
+    return [t.x, t.y, t.z, r.x, r.y, r.z, r.w]
+
 
 MS = 1_000_000
 START = 20
@@ -74,8 +80,8 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
         (Odometry, topics.ODOM, SENSOR),
         (Imu, topics.IMU_DATA, SENSOR),
         (WrenchStamped, topics.EXTERNAL_WRENCH, SENSOR),
-        (tf_message_type(), topics.TF, EVENT),
-        (tf_message_type(), topics.TF_STATIC, LATCHED),
+        (TFMessage, topics.TF, EVENT),
+        (TFMessage, topics.TF_STATIC, LATCHED),
     ):
         heard[topic] = []
         bench.world.create_subscription(kind, topic, heard[topic].append, qos, raw=True)
@@ -102,22 +108,22 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
     _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[topics.EXTERNAL_WRENCH][-1])
     np.testing.assert_array_equal(wrench, 0.0)  # nobody pushes
 
-    base, footprint = decode_transforms(heard[topics.TF][-1]).transforms
+    base, footprint = deserialize_message(heard[topics.TF][-1], TFMessage).transforms
     assert (base.header.frame_id, base.child_frame_id) == ("odom", "base_link")
     assert (footprint.header.frame_id, footprint.child_frame_id) == ("base_link", "base_footprint")
     np.testing.assert_allclose(pose(base), robot_.configuration[:7], atol=0.01)
     where = pin.XYZQUATToSE3(np.array(pose(base))) * pin.XYZQUATToSE3(np.array(pose(footprint)))
     np.testing.assert_allclose(where.translation, 0.0, atol=0.01)  # the soles stand on z = 0
     np.testing.assert_allclose(where.rotation, np.eye(3), atol=1e-3)
-    assert {each.child_frame_id for each in decode_transforms(heard[topics.TF_STATIC][0]).transforms} >= set(
-        SOLE_FRAMES
-    )
+    assert {
+        each.child_frame_id for each in deserialize_message(heard[topics.TF_STATIC][0], TFMessage).transforms
+    } >= set(SOLE_FRAMES)
 
 
 def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Estimated(bench, g1, odom_rate=200.0, imu_rate=100.0, tf_rate=50.0, covariance_rate=20.0, push_rate=10.0)
     robot.tick(START)
-    estimates, law = robot.node._estimates, robot.node._law
+    estimates, law = robot.node._estimates, robot.node._stack.estimator
     counts = dict.fromkeys(("_odom", "_contacts", "_imu", "_transforms", "_wrench"), 0)
     for name in counts:
 
@@ -141,7 +147,7 @@ def test_a_push_is_told(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPa
     robot.tick(START)
     bench.wait(lambda: robot.node._estimates._wrench.get_subscription_count() == 1)
     push = PushEstimate(np.array([60.0, 0.0, -1.0]), np.array([0.0, 7.0, 0.0]), True, np.array([6.0, 0.0, 0.0]))
-    monkeypatch.setattr(type(robot.node._law), "push", property(lambda law: push))
+    monkeypatch.setattr(type(robot.node._stack.estimator), "push", property(lambda law: push))
     robot.tick(20)
     bench.wait(lambda: heard)
     _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[-1])
@@ -194,12 +200,12 @@ def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: R
     robot.tick(30, imu=False)
     bench.wait(lambda: reports)
     assert len(robot.states) == 27  # the first of it is waited for in vain
-    since = int(reports[0][topics.COASTING])
+    since = int(reports[0]["coasting since [ns]"])
     assert last_good <= since <= last_good + 6 * MS  # a sample serves for up to 5 ms
     reports.clear()
     robot.tick(10)
     bench.wait(lambda: reports)
-    assert reports[0][topics.COASTING] == ""
+    assert reports[0]["coasting since [ns]"] == ""
     assert int(reports[0]["invalid imu"]) > 5
     assert reports[0]["drop-outs"] == "1"
     assert int(reports[0]["ticks with a silent sensor"]) > 5
@@ -265,10 +271,10 @@ def test_a_robot_without_foot_sensors(bench: Any, barefoot: Path) -> None:
 
 
 def test_without_the_type_of_tf_the_rest_goes_on(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse() -> None:
+    def refuse(*name: str) -> None:
         raise MessageError("tf2_msgs is not installed")
 
-    monkeypatch.setattr("controllers.nodes.transform_topics.tf_message_type", refuse)
+    monkeypatch.setattr("controllers.nodes.estimate_topics.interface", refuse)
     robot = Estimated(bench, g1)
     robot.tick(START + 100)
     assert robot.states

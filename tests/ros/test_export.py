@@ -14,12 +14,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from bridge import lerobot
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
-from bridge.episodes import commanded, episodes, observed
-from bridge.run_file import RecordedRun, read_run
-from bridge.run_topics import EVENTS
+from bridge.record import lerobot
+from bridge.record.episodes import commanded, episodes, observed
+from bridge.record.run_file import RecordedRun, read_run
+from bridge.record.run_topics import EVENTS
 from models.nodes import topics
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES

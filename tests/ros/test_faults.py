@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import String
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from tests.ros.conftest import Eyes

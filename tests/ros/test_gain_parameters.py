@@ -22,7 +22,7 @@ GAIN, POSTURE = "balance.dcm_gain", "whole_body.posture.kp"
 
 def test_gains_are_taken_at_the_next_ticks(bench: Any, g1: RobotModel) -> None:
     robot = Controlled(bench, g1)
-    law = robot.node._law
+    law = robot.node._stack.law
     results = robot.node.set_parameters([Parameter(GAIN, value=6.0), Parameter(POSTURE, value=20.0)])
     assert all(result.successful for result in results)
     assert law.gains[0] == 5.0  # nothing has jumped
@@ -42,7 +42,7 @@ def test_gains_are_taken_at_the_next_ticks(bench: Any, g1: RobotModel) -> None:
         (GAIN, float("nan"), "out of range"),
         (GAIN, "fast", "Wrong parameter type"),
         ("whole_body.solver.residual_max", 1.0, "read-only"),
-        ("whole_body_walking.posture.kp", 30.0, "read-only"),
+        ("whole_body.stepping.base_weight", 30.0, "read-only"),
     ],
 )
 def test_what_is_refused_names_the_reason(bench: Any, g1: RobotModel, name: str, value: object, reason: str) -> None:
@@ -51,13 +51,13 @@ def test_what_is_refused_names_the_reason(bench: Any, g1: RobotModel, name: str,
     assert not result.successful
     assert reason in result.reason
     robot.tick()
-    assert robot.node._law.gains[0] == 5.0
+    assert robot.node._stack.law.gains[0] == 5.0
 
 
 def test_a_value_at_the_very_edge_is_taken(bench: Any, g1: RobotModel) -> None:
     robot = Controlled(bench, g1)
     assert robot.node.set_parameters([Parameter(GAIN, value=10.0 * (1.0 + 1e-7))])[0].successful
-    assert robot.node._gains._tuning.ranges[GAIN] == (2.5, 10.0)
+    assert robot.node._stack.tuning.ranges[GAIN] == (2.5, 10.0)
 
 
 def test_gains_set_before_the_law_is_built_count(bench: Any) -> None:
@@ -70,7 +70,7 @@ def test_gains_set_before_the_law_is_built_count(bench: Any) -> None:
     node.set_parameters([Parameter(GAIN, value=7.0)])
     node.trigger_cleanup()
     node.trigger_configure()
-    assert node._law.gains[0] == 7.0
+    assert node._stack.law.gains[0] == 7.0
 
 
 def test_tuning_a_robot_that_stands(eyes: Eyes, undisturbed: None) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -22,13 +23,13 @@ from models.nodes.messages import (
     doubles,
     trajectory_to_message,
 )
-from models.nodes.qos import EVENT
-from models.nodes.tf_type import tf_message_type
+from models.nodes.qos import EVENT, INCOMPATIBLE_QOS
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
 from tests.ros.conftest import Eyes
-from tests.ros.test_transforms import decode as decode_transforms
+
+TFMessage = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not built").TFMessage
 
 pytestmark = pytest.mark.ros
 
@@ -58,7 +59,7 @@ def test_the_graph_offers_what_the_architecture_names(eyes: Eyes) -> None:
 
 def test_every_two_ends_of_the_graph_agree_on_their_qos(eyes: Eyes) -> None:
     said = {f"{node}: {key}: {value}" for node, report in eyes.reports.items() for key, value in report.items()}
-    assert not [words for words in said if topics.INCOMPATIBLE_QOS in words]
+    assert not [words for words in said if INCOMPATIBLE_QOS in words]
 
 
 def test_services_answer_with_the_reason(eyes: Eyes, undisturbed: None) -> None:
@@ -103,7 +104,7 @@ def _joint_state(g1: RobotModel, how: str) -> JointState:
         ("duplicate", "given twice"),
         ("nan", "position of left_hip_pitch_joint is nan"),
         ("backward", "header.stamp"),
-        ("leap", "leaps ahead"),
+        ("leap", "jumps ahead"),
     ],
 )
 def test_malformed_joint_states(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
@@ -154,7 +155,7 @@ def _command(g1: RobotModel, how: str) -> JointTrajectory:
 )
 def test_malformed_joint_commands(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
     message = _command(g1, how)
-    eyes.refusal("mujoco_bridge", topics.JOINT_COMMAND, lambda: eyes.commands.publish(message), culprit)
+    eyes.refusal("robot_driver", topics.JOINT_COMMAND, lambda: eyes.commands.publish(message), culprit)
 
 
 def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
@@ -207,11 +208,9 @@ def test_malformed_motions(eyes: Eyes, undisturbed: None, g1: RobotModel, how: s
 def test_a_motion_is_planned_followed_and_ends_in_stand(eyes: Eyes) -> None:
     eyes.motion.clear()
     eyes.graph.send("wave")
-    eyes.graph.wait_for(lambda: topics.MOTION_RUNNING in eyes.motion, 20.0, "waving")
+    eyes.graph.wait_for(lambda: "running" in eyes.motion, 20.0, "waving")
     assert eyes.graph.mode == "motion"
-    eyes.graph.wait_for(
-        lambda: topics.MOTION_DONE in eyes.motion and eyes.graph.mode == "stand", 30.0, "standing again"
-    )
+    eyes.graph.wait_for(lambda: "done" in eyes.motion and eyes.graph.mode == "stand", 30.0, "standing again")
 
 
 def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undisturbed: None, g1: RobotModel) -> None:
@@ -221,15 +220,15 @@ def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undistu
     eyes.graph.send("stop")
     eyes.graph.wait_for(lambda: any("came too late" in word for word in eyes.motion), 20.0, "dropped")
     eyes.graph.spin(0.5)
-    assert topics.MOTION_RUNNING not in eyes.motion
+    assert "running" not in eyes.motion
     np.testing.assert_array_equal(JointStateCodec(g1).decode(eyes.posture)[1], before)
 
 
 def test_the_transforms_of_a_standing_robot_go_on(eyes: Eyes) -> None:
     heard: list[bytes] = []
-    listener = eyes.graph.node.create_subscription(tf_message_type(), topics.TF, heard.append, EVENT, raw=True)
+    listener = eyes.graph.node.create_subscription(TFMessage, topics.TF, heard.append, EVENT, raw=True)
     eyes.graph.wait_for(lambda: len(heard) >= 10, 10.0, "transforming")
-    first, last = (decode_transforms(data).transforms for data in (heard[0], heard[-1]))
+    first, last = (deserialize_message(data, TFMessage).transforms for data in (heard[0], heard[-1]))
     assert [each.child_frame_id for each in last] == ["base_link", "base_footprint"]
     stamps = [each[0].header.stamp.sec + 1e-9 * each[0].header.stamp.nanosec for each in (first, last)]
     assert stamps[1] - stamps[0] > 0.1
@@ -250,7 +249,7 @@ def test_every_parameter_is_described(eyes: Eyes) -> None:
     for node in (
         "balance_controller",
         "state_estimator",
-        "mujoco_bridge",
+        "robot_driver",
         "supervisor",
         "motion_planner",
         "gait_planner",

@@ -11,12 +11,12 @@ from unittest.mock import Mock, patch
 
 import pytest
 
-from benchmarks import graph_faults
-from benchmarks.graph_rows import GraphRow, config
-from benchmarks.harness import Case, Options, Sweep
-from benchmarks.nodes.graph_acts import ACTS
-from benchmarks.nodes.graph_kinds import NotHere
-from benchmarks.results import ResultsFile
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Options, Sweep
+from benchmarks.core.results import ResultsFile
+from benchmarks.faults import graph_faults
+from benchmarks.graph.graph_acts import ACTS
+from benchmarks.graph.graph_kinds import GraphRow, NotHere, config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 
@@ -28,13 +28,15 @@ NAMES = {topics.MODE: "mode", topics.DRIVER_STATE: "driver_state"}
 
 DAMPED: list[Word] = [(topics.DRIVER_STATE, topics.DAMPED), (topics.MODE, "damp")]
 
+BENCH = catalogue()["graph_faults"].load()
+
 
 class FakeStage:
     """A robot of which the given words are heard after the act."""
 
     def __init__(self, words: list[Word], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
         self.words: list[tuple[float, str, str]] = []
-        self.told = {"/supervisor": "mode 'stand'"}
+        self.diagnostics = {"/supervisor": "mode 'stand'"}
         self.refusals: list[str] = []
         self.silences: list[float] = []
         self.made = SimpleNamespace(lines=[])
@@ -76,7 +78,7 @@ def test_every_act_is_of_a_row_and_every_row_has_its_act() -> None:
 
 def test_an_unknown_row_is_refused_with_those_there_are() -> None:
     with pytest.raises(ConfigError, match="unknown scenario 'meteor'; known: control_killed"):
-        graph_faults.run(Options(scenarios=("meteor",)))
+        BENCH.run(Options(scenarios=("meteor",)))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +115,7 @@ def test_a_row_whose_graph_cannot_be_made_here_is_told_as_not_run() -> None:
         raise NotHere("no C compiler")
 
     with patch.object(graph_faults, "graph_of", lacking):
-        report = graph_faults.run(Options(scenarios=("wall_clock_ahead", "wall_clock_back")))
+        report = BENCH.run(Options(scenarios=("wall_clock_ahead", "wall_clock_back")))
     assert report.figures == {"survived": 0.0, "total": 0.0, "not_run": 2.0}
     assert [case["seen"] for case in report.cases] == ["not run: no C compiler"] * 2
 
@@ -123,7 +125,7 @@ def test_a_graph_that_does_not_come_up_fails_its_rows_one_by_one() -> None:
         raise PoiseError("supervisor ended with code 1 while starting")
 
     with patch.object(graph_faults, "graph_of", broken):
-        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed")))
+        report = BENCH.run(Options(scenarios=("planner_killed", "bridge_killed")))
     assert report.figures == {"survived": 0.0, "total": 2.0}
     assert all("ended with code 1" in case["reason"] for case in report.cases)
 
@@ -139,9 +141,9 @@ def test_rows_that_are_finished_are_not_done_again(tmp_path: Path) -> None:
     workers = Mock()
     with patch.object(graph_faults, "_on_graph", on_graph), ResultsFile(tmp_path / "cases.jsonl") as file:
         sweep = Sweep(workers, file)
-        graph_faults.run(Options(scenarios=("planner_killed",), sweep=sweep))
-        report = graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
-        graph_faults.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
+        BENCH.run(Options(scenarios=("planner_killed",), sweep=sweep))
+        report = BENCH.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
+        BENCH.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
     assert done == ["planner_killed", "bridge_killed"]
     assert workers.rest.call_count == 2  # nothing else runs beside a graph, and a rerun without cases ends no worker
     assert [case["row"] for case in report.cases] == done

@@ -19,13 +19,12 @@ from sensor_msgs.msg import Imu
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from bridge.imu_log import McapImuLog
+from bridge.record.mcap_log import McapImuLog
 from bridge.ros.imu_listener import ImuListener
 from models.constants import GRAVITY
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
-from models.nodes.imu import ImuSample, OrientedImuCodec
-from models.nodes.imu_csv import COLUMNS, CsvImuLog
+from models.nodes.imu import COLUMNS, CsvImuLog, ImuSample, OrientedImuCodec
 from models.nodes.message_text import message_text
 from models.nodes.qos import SENSOR
 

@@ -15,8 +15,7 @@ from controllers.nodes.imu_node import ImuNode
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.nodes import topics
-from models.nodes.imu import OrientedImuCodec
-from models.nodes.imu_csv import COLUMNS
+from models.nodes.imu import COLUMNS, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.qos import SENSOR
 from tests.ros.test_imu_log import table
@@ -91,7 +90,7 @@ def test_stamps_and_numbers_that_are_refused(bench: Any) -> None:
     filtered.send(filtered.stamp)
     filtered.send(filtered.stamp - MS)
     filtered.send(filtered.stamp + MS, np.full(3, np.nan))
-    filtered.send(filtered.stamp + 1000 * MS)  # leaps ahead alone
+    filtered.send(filtered.stamp + 1000 * MS)  # jumps ahead alone
     assert filtered.node.counters[f"refused {topics.IMU_RAW}"] == 4
     np.testing.assert_array_equal(law.quaternion, before)
     filtered.stamp += 1000 * MS

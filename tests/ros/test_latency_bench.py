@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import latency
-from benchmarks.harness import Case, Options, Sweep, read_json, write_json
-from benchmarks.latency import judge, summarise, verdict
-from benchmarks.latency_config import Scenario, latency_config
-from benchmarks.latency_stages import STAGES, split, tails
-from benchmarks.machine import read_machine
-from benchmarks.nodes.graph_run import Run
-from benchmarks.process_use import Use
-from benchmarks.results import ResultsFile
-from benchmarks.spread import spread
-from bridge.ros.latency_probe import LatencyProbe
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Options, Sweep, read_json, write_json
+from benchmarks.core.machine import Use, read_machine
+from benchmarks.core.results import ResultsFile
+from benchmarks.core.timed_run import spread
+from benchmarks.graph.graph_run import Run, Scenario, latency_config
+from benchmarks.speed import latency
+from benchmarks.speed.latency import judge, summarise, verdict
+from benchmarks.speed.latency_stages import STAGES, split, tails
+from bridge.driver.latency_probe import LatencyProbe
 from bridge.ros.stage_probe import LEFT, RIGHT
 from models.errors import PoiseError
 
@@ -27,10 +26,12 @@ pytestmark = pytest.mark.ros
 
 CONFIG = replace(latency_config(), duration=2.0, warm_up=0.5)
 
+BENCH = catalogue()["latency"].load()
+
 
 @pytest.mark.slow
 def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
-    from benchmarks.nodes.graph_run import run_graphs
+    from benchmarks.graph.graph_run import run_graphs
 
     (run,) = run_graphs("g1", 0, Scenario(rate=500.0, subscribers=1, stress=1), CONFIG)
     ticks = split(run.bridge, run.laws, 100, 1_000_000)
@@ -41,7 +42,7 @@ def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
     names = dict(zip(STAGES, np.median(ticks.stages, axis=0), strict=True))
     assert all(names[stage] > 0.0 for stage in STAGES if stage not in ("sensor_transport", "command_transport"))
     assert (np.diff(np.flatnonzero(run.bridge["published"])) == 2).all()
-    assert {"mujoco_bridge", "staged_control", "stress_0", "subscriber_0"} <= set(run.use)
+    assert {"robot_driver", "staged_control", "stress_0", "subscriber_0"} <= set(run.use)
     assert all(use.memory > 5.0 for use in run.use.values())
 
 
@@ -105,7 +106,7 @@ def test_a_graph_that_does_not_come_up_or_does_not_last_is_a_result(
     monkeypatch.setattr(latency, "free_domain", lambda: 0)
     monkeypatch.setattr(latency.pingpong, "measure", lambda *arguments: LatencyProbe())
     monkeypatch.setattr(latency, "cost", lambda: 1e-6)
-    report = latency.run(Options(scenarios=("robots_4",)))
+    report = BENCH.run(Options(scenarios=("robots_4",)))
     assert report.figures["robots_4_stood_fraction"] == 0.0 and "robots_4_p50_us" not in report.figures
     assert f"robots_4: seed 0: {failure}" in report.notes
     assert any(note.endswith("does NOT keep real time: robots_4 at 0.25 of real time") for note in report.notes)
@@ -122,7 +123,7 @@ def test_a_scenario_becomes_figures_and_a_verdict() -> None:
     assert figures["others_missed_fraction"] == 0.5 and figures["others_p50_us"] == 2000.0
     assert judge(figures)[0]
     held, lines = judge(figures | {"missed_fraction": 0.002})
-    assert not held and lines[2].startswith("FAILS: missed_fraction")
+    assert not held and lines[3].startswith("FAILS: missed_fraction")
     said = verdict({"idle": True, "load": False}, read_machine())
     assert said[0].endswith("real time: idle") and said[1].endswith("real time: load")
 
@@ -138,12 +139,12 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
             case |= {"spreads": kept, "cpu": {}, "memory": {}}
         return case
 
-    monkeypatch.setattr(latency, "_measure", measure)
+    monkeypatch.setattr(latency.Latency, "measure", staticmethod(measure))
     monkeypatch.setattr(latency, "cost", lambda: 1e-6)
     reports = []
     for scenarios in (("idle",), ("idle", "plain"), ("idle", "plain")):
         with ResultsFile(tmp_path / "cases.jsonl") as file:
-            reports.append(latency.run(Options(scenarios=scenarios, sweep=Sweep(None, file))))
+            reports.append(BENCH.run(Options(scenarios=scenarios, sweep=Sweep(None, file))))
     assert measured == ["idle", "plain"]
     _, first, again = reports
     assert again.figures == first.figures and again.cases == first.cases and again.passed
@@ -151,4 +152,7 @@ def test_a_rerun_makes_the_same_figures_and_plots_of_the_lines(tmp_path: Path, m
     assert max(len(line) for line in (tmp_path / "cases.jsonl").read_text().splitlines()) < 100_000
     write_json(again, tmp_path / "latency.json")
     for report in (again, read_json(tmp_path / "latency.json")):
-        assert [file.name for file in latency.plot(report, tmp_path)] == ["latency.png", "latency-stages.png"]
+        assert [file.name for file in BENCH.plots(report, tmp_path)] == [
+            "latency.png",
+            "latency-stages.png",
+        ]

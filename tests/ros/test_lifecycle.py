@@ -10,8 +10,8 @@ from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import IntegerRange
 from std_msgs.msg import String
 
-from bridge.nodes.mujoco_bridge import MujocoBridge
-from bridge.ros.lifecycle_client import ACTIVATE, CONFIGURE, change_state
+from bridge.nodes.robot_driver import RobotDriver
+from bridge.ros.processes import ACTIVATE, CONFIGURE, change_state
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
@@ -24,7 +24,7 @@ from planners.nodes.motion_planner import MotionPlannerNode
 
 pytestmark = pytest.mark.ros
 
-NODES = (MujocoBridge, StateEstimatorNode, BalanceControllerNode, SupervisorNode, MotionPlannerNode)
+NODES = (RobotDriver, StateEstimatorNode, BalanceControllerNode, SupervisorNode, MotionPlannerNode)
 
 
 def _entities(node: Any) -> tuple[int, ...]:

@@ -15,11 +15,11 @@ from controllers.nodes.motor_controller import MotorControllerNode
 from models.errors import JointNameError, MessageError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.messages import JointCommandCodec, JointStateCodec, decode, trajectory_to_message
+from models.nodes.messages import JointCommandCodec, JointStateCodec, TorqueCodec, decode, trajectory_to_message
 from models.nodes.qos import COMMAND, LATCHED
-from models.nodes.torques import TorqueCodec
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory
+from tests.servos import torque_of
 
 pytestmark = pytest.mark.ros
 
@@ -74,7 +74,7 @@ def test_the_torques_are_those_of_the_simulated_drivers(bench: Any, robot: Robot
     for k in range(500):
         q, v = motors.q + 0.01 * rng.normal(size=robot.nj), 0.1 * rng.normal(size=robot.nj)
         motors.tick(q, v)
-        expected.append(servo.step(motors.stamp / NANOSECONDS, q, v, 0.0 if k == 0 else 0.001).copy())
+        expected.append(torque_of(servo, motors.stamp / NANOSECONDS, q, v, 0.0 if k == 0 else 0.001).copy())
         if 10 <= k < 400:
             set_point = motors.q + 0.02 * rng.normal(size=robot.nj)
             motors.command(set_point, tau=1.0)
@@ -144,11 +144,11 @@ def test_wrong_samples_are_refused(bench: Any, g1: RobotModel) -> None:
     motors = Motors(bench, g1)
     motors.tick()
     motors.tick(ahead=0)
-    assert "is not after" in motors.last_refusal
+    assert "repeats" in motors.last_refusal
     motors.tick(np.full(g1.nj, np.nan))
     assert "position of" in motors.last_refusal
     motors.tick(ahead=1000 * MS)
-    assert "leaps ahead" in motors.last_refusal
+    assert "jumps ahead" in motors.last_refusal
     assert len(motors.torques) == 1
 
 

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.processes import absolute_namespace
 from models.errors import PoiseError
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
 OF_RCLPY = {"/parameter_events", "/rosout"}
 """Topics that every node has, wherever it is."""
@@ -75,7 +75,7 @@ def test_the_launch_file_asks_for_options_that_poise_up_has(launch_file: Any, mo
         given.update(options, robot=robot)
         return 0
 
-    monkeypatch.setattr("bridge.launch.up", up)
+    monkeypatch.setattr("bridge.launch.graph.up", up)
     values = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()}
     line = launch_file.command(values | {"robot": "talos", "namespace": "robot_1", "network": "True"})
     assert line[0].endswith("lib/bridge/poise")

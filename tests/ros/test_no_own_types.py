@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-import models.nodes.own_types
+import models.nodes.services
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
+from controllers.stack import ControlStack
 from models.errors import MessageError
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.ros
     ("kind", "left"),
     [
         (MotionPlannerNode, None),
-        (GaitPlannerNode, "plan_footsteps"),
+        (lambda **kwargs: GaitPlannerNode(ControlStack(), **kwargs), "plan_footsteps"),
         (StateEstimatorNode, "calibrate/imu"),
         (SupervisorNode, "mode/stand"),
     ],
@@ -29,7 +30,7 @@ def test_everything_else_is_offered(bench: Any, kind: Any, left: str | None, mon
     def absent(package: str, part: str, name: str) -> Any:
         raise MessageError(f"no {package}/{part}/{name}: build them")
 
-    monkeypatch.setattr(models.nodes.own_types, "interface", absent)
+    monkeypatch.setattr(models.nodes.services, "interface", absent)
     node = bench.add(kind)
     assert node.active and "no poise_interfaces/srv/" in node.values["poise_interfaces"]
     offered = {service.srv_name.removeprefix("/") for service in node.services}

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 
-from bridge.ros.node_classes import NODES, parameters
+from bridge.ros.reference import NODES, make_node, parameters
 from controllers.tuning import TUNABLE
 from models.nodes.base import PoiseNode
 
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.ros
 
 LIVE = {
     "balance_controller": set(TUNABLE),
-    "mujoco_bridge": {"push.force", "push.duration", "push.body", "obstacle.place", "faults.scenario"},
+    "robot_driver": {"push.force", "push.duration", "push.body", "obstacle.place", "faults.scenario"},
 }
 """Parameters that may be changed while a node runs; every other one is read-only."""
 
@@ -32,7 +33,7 @@ FREE = {"realtime.cores"}
 @pytest.fixture(params=NODES)
 def node(bench: Any, request: pytest.FixtureRequest) -> Iterator[PoiseNode]:
     """A node as it is before it is configured, and once it is."""
-    made = bench.add(NODES[request.param], active=False, diagnostics_period=10.0)
+    made = bench.add(partial(make_node, request.param), active=False, diagnostics_period=10.0)
     assert made.get_name() == request.param
     assert made.message == "configured", made.message
     yield made

@@ -16,10 +16,10 @@ import pinocchio as pin
 import pytest
 from sensor_msgs.msg import JointState
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.client import Client
 from bridge.ros.environment import free_domain
-from bridge.ros.reach import reach
+from bridge.ros.walk import reach
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface

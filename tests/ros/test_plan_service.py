@@ -27,6 +27,9 @@ try:
 except PoiseError as _error:
     pytest.skip(str(_error), allow_module_level=True)
 
+from models.status import MotionState, MotionStatus
+from tests.ros.conftest import StatusTopic
+
 pytestmark = pytest.mark.ros
 
 
@@ -37,7 +40,7 @@ class World:
         self.bench, self.robot, world = bench, robot, bench.world
         self.published: list[Any] = []
         self.mode = world.create_publisher(String, topics.MODE, LATCHED)
-        self.state = world.create_publisher(String, topics.MOTION_STATE, EVENT)
+        self.state = StatusTopic(world, topics.MOTION_STATUS)
         self.posture = world.create_publisher(JointState, topics.POSTURE, SENSOR)
         self.odom = world.create_publisher(Odometry, topics.ODOM, SENSOR)
         world.create_subscription(JointTrajectory, topics.MOTION_TRAJECTORY, self.published.append, EVENT)
@@ -120,11 +123,11 @@ def test_who_wants_it_executed_hears_what_the_controller_says(bench: Any, g1: Ro
     bench.spin(0.2)
     assert not future.done()
     assert "another plan" in world.answer(world.ask(PLACE)).message  # and the node goes on meanwhile
-    world.state.publish(String(data="running"))
+    world.state.publish(MotionStatus(MotionState.RUNNING))
     assert world.answer(future).success and len(world.published[0].points) > 100
     refused = world.ask(PLACE, execute=True)
     bench.wait(lambda: len(world.published) == 2, 30.0)
-    world.state.publish(String(data="refused: start jump"))
+    world.state.publish(MotionStatus(MotionState.REFUSED, reason="start jump"))
     answer = world.answer(refused)
     assert not answer.success and answer.message == "the controller refuses it: start jump"
     silent = world.answer(world.ask(PLACE, execute=True))

@@ -5,16 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from controllers.nodes.supervisor import SupervisorNode
-from models.nodes import qos_watch, topics
+from models.nodes import qos as qos_module
+from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.qos import EVENT, LATCHED, SENSOR, command
 from models.robot_model import RobotModel
+from models.status import NodeStatus
+from tests.ros.conftest import StatusTopic
 from tests.ros.test_supervisor_node import World
 
 pytestmark = pytest.mark.ros
@@ -55,7 +58,7 @@ class Diagnostics:
     @property
     def mismatches(self) -> dict[str, str]:
         """Who and which policy, by topic."""
-        words = f"{topics.INCOMPATIBLE_QOS} "
+        words = f"{qos_module.INCOMPATIBLE_QOS} "
         return {key.removeprefix(words): value for key, value in self.values.items() if key.startswith(words)}
 
 
@@ -82,7 +85,7 @@ def test_it_is_reported_while_the_other_end_is_there(
     subscriber: QoSProfile | None,
     policy: str,
 ) -> None:
-    monkeypatch.setattr(qos_watch, "SETTLE_TIME", 0.3)
+    monkeypatch.setattr(qos_module, "SETTLE_TIME", 0.3)
     world, said = bench.world, Diagnostics(bench, "/ends")
     bench.add(lambda **kwargs: Ends(own, **kwargs))
     bench.wait(lambda: said.level == DiagnosticStatus.OK)
@@ -137,13 +140,13 @@ def damped(bench: Any, g1: RobotModel) -> tuple[World, SupervisorNode]:
 def test_arming_is_refused_naming_topic_and_policy(
     bench: Any, damped: tuple[World, SupervisorNode], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(qos_watch, "SETTLE_TIME", 0.3)
+    monkeypatch.setattr(qos_module, "SETTLE_TIME", 0.3)
     world, law = damped[0], damped[1]._law
     other = bench.world.create_publisher(String, topics.DRIVER_STATE, FRESH)
     bench.wait(lambda: law.preflight)
     accepted, reason = world.call("mode/stand")
     assert not accepted
-    assert "'driver_state' has incompatible QoS: publisher: DURABILITY, says /supervisor" in reason
+    assert "'driver_state' has incompatible QoS: publisher: DURABILITY, reports supervisor" in reason
     bench.world.destroy_publisher(other)
     bench.wait(lambda: not law.preflight)
     assert world.call("mode/stand")[0]
@@ -152,29 +155,25 @@ def test_arming_is_refused_naming_topic_and_policy(
 @pytest.mark.slow
 def test_any_node_may_report_it_and_only_needed_topics_count(bench: Any, damped: tuple[World, SupervisorNode]) -> None:
     law = damped[1]._law
-    diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-    bench.wait(lambda: diagnostics.get_subscription_count() >= 1)
+    reports = StatusTopic(bench.world, topics.NODE_STATUS)
+    bench.wait(lambda: reports.get_subscription_count() >= 1)
 
-    def report(value: str, *found: str) -> None:
-        items = [KeyValue(key=f"{topics.INCOMPATIBLE_QOS} {topic}", value=value) for topic in found]
-        diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/drivers", values=items)]))
+    def report(*found: str) -> None:
+        reports.publish(NodeStatus("drivers", found, ("publisher",) * len(found), ("DEADLINE",) * len(found)))
 
     for topic in topics.needed_topics(damped[1].model):
-        report("publisher: DEADLINE", "scan", topic)
+        report("scan", topic)
         bench.wait(lambda topic=topic: any(f"'{topic}' has incompatible QoS" in finding for finding in law.preflight))
-        assert len(law.preflight) == 1 and "says /drivers" in law.preflight[0]
-    report("publisher: DEADLINE", "scan")
+        assert len(law.preflight) == 1 and "reports drivers" in law.preflight[0]
+    report("scan")
     bench.wait(lambda: not law.preflight)
 
 
 def test_of_those_who_hear_nothing_only_drivers_count(bench: Any, damped: tuple[World, SupervisorNode]) -> None:
     law = damped[1]._law
-    diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-    bench.wait(lambda: diagnostics.get_subscription_count() >= 1)
-    items = [
-        KeyValue(key=f"{topics.INCOMPATIBLE_QOS} {topic}", value="subscriber: RELIABILITY")
-        for topic in topics.needed_topics(damped[1].model)
-    ]
-    diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="/bridge", values=items)]))
+    reports = StatusTopic(bench.world, topics.NODE_STATUS)
+    bench.wait(lambda: reports.get_subscription_count() >= 1)
+    found = topics.needed_topics(damped[1].model)
+    reports.publish(NodeStatus("bridge", found, ("subscriber",) * len(found), ("RELIABILITY",) * len(found)))
     bench.wait(lambda: law.preflight)
     assert [f"'{topics.JOINT_COMMAND}' has incompatible QoS" in finding for finding in law.preflight] == [True]

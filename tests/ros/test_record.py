@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import PROFILE_VARIABLE, free_domain, graph_environment, roomy_profile
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
-from bridge.fault_plan import Fault
-from bridge.mcap_log import McapLog
+from bridge.plants.fault_plan import Fault
+from bridge.record.mcap_log import McapLog
+from bridge.record.run_file import missing, read_run
+from bridge.record.run_topics import DESCRIPTION, ROBOT
 from bridge.replay import replay
-from bridge.run_file import missing, read_run
-from bridge.run_topics import DESCRIPTION, ROBOT
 from models.errors import ConfigError, PoiseError
 from models.nodes.messages import JointStateCodec
 from models.robot_model import RobotModel

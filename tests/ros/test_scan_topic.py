@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import LaserScan
 
-from controllers.nodes.scan_topic import ScanTopic
+from controllers.nodes.command_topics import ScanTopic
 from controllers.obstacle_stop import ObstacleStop
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import to_ns
+from models.nodes.perception import scan_from_message, scan_to_message
 from models.nodes.qos import SENSOR
-from models.nodes.scan import scan_from_message, scan_to_message
 from models.robot_model import RobotModel
 from models.scan import Scan
 from tests.scans import empty, wall

@@ -64,7 +64,7 @@ from importlib import import_module
 from pathlib import Path
 from models.nodes import spin
 
-for module in ("bridge.nodes.mujoco_bridge", "bridge.nodes.control", "controllers.nodes.supervisor"):
+for module in ("bridge.nodes.robot_driver", "bridge.nodes.control", "controllers.nodes.supervisor"):
     main, run = import_module(module).main, spin.run
     def serve(executor, nodes, stop):
         for node in nodes:

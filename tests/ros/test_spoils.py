@@ -11,8 +11,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
-from benchmarks.nodes.spoils import SHIFT, SPOILS, stamp_field
-from benchmarks.nodes.spoilt_bridge import SpoiltPublisher
+from benchmarks.graph.spoilt_bridge import SHIFT, SPOILS, SpoiltPublisher, stamp_field
 from models.errors import PoiseError
 from models.nodes.messages import JointStateCodec, set_stamp, stamp_ns
 from models.robot_model import RobotModel

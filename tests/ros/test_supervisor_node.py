@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from msgspec.structs import replace
 from nav_msgs.msg import Odometry
@@ -21,12 +21,14 @@ from controllers.command_signature import Signer
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, set_stamp
-from models.nodes.odometry import OdometryCodec
+from models.nodes.odometry import OdometryCodec, velocity_to_twist
+from models.nodes.perception import scan_to_message
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
-from models.nodes.scan import scan_to_message
-from models.nodes.velocity import velocity_to_twist
 from models.robot_model import RobotModel
 from models.scan import Scan
+from models.status import ControlStatus, EstimatorStatus, GaitStatus, NodeStatus, RouteState, RouteStatus
+from models.types import SolveStatus
+from tests.ros.conftest import StatusTopic
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -156,80 +158,48 @@ def test_a_robot_that_falls_after_the_checks_is_not_armed(bench: Any, world: Wor
 @pytest.mark.parametrize(
     ("status", "overruns", "culprit"),
     [
-        ("optimal", "20", "overran its time budget in 20 ticks in a row"),
-        ("damped", "0", "no usable torques"),
-        ("splendid", "0", "no usable torques"),
+        ("optimal", 20, "overran its time budget in 20 ticks in a row"),
+        ("damped", 0, "no usable torques"),
+        ("splendid", 0, "no usable torques"),
     ],
 )
 def test_what_the_controller_reports_damps(
-    bench: Any, world: World, g1: RobotModel, status: str, overruns: str, culprit: str
+    bench: Any, world: World, g1: RobotModel, status: str, overruns: int, culprit: str
 ) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True)
-    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-
-    def report(message: str, count: str) -> None:
-        told = DiagnosticStatus(name="/balance_controller", message=message)
-        told.values = [KeyValue(key=topics.OVERRUNS, value=count)]
-        reports.publish(DiagnosticArray(status=[told]))
-
+    reports = StatusTopic(bench.world, topics.CONTROL_STATUS)
+    fine = ControlStatus(active=True, solve=SolveStatus.OPTIMAL, overruns=0, joint_fault="")
     bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
-    report("optimal", "19")
+    reports.publish(replace(fine, overruns=19))
     bench.spin(0.3)
-    report("idle in mode 'off'", "0")
+    reports.publish(replace(fine, active=False, solve=SolveStatus.DAMPED))  # of an idle controller
     bench.spin(0.3)
     assert world.modes == ["stand"]
-    report(status, overruns)
+    reports.publish(replace(fine, overruns=overruns), solve=status)
     bench.wait(lambda: world.modes[-1] == "damp")
     assert culprit in world.call("mode/stand")[1]
-    assert node.counters["refused /diagnostics"] == (status == "splendid")
-
-
-def test_a_number_that_is_too_long_is_refused_and_the_supervisor_lives(
-    bench: Any, world: World, g1: RobotModel
-) -> None:
-    world.robot(g1)
-    world.drivers(topics.ACTIVE)
-    node = bench.add(SupervisorNode, lockstep=True)
-    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-    bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
-    digits = "9" * 5000
-    told = DiagnosticStatus(name="/balance_controller", message="optimal")
-    told.values = [KeyValue(key=topics.OVERRUNS, value=digits)]
-    reports.publish(DiagnosticArray(status=[told]))
-    bench.wait(lambda: node.counters["refused /diagnostics"] == 1)
-    told = DiagnosticStatus(name="/state_estimator", values=[KeyValue(key=topics.COASTING, value=digits)])
-    reports.publish(DiagnosticArray(status=[told]))
-    bench.wait(lambda: node.counters["refused /diagnostics"] == 2)
-    assert node.active
+    assert node.counters[f"refused {topics.CONTROL_STATUS}"] == (status == "splendid")
 
 
 def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, world: World, g1: RobotModel) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True)
-    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-
-    def report(since: str) -> None:
-        told = DiagnosticStatus(name="/state_estimator", values=[KeyValue(key=topics.COASTING, value=since)])
-        reports.publish(DiagnosticArray(status=[told]))
-
-    def now() -> str:
-        return str(10_000_000 * world.tick)
-
+    reports = StatusTopic(bench.world, topics.ESTIMATOR_STATUS)
     bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
-    report(str(10_000_000 * world.tick + 10**9))  # it begins in a second: not yet a drop-out
+    reports.publish(EstimatorStatus(10_000_000 * world.tick + 10**9))  # it begins in a second: not yet a drop-out
     bench.spin(0.2)
-    report("")
+    reports.publish(EstimatorStatus(None))
     bench.spin(0.3)
     assert world.modes == ["stand"]
-    report(now())
+    reports.publish(EstimatorStatus(10_000_000 * world.tick))
     bench.wait(lambda: world.modes[-1] == "damp")
     assert "no usable samples of the IMU" in world.call("mode/stand")[1]
-    assert node.counters["refused /diagnostics"] == 0
-    report("a while ago")
-    bench.wait(lambda: node.counters["refused /diagnostics"] == 1)
+    assert node.counters[f"refused {topics.ESTIMATOR_STATUS}"] == 0
+    reports.publish(EstimatorStatus(None), coasting_since="a while ago")
+    bench.wait(lambda: node.counters[f"refused {topics.ESTIMATOR_STATUS}"] == 1)
 
 
 @pytest.mark.parametrize("heard", [True, False])
@@ -271,7 +241,7 @@ def test_stamps_that_arrive_late_but_go_on_are_of_somebody_alive(
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True)
-    bench.wait(lambda: world.modes and node._reports.heard)
+    bench.wait(lambda: world.modes and node._reports.complete)
     bench.spin(0.2)
     world.tick += max(200, lag // 10_000_000)
     world.lag, world.silent = lag, silent
@@ -296,7 +266,7 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     bench.add(SupervisorNode, lockstep=True, look_ahead=False)
-    phase = bench.world.create_publisher(String, topics.GAIT_PHASE, LATCHED)
+    gait = StatusTopic(bench.world, topics.GAIT_STATUS, LATCHED)
     text = bench.world.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
     asked: list[tuple[float, float, float]] = []
 
@@ -304,12 +274,12 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
         asked.append((message.linear.x, message.linear.y, message.angular.z))
 
     bench.world.create_subscription(Twist, topics.GAIT_VELOCITY, hear, EVENT)
-    bench.wait(lambda: world.modes and phase.get_subscription_count() == 1 and text.get_subscription_count() == 1)
+    bench.wait(lambda: world.modes and gait.get_subscription_count() == 1 and text.get_subscription_count() == 1)
     bench.spin(0.2)
     accepted, reason = world.call("mode/walk")
     assert not accepted
     assert "no gait planner" in reason
-    phase.publish(String(data=topics.GAIT_SETTLED))
+    gait.publish(GaitStatus(ready=True, settled=True))
     bench.spin(0.1)
     text.publish(String(data="left"))
     bench.wait(lambda: len(asked) > 5)  # it is repeated
@@ -324,14 +294,13 @@ def test_it_walks_only_with_a_gait_planner_and_stands_once_that_says_so(
     asked.clear()
     bench.wait(lambda: asked)
     assert set(asked) == {(0.0, 0.0, 0.0)}
-    for word in ("stand", "single left", "finish"):
-        phase.publish(String(data=word))
-        bench.spin(0.1)
-        assert world.modes[-1] == "walk"
-    phase.publish(String(data=topics.GAIT_SETTLED))
+    gait.publish(GaitStatus(ready=True, settled=False))
+    bench.spin(0.1)
+    assert world.modes[-1] == "walk"
+    gait.publish(GaitStatus(ready=True, settled=True))
     bench.wait(lambda: world.modes[-1] == "stand")
     asked.clear()
-    phase.publish(String(data=topics.GAIT_ABSENT))
+    gait.publish(GaitStatus(ready=False, settled=True))
     bench.spin(0.1)
     assert "no gait planner" in world.call("mode/walk")[1]
     assert asked == []  # nothing to say to a gait that stands
@@ -348,8 +317,8 @@ class Sources:
         world.drivers(topics.ACTIVE)
         self.node = bench.add(SupervisorNode, lockstep=True, **parameters)
         node = bench.world
-        phase = node.create_publisher(String, topics.GAIT_PHASE, LATCHED)
-        phase.publish(String(data=topics.GAIT_SETTLED))
+        gait = StatusTopic(node, topics.GAIT_STATUS, LATCHED)
+        gait.publish(GaitStatus(ready=True, settled=True))
         node.create_subscription(String, topics.COMMANDER, lambda m: self.commanders.append(m.data), LATCHED)
         node.create_subscription(
             Twist, topics.GAIT_VELOCITY, lambda m: self.asked.append((m.linear.x, m.linear.y, m.angular.z)), COMMAND
@@ -361,7 +330,7 @@ class Sources:
         self.word, self.autonomy = (node.create_publisher(String, name, EVENT) for name in (word, autonomy))
         self.lock = node.create_publisher(Bool, f"{topics.LOCKS}/pause", EVENT)
         bench.wait(lambda: world.modes)
-        for publisher in (phase, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
+        for publisher in (gait, self.plain, self.teleop, self.stamped, self.word, self.autonomy, self.lock):
             bench.wait(lambda publisher=publisher: publisher.get_subscription_count() >= 1)
         bench.spin(0.2)
 
@@ -418,15 +387,15 @@ def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True, heartbeat_timeout=0.4)
-    reports = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    reports = StatusTopic(bench.world, topics.NODE_STATUS)
     bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
     bench.spin(0.3)
     assert node._law.holds == ()  # a planner that has never been heard of is not missed
-    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    reports.publish(NodeStatus("motion_planner"))
     bench.spin(0.2)
     assert node._law.holds == ()
     bench.wait(lambda: node._law.holds == ("node 'motion_planner' gives no sign of life",))
-    reports.publish(DiagnosticArray(status=[DiagnosticStatus(name="/motion_planner")]))
+    reports.publish(NodeStatus("motion_planner"))
     bench.wait(lambda: node._law.holds == ())
     second = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
     bench.wait(lambda: node._law.faults == ("'/joint_states' has a second publisher",))
@@ -453,10 +422,10 @@ def test_a_second_clock_is_told_and_its_times_are_not_believed(bench: Any, world
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True)
-    bench.wait(lambda: world.modes and node._reports.heard)
+    bench.wait(lambda: world.modes and node._reports.complete)
     second = bench.world.create_publisher(Clock, topics.CLOCK, SENSOR)
     bench.wait(lambda: second.get_subscription_count() == 1)
-    for sec, why in ((3600, "leaps ahead"), (0, "is before")):
+    for sec, why in ((3600, "jumps ahead"), (0, "is before")):
         time = Clock()
         time.clock.sec = sec
         bench.wait(lambda time=time, why=why: second.publish(time) or why in node.values.get("last refusal", ""))
@@ -495,7 +464,7 @@ def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: 
     sources = Sources(bench, world, g1)
     ahead, back = (0.3, 0.0, 0.0), (-0.2, 0.0, 0.0)
     scans = bench.world.create_publisher(LaserScan, topics.SCAN, SENSOR)
-    route = bench.world.create_publisher(String, topics.GAIT_ROUTE, EVENT)
+    route = StatusTopic(bench.world, topics.ROUTE_STATUS)
     halted: list[Empty] = []
     bench.world.create_subscription(Empty, topics.GAIT_STOP, halted.append, EVENT)
     bench.wait(lambda: scans.get_subscription_count() == 1 and route.get_subscription_count() == 1)
@@ -515,7 +484,7 @@ def test_an_obstacle_ends_the_way_ahead_and_a_walk_to_a_goal(bench: Any, world: 
     sources.until(back, (sources.plain, back))
     halted.clear()
     world.twist[0] = 0.3
-    route.publish(String(data=f"{topics.ROUTE_RUNNING}: 9 footsteps"))
+    route.publish(RouteStatus(RouteState.RUNNING, 9))
     bench.wait(lambda: halted)
     bench.world.destroy_timer(timer)
 

@@ -9,13 +9,14 @@ import subprocess
 import sys
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 
 from models.nodes import topics
-from models.nodes.qos import COMMAND, EVENT
-from tests.ros.conftest import Bench
+from models.nodes.qos import COMMAND, EVENT, LATCHED
+from models.status import SupervisorStatus
+from models.types import Mode
+from tests.ros.conftest import Bench, StatusTopic
 
 pytestmark = pytest.mark.ros
 
@@ -23,9 +24,8 @@ COMMAND_LINE = [sys.executable, "-c", "import sys; sys.argv[1:] = ['teleop']; fr
 
 
 def test_keys_in_a_terminal_steer_until_z_is_pressed(bench: Bench) -> None:
-    diagnostics = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-    status = DiagnosticArray(status=[DiagnosticStatus(name="/supervisor", hardware_id="g1")])
-    bench.world.create_timer(0.1, lambda: diagnostics.publish(status))
+    supervisor = StatusTopic(bench.world, topics.SUPERVISOR_STATUS, LATCHED)
+    supervisor.publish(SupervisorStatus("g1", Mode.STAND, 0, "", ()))
     word, velocity = topics.source_topics("teleop")
     words: list[str] = []
     twists: list[float] = []

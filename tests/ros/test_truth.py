@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
 from models.nodes import topics
 
@@ -24,12 +24,13 @@ from bridge.nodes.control import main
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from controllers.nodes.supervisor import SupervisorNode
+from controllers.stack import ControlStack
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
 rclpy.init(args=[])
-gait = GaitPlannerNode()
-apart = BalanceControllerNode(gait=gait)
-nodes = [gait, apart, StateEstimatorNode(apart.on_state), SupervisorNode(), MotionPlannerNode()]
+stack = ControlStack()
+gait, apart = GaitPlannerNode(stack), BalanceControllerNode(stack)
+nodes = [gait, apart, StateEstimatorNode(apart.on_state, stack), SupervisorNode(), MotionPlannerNode()]
 for node in nodes:
     node.trigger_configure()
     node.trigger_activate()
@@ -94,4 +95,4 @@ def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> Non
         assert not [topic for topic in asked if "truth" in topic]
         for module, pid in graph.pids.items():
             linked = "libmujoco" in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
-            assert linked == (module == "bridge.nodes.mujoco_bridge")
+            assert linked == (module == "bridge.nodes.robot_driver")

@@ -15,13 +15,12 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 
-from bridge.launch_world import Inhabitant, WorldGraph
+from bridge.launch.world import Inhabitant, WorldGraph
+from bridge.record.run_file import read_run
 from bridge.ros.environment import free_domain
-from bridge.run_file import read_run
 from models.nodes import topics
-from models.nodes.odometry import OdometryCodec
+from models.nodes.odometry import OdometryCodec, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, SENSOR
-from models.nodes.velocity import velocity_to_twist
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -18,8 +18,8 @@ import pytest
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
-from bridge import launch
-from bridge.launch import Graph
+from bridge.launch import graph as launch
+from bridge.launch.graph import Graph
 from bridge.ros import environment
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import ProcessSpec, ros_arguments
@@ -28,7 +28,7 @@ from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.real_time]
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def up(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A launcher in a process of its own, as soon as it says that the robot is up."""
     output = tmp_path / "output"
     code = (
-        "import sys; from pathlib import Path; from bridge.launch import up;"
+        "import sys; from pathlib import Path; from bridge.launch.graph import up;"
         f"sys.exit(up('g1', domain_id={free_domain()}, log=Path({str(tmp_path / 'log')!r})))"
     )
     with output.open("wb") as stream:
@@ -187,7 +187,7 @@ def _lockstep_run(log: Path, until: float) -> dict[int, np.ndarray]:
         stamp, pose, twist = codec.decode(data)
         rows[stamp] = np.concatenate([pose, twist])
 
-    parameters = {"mujoco_bridge": {"seed": 5}}
+    parameters = {"robot_driver": {"seed": 5}}
     with Graph(
         "g1", lockstep=True, domain_id=free_domain(), parameters=parameters, log=log, say=lambda text: None
     ) as graph:

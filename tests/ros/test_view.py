@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, WrenchStamped
 from nav_msgs.msg import Odometry, Path
 from rcl_interfaces.msg import SetParametersResult
@@ -26,12 +26,13 @@ from models.nodes.messages import JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
-from models.nodes.tick_timer import MEDIAN, TAIL
 from models.robot_model import SOLE_FRAMES, RobotModel
-from planners.gait.footstep_plan import Footstep
+from models.status import ControlStatus
+from models.types import SolveStatus
 from planners.gait.footsteps import LEFT, Foothold
+from planners.gait.route import Footstep
 from planners.nodes.footstep_messages import path_from_steps
-from tests.ros.conftest import STAMP, Bench
+from tests.ros.conftest import STAMP, Bench, StatusTopic
 from tests.support import standing
 
 viser = pytest.importorskip("viser")
@@ -65,7 +66,8 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
     steps = world.create_publisher(Path, topics.FOOTSTEPS, EVENT)
     diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
     status = DiagnosticStatus(name="/balance_controller", level=DiagnosticStatus.WARN, message="late")
-    status.values = [KeyValue(key=MEDIAN, value="98"), KeyValue(key=TAIL, value="150")]
+    control = StatusTopic(world, topics.CONTROL_STATUS)
+    ticks = ControlStatus(True, SolveStatus.OPTIMAL, 0, "", tick_median_us=98.0, tick_tail_us=150.0)
 
     def publish() -> None:
         joints.publish(JointStateCodec(g1).encode(STAMP, state.q[7:], state.v[6:], np.full(g1.nj, 2.0)))
@@ -75,10 +77,17 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
         mode.publish(String(data="walk"))
         steps.publish(path_from_steps(STAMP, [Footstep(LEFT, Foothold(0.3, 0.1, 0.2))]))
         diagnostics.publish(DiagnosticArray(status=[status]))
+        control.publish(ticks)
 
     def heard() -> bool:
         moment, words = listener.poll(), listener.words()
-        return moment is not None and bool(moment.footsteps) and moment.wrenches[1, 2] == 300.0 and bool(words.faults)
+        return (
+            moment is not None
+            and bool(moment.footsteps)
+            and moment.wrenches[1, 2] == 300.0
+            and bool(words.faults)
+            and words.tick_tail > 0.0
+        )
 
     until(client, bench, heard, publish)
     moment, words = listener.poll(), listener.words()
@@ -141,7 +150,7 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
     told: list[str] = []
     operator = Operator(client, told.append)
     operator.call("stand")
-    assert told == ["mode/stand: nobody offers it: is the robot up? (poise up)"]
+    assert told == ["mode/stand: the service is absent: is the robot up? (poise up)"]
 
     def refuse(request: Any, response: Any) -> Any:
         response.success, response.message = False, said[0]

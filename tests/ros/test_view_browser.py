@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
 
 pytest.importorskip("viser")

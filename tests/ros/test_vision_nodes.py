@@ -18,7 +18,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, String
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.nodes.camera_node import CameraNode
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import process_specs
@@ -29,11 +29,10 @@ from controllers.nodes.vision_node import VisionNode
 from models.camera import Pinhole, azimuth_elevation
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
-from models.nodes.camera import image_message, info_message, picture_of, pinhole_of
-from models.nodes.head import head_from_message, head_message
 from models.nodes.interfaces import interface
-from models.nodes.messages import JointStateCodec
+from models.nodes.messages import JointStateCodec, head_from_message, head_message
 from models.nodes.odometry import OdometryCodec
+from models.nodes.perception import image_message, info_message, picture_of, pinhole_of
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.profile import CAMERA_FRAME
 from models.robot_model import RobotModel

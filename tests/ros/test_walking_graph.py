@@ -16,12 +16,12 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Path as Footsteps
 from std_msgs.msg import Float64, String
 
-from bridge.launch import Graph
+from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
 from models.heading import heading
 from models.nodes import topics
+from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
-from models.nodes.velocity import velocity_to_twist
 from tests.ros.conftest import Eyes
 
 pytestmark = pytest.mark.ros
@@ -190,7 +190,7 @@ def test_words_set_the_velocity_a_wave_goes_with_it_and_stop_ends_in_stand(walki
         assert report["message"] != topics.GAIT_SETTLED
     before = heading(*walking.truth[-1][3:])
     walking.until(lambda: heading(*walking.truth[-1][3:]) - before > 0.15, "turning to the left")
-    assert walking.motion[0] == topics.MOTION_RUNNING  # it waves meanwhile
+    assert walking.motion[0] == "running"  # it waves meanwhile
     walking.refusal("supervisor", topics.HUMANOID_COMMANDS, lambda: walking.graph.send("squat"), "only: wave")
     assert walking.graph.mode == "walk"
     walking.graph.send("stop")
@@ -198,6 +198,6 @@ def test_words_set_the_velocity_a_wave_goes_with_it_and_stop_ends_in_stand(walki
     seen: list[Any] = []
     walking.until(lambda: walking.graph.mode == "stand", "standing", lambda: seen.extend(walking.phases[-1:]))
     assert "finish" in seen  # it took its last steps first
-    assert walking.motion[-1] == topics.MOTION_DONE
+    assert walking.motion[-1] == "done"
     walking.graph.spin(0.5)
     assert walking.truth[-1][2] > 0.6  # [m] and stands

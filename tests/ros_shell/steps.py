@@ -26,7 +26,7 @@ class Step:
     again: bool = False
 
 
-NODES = ("balance_controller", "gait_planner", "motion_planner", "mujoco_bridge", "state_estimator", "supervisor")
+NODES = ("balance_controller", "gait_planner", "motion_planner", "robot_driver", "state_estimator", "supervisor")
 
 GAIN = "/balance_controller balance.dcm_gain"
 
@@ -71,7 +71,7 @@ BEFORE = (
     Step("pkg prefix controllers", (r"(?m)^/",)),
     Step("pkg executables controllers", ("controllers balance_controller", "controllers supervisor")),
     Step("pkg executables planners", ("planners motion_planner",)),
-    Step("pkg executables bridge", ("bridge mujoco_bridge", "bridge poise")),
+    Step("pkg executables bridge", ("bridge robot_driver", "bridge poise")),
 )
 """Steps without a robot."""
 

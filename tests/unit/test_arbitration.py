@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.arbitration import NOBODY, STILL, Arbiter, Velocity
-from controllers.arbitration_config import ArbitrationConfig, LockConfig, SourceConfig
+from controllers.arbitration import NO_SOURCE, STILL, Arbiter, ArbitrationConfig, LockConfig, SourceConfig, Velocity
 from models.config import default_config, parse_config
 from models.errors import CommandError, ConfigError
 
@@ -23,7 +22,7 @@ def arbiter() -> Arbiter:
 
 
 def test_nobody_is_in_command_before_anybody_has_spoken(arbiter: Arbiter) -> None:
-    assert (arbiter.in_command(0.0), arbiter.velocity(0.0)) == (NOBODY, STILL)
+    assert (arbiter.in_command(0.0), arbiter.velocity(0.0)) == (NO_SOURCE, STILL)
 
 
 def test_the_higher_source_counts_until_it_falls_silent(arbiter: Arbiter) -> None:
@@ -33,11 +32,11 @@ def test_the_higher_source_counts_until_it_falls_silent(arbiter: Arbiter) -> Non
     arbiter.repeat("autonomy", AHEAD, 0.6)
     assert (arbiter.in_command(0.7), arbiter.velocity(0.7)) == ("teleop", LEFT)
     assert (arbiter.in_command(0.71), arbiter.velocity(0.71)) == ("autonomy", AHEAD)
-    assert (arbiter.in_command(1.11), arbiter.velocity(1.11)) == (NOBODY, STILL)
+    assert (arbiter.in_command(1.11), arbiter.velocity(1.11)) == (NO_SOURCE, STILL)
 
 
 def test_words_of_lower_sources_are_refused_and_name_who_is_in_command(arbiter: Arbiter) -> None:
-    arbiter.spoke("teleop", 1.0)
+    arbiter.executed("teleop", 1.0)
     with pytest.raises(CommandError, match="'autonomy' is not in command: 'teleop' is"):
         arbiter.require("autonomy", 1.5)
     arbiter.require("safety", 1.5)
@@ -59,16 +58,16 @@ def test_the_velocity_of_a_word_holds_until_an_equal_says_something_else(arbiter
     assert arbiter.velocity(102.0) == STILL  # silence does not bring the word back
     arbiter.hold("teleop", AHEAD)
     arbiter.forget()
-    assert arbiter.in_command(102.0) == NOBODY
+    assert arbiter.in_command(102.0) == NO_SOURCE
 
 
 def test_a_word_keeps_its_source_in_command_but_brings_no_old_velocity_back(arbiter: Arbiter) -> None:
     arbiter.repeat("teleop", AHEAD, 0.0)
     arbiter.hold("teleop", LEFT)
-    arbiter.spoke("teleop", 1.0)
+    arbiter.executed("teleop", 1.0)
     assert arbiter.velocity(50.0) == LEFT
     arbiter.forget()
-    arbiter.spoke("teleop", 60.0)
+    arbiter.executed("teleop", 60.0)
     assert (arbiter.in_command(60.5), arbiter.velocity(60.5)) == ("teleop", STILL)
 
 
@@ -80,7 +79,7 @@ def test_a_lock_silences_what_is_below_it(arbiter: Arbiter) -> None:
     for act in (lambda: arbiter.repeat("teleop", AHEAD, 0.3), lambda: arbiter.require("teleop", 0.3)):
         with pytest.raises(CommandError, match="'teleop' is locked out by 'pause'"):
             act()
-    assert (arbiter.in_command(0.51), arbiter.locks(0.51)) == (NOBODY, ("pause",))
+    assert (arbiter.in_command(0.51), arbiter.locks(0.51)) == (NO_SOURCE, ("pause",))
     arbiter.lock("pause", False, 0.6)
     arbiter.repeat("teleop", AHEAD, 0.6)
     assert arbiter.velocity(0.7) == AHEAD
@@ -105,7 +104,7 @@ def test_velocities_that_are_no_numbers_are_refused(arbiter: Arbiter, bad: Veloc
         arbiter.repeat("plain", bad, 0.0)
     with pytest.raises(CommandError, match="unknown source 'ghost'; known: safety, teleop, plain, autonomy"):
         arbiter.repeat("ghost", AHEAD, 0.0)
-    assert arbiter.in_command(0.0) == NOBODY
+    assert arbiter.in_command(0.0) == NO_SOURCE
 
 
 @pytest.mark.parametrize(
@@ -147,7 +146,7 @@ def test_nobody_above_the_source_in_command_is_fresh_and_open(events: list[tuple
             arbiter.repeat(source, AHEAD, t)
             until[source] = t + 0.5
         elif kind == "spoke" and not closed:
-            arbiter.spoke(source, t)
+            arbiter.executed(source, t)
             until[source] = max(until[source], t + 0.5)
         elif kind == "hold" and not closed:
             arbiter.hold(source, LEFT)
@@ -159,5 +158,5 @@ def test_nobody_above_the_source_in_command_is_fresh_and_open(events: list[tuple
             locked = kind == "lock"
             arbiter.lock("pause", locked, t)
         open_ones = [n for n in until if until[n] >= t and not (locked and config.sources[n].priority < 2)]
-        expected = max(open_ones, key=lambda n: config.sources[n].priority, default=NOBODY)
+        expected = max(open_ones, key=lambda n: config.sources[n].priority, default=NO_SOURCE)
         assert arbiter.in_command(t) == expected

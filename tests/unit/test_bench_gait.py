@@ -8,24 +8,32 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.commands import advance
-from benchmarks.gait import GaitBenchConfig, limits, plot, summarise
-from benchmarks.gait_timing import ADJUSTMENT, GAIT, PINOCCHIO, PLACO, SUBJECTS, TICK, TimedWalk
-from benchmarks.harness import Report
-from benchmarks.tick_timing import STATUSES
-from benchmarks.timed_run import QUANTILES
-from controllers.walker import Walker
-from controllers.walking import WalkingController
-from models.config import default_config
+from benchmarks.core.benchmark import catalogue, settings
+from benchmarks.core.harness import Report
+from benchmarks.core.loops import advance
+from benchmarks.core.timed_run import QUANTILES
+from benchmarks.speed.gait import (
+    ADJUSTMENT,
+    GAIT,
+    PINOCCHIO,
+    PLACO,
+    SUBJECTS,
+    TICK,
+    GaitBenchConfig,
+    TimedWalk,
+    summarise,
+)
+from benchmarks.speed.tick_timing import STATUSES
+from controllers.balance import BalanceController
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import RobotState, SolveStatus
-from planners.gait.gait import GaitPlanner
-from planners.gait.phase import GaitPhase
-from planners.gait.plan import StepPlan
+from models.types import Mode, RobotState, SolveStatus
+from planners.gait.adjustment import StepPlanner
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitPhase
 from tests.support import standing
 
-CONFIG = default_config(GaitBenchConfig, "benchmarks", "gait")
+CONFIG = settings(GaitBenchConfig, "gait")
 DT = 0.002
 
 
@@ -41,25 +49,32 @@ def state(model: RobotModel, planner: GaitPlanner, t: float) -> RobotState:
     return standing(model, t, shares=(0.5, 0.0) if planner.stance == 0 else (0.0, 0.5))
 
 
-def walker(model: RobotModel) -> Walker[GaitPlanner]:
-    made = Walker(GaitPlanner(model), WalkingController(model))
-    made.reset(state(model, made.planner, 0.0))
-    made.planner.set_velocity(0.3, 0.0, 0.0)
-    return made
+Walk = tuple[GaitPlanner, BalanceController]
 
 
-def torques(made: Walker[GaitPlanner], ticks: int, first: int = 0) -> np.ndarray:
-    model = made.planner.model
-    return np.array(
-        [made.step(state(model, made.planner, k * DT), DT).command.tau for k in range(first, first + ticks)]
-    )
+def walk(model: RobotModel) -> Walk:
+    planner = GaitPlanner(model)
+    controller = BalanceController(model, gait=planner)
+    controller.reset(state(model, planner, 0.0))
+    controller.enter(Mode.WALK)
+    planner.set_velocity(0.3, 0.0, 0.0)
+    return planner, controller
+
+
+def torques(made: Walk, ticks: int, first: int = 0) -> np.ndarray:
+    planner, controller = made
+    rows = []
+    for k in range(first, first + ticks):
+        now = state(planner.model, planner, k * DT)
+        rows.append(controller.step(now, DT).command.tau)
+    return np.array(rows)
 
 
 def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
-    ticks, plain_adjust = 360, StepPlan.adjust
-    expected = torques(walker(model), ticks)
-    made = walker(model)
-    timed = TimedWalk(made, ticks)
+    ticks, plain_adjust = 360, StepPlanner.adjust
+    expected = torques(walk(model), ticks)
+    made = walk(model)
+    timed = TimedWalk(*made, ticks)
     with timed.recording():
         found = [torques(made, ticks - 20)]
         timed.with_placo = True
@@ -67,7 +82,7 @@ def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
     found = np.concatenate(found)
     np.testing.assert_array_equal(found, expected)
     assert timed.count == ticks
-    assert made.planner.phase is GaitPhase.SINGLE  # so both kinds of support have been seen
+    assert made[0].phase is GaitPhase.SINGLE  # so both kinds of support have been seen
     assert 0 < timed.adjusted.sum() < timed.single.sum() < ticks
     wall = timed.watch.wall
     assert (wall[:, [GAIT, TICK, PINOCCHIO]] > 0).all()
@@ -76,13 +91,13 @@ def test_timing_changes_nothing_and_comes_off_again(model: RobotModel) -> None:
     assert 0.0 < timed.residual.max() < CONFIG.residual_max
     np.testing.assert_array_equal(wall[:, ADJUSTMENT] > 0, timed.adjusted)
     assert (wall[timed.adjusted, ADJUSTMENT] < wall[timed.adjusted, GAIT]).all()  # one is part of the other
-    assert StepPlan.adjust is plain_adjust
-    assert not {"step"} & (vars(made.planner).keys() | vars(made.controller).keys())
+    assert StepPlanner.adjust is plain_adjust
+    assert not {"step"} & (vars(made[0]).keys() | vars(made[1]).keys())
 
 
 def recorded(model: RobotModel) -> TimedWalk:
     """Eight ticks; the first is one of double support, the third and fifth adjust the step, the last two have placo."""
-    timed = TimedWalk(walker(model), 8)
+    timed = TimedWalk(*walk(model), 8)
     timed.count = 8
     timed.single[1:], timed.adjusted[[2, 4]], timed.beside[6:] = True, True, True
     timed.watch.wall[:] = [200_000, 60_000, 120_000, 0, 40_000]
@@ -133,7 +148,8 @@ def test_a_fall_is_no_figure() -> None:
 
 
 def test_every_limit_is_one_of_a_figure(model: RobotModel) -> None:
-    bounded = limits(CONFIG)
+    report = Report("gait", "g1", 1, {}, [], True, {})
+    bounded = {name: bound.most for name, bound in catalogue()["gait"].load().bounds(report).items()}
     assert len(bounded) == 10
     assert bounded.keys() - summarise(recorded(model)).keys() == {"allocated_blocks_growth", "resident_growth_kib"}
     assert bounded["ratio_to_placo"] == CONFIG.placo_ratio_max != CONFIG.pinocchio_ratio_max
@@ -146,5 +162,5 @@ def test_every_limit_is_one_of_a_figure(model: RobotModel) -> None:
 
 def test_the_plot_is_drawn(tmp_path: Path) -> None:
     case = {"quantiles": {name: np.linspace(10.0, 90.0, len(QUANTILES)).tolist() for name in SUBJECTS}}
-    (file,) = plot(Report("gait", "g1", 1, {}, [case], True, {}), tmp_path)
+    (file,) = catalogue()["gait"].load().plots(Report("gait", "g1", 1, {}, [case], True, {}), tmp_path)
     assert file.stat().st_size > 10_000

@@ -10,20 +10,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import loop as bench
-from benchmarks.commands import demand
-from benchmarks.harness import Options, Report
-from benchmarks.loop import LoopBenchConfig, limits, plot, summarise
-from benchmarks.loop_stages import SCENARIOS, stage_figure
-from benchmarks.loop_timing import PLANNER, STAGES, SUPERVISE, Pieces, Span, SplitLoop, one_core, time_pieces
-from benchmarks.timed_run import QUANTILES, judge
-from bridge.bare_physics import BarePhysics
+from benchmarks.core.benchmark import catalogue, settings
+from benchmarks.core.harness import Options, Report
+from benchmarks.core.loops import demand
+from benchmarks.core.timed_run import QUANTILES
+from benchmarks.speed import loop as bench
+from benchmarks.speed.loop import LoopBenchConfig, summarise
+from benchmarks.speed.loop_timing import (
+    PLANNER,
+    SCENARIOS,
+    STAGES,
+    SUPERVISE,
+    Pieces,
+    Span,
+    SplitLoop,
+    one_core,
+    stage_figure,
+    time_pieces,
+)
 from bridge.closed_loop import ClosedLoop
 from bridge.monitor import PlantMonitor
+from bridge.plants.bare_physics import BarePhysics
 from controllers.supervisor import Supervisor
-from models.config import default_config
 
-CONFIG = default_config(LoopBenchConfig, "benchmarks", "loop")
+CONFIG = settings(LoopBenchConfig, "loop")
+BENCH = catalogue()["loop"].load()
 TICKS = 40
 PLAIN_UPDATES = PlantMonitor.update, Supervisor.update
 
@@ -63,13 +74,13 @@ def test_splitting_changes_nothing_adds_up_and_comes_off_again(walking: ClosedLo
     assert not any({"step", "read", "write", "command"} & vars(owner).keys() for owner in owners)
 
 
-def test_who_stands_plans_nothing(loop: ClosedLoop) -> None:
+def test_a_standing_robot_plans_too(loop: ClosedLoop) -> None:
     loop.reset(0)
     split = SplitLoop(loop, 20)
     with split.recording():
         for _ in range(20):
             split.step()
-    assert not split.stages[:, PLANNER].any()
+    assert split.stages[:, PLANNER].all()
 
 
 def test_the_bare_physics_go_through_the_states_of_the_run(walking: ClosedLoop) -> None:
@@ -141,20 +152,22 @@ def test_work_of_other_threads_counts_as_the_loops() -> None:
 ])  # fmt: skip
 def test_slower_than_the_goal_fails(stand: int, walk: int, others: int, passed: bool) -> None:
     figures = summarise({"stand": pieces(stand, others=others), "walk": pieces(walk, others=others)})
-    bounded = limits(CONFIG)
-    assert CONFIG.real_time_min == 3.0 and bounded["core_share_walk"] == pytest.approx(1.0 / 3.0)
-    assert judge([{"seed": 0, "figures": figures}], bounded)[0] is passed
+    report = Report("loop", "g1", 1, figures, [{"seed": 0, "figures": figures}], True, {})
+    assert BENCH.bounds(report)["real_time_walk_cpu"].least == CONFIG.real_time_min == 3.0
+    assert BENCH.passed(report) is passed
 
 
 def test_a_report_of_a_short_run(loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def measured(robot: str, seed: int) -> dict[str, object]:
         loop.reset(seed)
         found = {name: time_pieces(loop, 2, 0.02) for name in SCENARIOS}
+        for pieces in found.values():
+            pieces.kept[:] = True  # on a busy machine every tick may be interrupted
         quantiles = {f"tick_{name}": np.percentile(found[name].ticks, QUANTILES).tolist() for name in SCENARIOS}
         return {"figures": summarise(found, 0.02), "quantiles": quantiles}
 
-    monkeypatch.setattr(bench, "measure", measured)
-    report: Report = bench.run(Options("g1"))
+    monkeypatch.setattr(bench.Loop, "measure", staticmethod(measured))
+    report: Report = BENCH.run(Options("g1"))
     figures = report.figures
     for name in SCENARIOS:
         whole = sum(figures[stage_figure(stage, name)] for stage in STAGES)
@@ -162,7 +175,7 @@ def test_a_report_of_a_short_run(loop: ClosedLoop, monkeypatch: pytest.MonkeyPat
         assert 0.0 < figures[f"physics_{name}_us_mean"] < whole
         assert figures[f"ratio_to_physics_{name}"] > 1.0 and figures[f"bare_physics_{name}_us"] > 0.0
         assert figures[f"real_time_{name}_cpu"] == pytest.approx(1.0 / figures[f"core_share_{name}"])
-    assert limits(CONFIG).keys() <= figures.keys()
+    assert BENCH.bounds(report).keys() <= figures.keys()
     assert "by the clock" in report.notes[-1]
-    (file,) = plot(report, tmp_path)
+    (file,) = BENCH.plots(report, tmp_path)
     assert file.stat().st_size > 10_000

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.calibration.chain_terms import ChainTerms
-from controllers.calibration.closed_chain import calibrate_closed_chain
+from controllers.calibration.closed_chain import ChainTerms, calibrate_closed_chain
 from controllers.calibration.config import CalibrationConfig
 from controllers.calibration.windows import Window
 from models.calibration import Calibration

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.calibration.outcome import Outcome
 from controllers.calibration.session import CalibrationSession
+from controllers.calibration.windows import Outcome
 from models.calibration import Calibration
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

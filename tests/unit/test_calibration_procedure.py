@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.calibration.procedure import CalibrationProcedure
+from controllers.calibration.session import CalibrationProcedure
 from models.calibration import Calibration
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
+from models.status import MotionState, MotionStatus
 from models.types import SensorData
 
 
@@ -43,7 +44,7 @@ class Run:
         self.procedure.on_situation("motion")
         self.procedure.on_request(f"calibrate_{what} 7")
         self.feed(1.0)
-        self.procedure.on_motion("running")
+        self.procedure.on_motion(MotionStatus(MotionState.RUNNING))
         self.feed(1.0)
 
 
@@ -72,7 +73,7 @@ def test_a_standing_robot_is_measured_in_its_motion_only(run: Run, what: str, do
     run.moves(what)
     begun = run.t - 1.0
     told: list[Callable[[], None]] = [
-        lambda: run.procedure.on_motion("done"),
+        lambda: run.procedure.on_motion(MotionStatus(MotionState.DONE)),
         lambda: run.procedure.on_situation("stand"),
     ]
     for tell in told if done_first else told[::-1]:
@@ -123,9 +124,10 @@ def test_a_motion_that_is_refused_stopped_or_overtaken_gives_up(run: Run) -> Non
         return problem
 
     run.asks("joints")
-    procedure.on_motion("refused", "squat 6: 'squat 6' came too late")  # somebody else's, asked for before
+    refused = MotionState.REFUSED
+    procedure.on_motion(MotionStatus(refused, "squat 6", "'squat 6' came too late"))  # of an earlier request
     assert not procedure.problem
-    procedure.on_motion("refused", "calibrate_joints 7: key pose 'low' is out of reach")
+    procedure.on_motion(MotionStatus(refused, "calibrate_joints 7", "key pose 'low' is out of reach"))
     assert "was refused: key pose 'low'" in again()
     run.asks("joints")
     procedure.on_request("wave 3")
@@ -173,4 +175,4 @@ def test_silence_and_motions_that_never_begin_or_end_give_up(run: Run) -> None:
     assert "collecting in motion 'calibrate_feet'" in wait(limits.motion + 1.0, samples=True)
     run.moves("feet")
     procedure.on_situation("stand")
-    assert "waiting for the end" in wait(limits.word + 0.5, samples=True)
+    assert "waiting for the end" in wait(limits.completion + 0.5, samples=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controllers.calibration.units import name_and_unit
+from controllers.calibration.windows import name_and_unit
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,16 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
 from typer.testing import CliRunner
 
 import benchmarks.cli
-from benchmarks.harness import LoadMeter, Options, Report, write_json
+from benchmarks.core.benchmark import Benchmark, Listed, catalogue
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, write_json
 from bridge.cli import app
 from models.errors import ConfigError
 from models.types import CommandReply
@@ -18,25 +18,43 @@ from models.types import CommandReply
 RUNNER = CliRunner()
 
 
-def _bench(passed: bool) -> SimpleNamespace:
-    def run(options: Options) -> Report:
+class _Bench(Benchmark):
+    """A benchmark without cases that records its name and options."""
+
+    asked: ClassVar[list[tuple[str, Options]]] = []
+    holds = True
+
+    def cases(self, options: Options) -> list[Case]:
+        return []
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        return {"dv_min": 0.25}
+
+    def run(self, options: Options) -> Report:
         if options.robot == "nobody":
             raise ConfigError("unknown robot 'nobody'")
-        figures = {"dv_min": 0.25}
-        return Report("push", options.robot, options.seeds, figures, [], passed=passed, load=LoadMeter().read())
+        self.asked.append((self.name, options))
+        return replace(self.report(options, [], self.figures([]), LoadMeter()), passed=self.holds)
 
-    def plot(report: Report, folder: Path) -> list[Path]:
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        self.asked.append((self.name, Options()))
         (folder / "push.png").write_bytes(b"picture")
         return [folder / "push.png"]
 
-    return SimpleNamespace(run=run, plot=plot)
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Options]]:
+    """What ``_Bench``, in place of every benchmark, is asked for."""
+    _Bench.asked.clear()
+    monkeypatch.setattr(Listed, "load", lambda listed: _Bench(listed.name))
+    return _Bench.asked
 
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_a_bench_ends_with_its_verdict(
-    passed: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    passed: bool, code: int, tmp_path: Path, asked: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(passed))
+    monkeypatch.setattr(_Bench, "holds", passed)
     options = ["--robot", "talos", "--seeds", "3", "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "p")]
     result = RUNNER.invoke(app, ["bench", "push", *options])
     assert result.exit_code == code, result.output
@@ -46,102 +64,79 @@ def test_a_bench_ends_with_its_verdict(
     assert (tmp_path / "p/push.png").is_file()
 
 
-@pytest.mark.parametrize(("mode", "module"), [("stand", "push"), ("step", "push_map"), ("walk", "push_map")])
-def test_the_push_test_has_modes(mode: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[str, str]] = []
-
-    def imported(name: str) -> SimpleNamespace:
-        def run(options: Options) -> Report:
-            asked.append((name, options.mode))
-            return _bench(True).run(options)
-
-        return SimpleNamespace(run=run, plot=None)
-
-    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
+@pytest.mark.parametrize(
+    ("mode", "name"),
+    [("stand", "push"), ("catch", "push_catch"), ("step", "push_step"), ("walk", "push_walk")],
+)
+def test_the_push_test_has_modes(mode: str, name: str, asked: list[tuple[str, Options]]) -> None:
     assert RUNNER.invoke(app, ["bench", "push", "--mode", mode]).exit_code == 0
-    assert asked == [(f"benchmarks.{module}", mode)]
+    assert [found for found, _ in asked] == [name]
     assert RUNNER.invoke(app, ["bench", "push", "--mode", "run"]).exit_code == 2
 
 
 USUAL_SEEDS = {"stand": 20, "walk": 20, "terrain": 20, "estimate": 20}
 """Of the commands that do not measure one seed."""
 
-COMMANDS = sorted({str(command.name) for command in benchmarks.cli.app.registered_commands} - {"draw", "all", "report"})
+COMMANDS = sorted({listed.command for listed in catalogue().values()})
+
+
+def test_there_is_a_command_for_every_benchmark() -> None:
+    assert {str(command.name) for command in benchmarks.cli.app.registered_commands} - {"draw", "all", "report"} == {
+        *COMMANDS
+    }
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_command_runs_its_own_module_with_its_usual_seeds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[str, int]] = []
-
-    def imported(module: str) -> SimpleNamespace:
-        bench = _bench(True)
-
-        def run(options: Options) -> Report:
-            asked.append((module, options.seeds))
-            return bench.run(options)
-
-        return SimpleNamespace(run=run, plot=bench.plot)
-
-    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
+def test_a_command_runs_its_own_benchmark_with_its_usual_seeds(name: str, asked: list[tuple[str, Options]]) -> None:
     assert RUNNER.invoke(app, ["bench", name]).exit_code == 0
-    assert asked == [(f"benchmarks.{name}", USUAL_SEEDS.get(name, 1))]
+    assert [(found, options.seeds) for found, options in asked] == [(name, USUAL_SEEDS.get(name, 1))]
 
 
-@pytest.mark.parametrize("name", [*COMMANDS, "push_step", "push_walk"])
-def test_the_report_of_every_command_is_drawn_by_its_module(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", list(catalogue()))
+def test_the_report_of_every_benchmark_is_drawn_by_it(
+    name: str, tmp_path: Path, asked: list[tuple[str, Options]]
 ) -> None:
-    asked: list[str] = []
-
-    def imported(module: str) -> SimpleNamespace:
-        asked.append(module)
-        return _bench(True)
-
-    monkeypatch.setattr(benchmarks.cli, "import_module", imported)
     write_json(Report(name, "g1", 1, {}, [], True, LoadMeter().read()), tmp_path / "a.json")
     result = RUNNER.invoke(app, ["bench", "draw", str(tmp_path / "a.json"), str(tmp_path / "p")])
     assert result.exit_code == 0, result.output
-    assert asked == [f"benchmarks.{'push_map' if name.startswith('push_') else name}"]
+    assert [found for found, _ in asked] == [name]
     assert (tmp_path / "p/push.png").is_file()
 
 
-@pytest.mark.parametrize("name", benchmarks.cli.MODULES.values())
-def test_every_module_measures_and_draws(name: str) -> None:
-    if name == "latency":
+@pytest.mark.parametrize("name", list(catalogue()))
+def test_every_module_defines_one_benchmark_that_measures_and_draws(name: str) -> None:
+    if name in ("latency", "graph_faults"):
         pytest.importorskip("rclpy")
-    module = import_module(f"benchmarks.{name}")
-    assert callable(module.run) and callable(module.plot)
+    bench = catalogue()[name].load()
+    assert callable(bench.run) and type(bench).plots is not Benchmark.plots
 
 
 @pytest.mark.parametrize("name", ["push", "walk", "terrain"])
-def test_another_controller_can_be_tested(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-
-    def run(options: Options) -> Report:
-        asked.append(options.contender)
-        return _bench(True).run(options)
-
-    monkeypatch.setattr(benchmarks.cli, "import_module", lambda module: SimpleNamespace(run=run))
+def test_another_controller_can_be_tested(name: str, asked: list[tuple[str, Options]]) -> None:
     assert RUNNER.invoke(app, ["bench", name, "--contender", "some.module:Class"]).exit_code == 0
-    assert asked == ["some.module:Class"]
+    assert [options.contender for _, options in asked] == ["some.module:Class"]
 
 
-def test_a_benchmark_that_takes_no_contender_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmarks.cli, "import_module", lambda module: _bench(True))
+def test_a_benchmark_that_takes_no_contender_says_so(asked: object) -> None:
     result = RUNNER.invoke(app, ["bench", "faults", "--contender", "a:B"])
-    assert result.exit_code == 2 and "takes no contender" in result.output and "push, terrain, walk" in result.output
+    assert result.exit_code == 2 and "takes no contender" in result.output and "push, walk, terrain" in result.output
+
+
+def test_a_benchmark_without_scenarios_refuses_one(asked: object) -> None:
+    result = RUNNER.invoke(app, ["bench", "tick", "--scenario", "x"])
+    assert result.exit_code == 2 and "no scenarios" in result.output
 
 
 def test_words_in_brackets_are_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.executors.find_spec", lambda name: None)
+    monkeypatch.setattr("benchmarks.core.executors.find_spec", lambda name: None)
     result = RUNNER.invoke(app, ["bench", "stand", "--scheduler", "tcp://127.0.0.1:1"])
     assert result.exit_code == 2 and "pip install 'poise[bench]'" in result.output
 
 
-@pytest.mark.parametrize("name", [name for name in benchmarks.cli.MODULES if not name.startswith("push_")])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_help_offers_a_contender_where_it_is_taken(name: str) -> None:
     shown = RUNNER.invoke(app, ["bench", name, "--help"], env={"COLUMNS": "120"}).output
-    assert ("--contender" in shown) is (name in benchmarks.cli.CONTESTED)
+    assert ("--contender" in shown) is (name in ("push", "terrain", "walk"))
 
 
 def test_a_contender_is_pushed_without_steps_only() -> None:
@@ -149,8 +144,7 @@ def test_a_contender_is_pushed_without_steps_only() -> None:
     assert result.exit_code == 2 and "in mode 'stand' only" in " ".join(result.output.split())
 
 
-def test_an_error_is_one_line_and_status_two(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmarks.cli, "import_module", lambda name: _bench(True))
+def test_an_error_is_one_line_and_status_two(asked: object) -> None:
     result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])
     assert result.exit_code == 2 and "unknown robot 'nobody'" in result.output
 
@@ -211,7 +205,7 @@ def test_a_calibration_prints_its_numbers(what: str, code: int, monkeypatch: pyt
 
 
 def test_a_hand_reaches_for_a_place_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    client, robot = pytest.importorskip("bridge.ros.client"), pytest.importorskip("bridge.ros.reach")
+    client, robot = pytest.importorskip("bridge.ros.client"), pytest.importorskip("bridge.ros.walk")
     asked: list[object] = []
 
     def reach(client: object, frame: str, place: object, **options: object) -> CommandReply:

@@ -128,7 +128,7 @@ def test_a_restarted_verifier_takes_no_replay(skew: float, down: float, verifier
 def test_a_verifier_that_has_just_started_says_when_to_try_again(signer: Signer, clock: Clock) -> None:
     verifier = Verifier(KEY, WINDOW, clock)
     clock.advance(0.5)
-    with pytest.raises(CommandError, match=r"just begun to listen, .*again in 1\.5 s"):
+    with pytest.raises(CommandError, match=r"just started, .*again in 1\.5 s"):
         verifier.verify(signer.sign("walk"))
     clock.advance(1.501)  # the stamp counts: of a sender whose clock is behind it takes longer
     assert verifier.verify(signer.sign("walk")).text == "walk"

@@ -1,29 +1,77 @@
-"""The cache of compiled kernels follows every kernel source."""
+"""The cache of compiled kernels follows the sources that a kernel is made from, and nothing else."""
 
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
-import numba
+import pytest
 
-from models.compiled import source_hash
+from models import compiled
+from models.compiled import KernelCacheLocator, source_hash
+from planners.gait import swing
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_change_of_any_kernel_changes_the_cache(tmp_path: Path) -> None:
-    for package in ("models", "controllers"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    before = source_hash(tmp_path)
-    assert before == source_hash(tmp_path)
-    kernel = tmp_path / "controllers" / "qp" / "kernels_terms.py"
-    kernel.write_text(kernel.read_text() + "\n# changed\n")
-    assert source_hash(tmp_path) != before
+@pytest.mark.parametrize(
+    ("changed", "matters"),
+    [("kernel.py", True), ("callee.py", True), ("constants.py", True), ("records.py", True), ("other.py", False)],
+)
+def test_the_cache_follows_a_kernel_and_what_it_calls(tmp_path: Path, changed: str, matters: bool) -> None:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "constants.py").write_text("GAIN = 2.0\n")
+    (folder / "callee.py").write_text("from models.compiled import njit\nfrom models.constants import GAIN\n")
+    (folder / "records.py").write_text("class Gains(NamedTuple):\n    kp: float\n")
+    (folder / "kernel.py").write_text(
+        "from models.compiled import njit\nfrom models.callee import double\nfrom models.records import Gains\n"
+    )
+    (folder / "other.py").write_text("from models.compiled import njit\n")
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy / "models")
+    (copy / "models" / changed).write_text((folder / changed).read_text() + "# changed\n")
+    same = source_hash(folder / "kernel.py", tmp_path) == source_hash(copy / "models" / "kernel.py", copy)
+    assert same is not matters
 
 
-def test_the_cache_in_use_is_that_of_these_sources() -> None:
-    assert Path(numba.config.CACHE_DIR).name == source_hash(ROOT)
+def test_kernels_are_kept_by_content() -> None:
+    function = swing._advance
+    path = KernelCacheLocator.from_function(function.py_func, swing.__file__)
+    assert path is not None
+    assert function.stats.cache_path == path.get_cache_path()
+    assert source_hash(Path(swing.__file__)) in path.get_cache_path()
+
+
+def angle_of(record: Any) -> Any:
+    return record[0]
+
+
+def test_types_that_no_longer_exist_are_a_miss(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Record(NamedTuple):
+        angle: float
+
+    monkeypatch.setattr(compiled, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(sys.modules[__name__], "Record", Record, raising=False)
+    Record.__qualname__ = "Record"
+
+    def make() -> Any:
+        return compiled.njit(cache=True)(angle_of)
+
+    monkeypatch.setattr(
+        KernelCacheLocator, "from_function", classmethod(lambda cls, function, file: cls(function, file))
+    )
+    assert make()(Record(0.5)) == 0.5
+    monkeypatch.delattr(sys.modules[__name__], "Record")
+    kernel = make()
+    assert kernel((0.5,)) == 0.5
+    assert not kernel.stats.cache_hits
+
+
+def test_functions_of_other_projects_are_left_to_numba() -> None:
+    assert KernelCacheLocator.from_function(shutil.which, shutil.__file__) is None
 
 
 def test_every_kernel_compiles_through_it() -> None:

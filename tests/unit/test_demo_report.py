@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bridge.demo_config import DemoConfig
+from bridge.demo.config import DemoConfig
+from bridge.demo.report import Check, judge, judge_speed, print_report, write_report
 from bridge.recording import Recording
-from bridge.report import Check, judge, judge_speed, print_report, write_report
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.guard import EstimatorHealth
+from controllers.estimation.samples import EstimatorHealth
 from models.errors import MessageError
 from models.robot_model import RobotModel
 from tests.known_motion import DT, LIFT_AT, PUSH_AT, between, motion, robot_of, run, sensors_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.estimation.config import EstimatorConfig
-from controllers.estimation.contact import ContactDetector
+from controllers.estimation.feet import ContactDetector
 from models.config import default_config, parse_config, read_yaml
 from models.errors import ConfigError
 from models.robot_model import RobotModel

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.kernels_predict import FOOT, SIZE, SOLE
-from controllers.estimation.kernels_update import correct
+from controllers.estimation.filter_kernels import FOOT, SIZE, SOLE, SolePoses, correct
 from models.constants import GRAVITY
 from models.profile import ImuSensor
 from tests.filter_states import CONFIG, DT, EXACT, FOOT_MINUS, FOOT_PLUS, positive_definite
@@ -20,7 +18,7 @@ from tests.filter_states import CONFIG, DT, EXACT, FOOT_MINUS, FOOT_PLUS, positi
 def test_covariance_stays_positive_definite_through_swings_and_long_runs() -> None:
     rng = np.random.default_rng(10)
     filter_ = InvariantFilter(CONFIG)
-    filter_.covariance[:] = 1e-4 * np.eye(SIZE)
+    filter_.state.covariance[:] = 1e-4 * np.eye(SIZE)
     noise, residual, error = 1e-7 * np.eye(6), np.zeros(6), np.zeros(SIZE)
     quiet = [CONFIG.foot.slip, CONFIG.foot.flat]
     swing = [CONFIG.foot.swing, CONFIG.foot.swing_rotation]
@@ -30,27 +28,27 @@ def test_covariance_stays_positive_definite_through_swings_and_long_runs() -> No
             rng.normal(size=3), 10.0 * rng.normal(size=3), DT, densities, 0.05 * rng.normal(size=(2, 2)), 1.0, EXACT
         )
         for foot in range(2):
-            assert correct(filter_.covariance, FOOT_PLUS, FOOT_MINUS[foot], residual, noise, 1e9, error) >= 0.0
-        filter_.vectors[:] = np.clip(filter_.vectors, -2.0, 2.0)
+            assert correct(filter_.state.covariance, FOOT_PLUS, FOOT_MINUS[foot], residual, noise, 1e9, error) >= 0.0
+        filter_.state.vectors[:] = np.clip(filter_.state.vectors, -2.0, 2.0)
         if k % 500 == 0:
-            np.testing.assert_array_equal(filter_.covariance, filter_.covariance.T)
-            assert np.linalg.eigvalsh(filter_.covariance)[0] > 0.0
-    np.testing.assert_allclose(filter_.rotation.T @ filter_.rotation, np.eye(3), atol=1e-14)
+            np.testing.assert_array_equal(filter_.state.covariance, filter_.state.covariance.T)
+            assert np.linalg.eigvalsh(filter_.state.covariance)[0] > 0.0
+    np.testing.assert_allclose(filter_.state.rotation.T @ filter_.state.rotation, np.eye(3), atol=1e-14)
 
 
 def test_level_floor_corrects_tilt_but_a_slope_is_left_alone() -> None:
     for tilt, corrected in ((0.01, True), (0.1, False)):
         filter_ = InvariantFilter(CONFIG)
-        filter_.covariance[:] = np.diag(np.r_[np.full(3, 1e-4), np.full(12, 1e-6), np.zeros(6), np.full(6, 1e-6)])
+        filter_.state.covariance[:] = np.diag(np.r_[np.full(3, 1e-4), np.full(12, 1e-6), np.zeros(6), np.full(6, 1e-6)])
         for block in (15, 18):  # soles turn with the base
-            filter_.covariance[block : block + 3] = filter_.covariance[:3]
-            filter_.covariance[:, block : block + 3] = filter_.covariance[:, :3]
-        filter_.covariance += 1e-9 * np.eye(SIZE)
+            filter_.state.covariance[block : block + 3] = filter_.state.covariance[:3]
+            filter_.state.covariance[:, block : block + 3] = filter_.state.covariance[:, :3]
+        filter_.state.covariance[...] += 1e-9 * np.eye(SIZE)
         turn = pin.exp3(np.array([0.0, tilt, 0.0]))
-        filter_.rotation[:] = turn
-        filter_.soles[:] = turn
+        filter_.state.rotation[:] = turn
+        filter_.state.soles[:] = turn
         assert filter_.measure_level() == 0
-        left = pin.log3(filter_.rotation)
+        left = pin.log3(filter_.state.rotation)
         if corrected:
             variance = 1e-4 / (1e-4 + CONFIG.initial.floor**2)
             np.testing.assert_allclose(left, [0.0, tilt * (1.0 - variance), 0.0], atol=0.02 * tilt)
@@ -82,11 +80,13 @@ def test_a_foot_wanders_less_the_longer_it_lies(
     filter_ = InvariantFilter(CONFIG)
     for densities in past:
         advance(filter_, densities)
-    filter_.vectors[2:] = 0.0  # no lever for the noise of the gyro
-    filter_.covariance[:] = 0.0
+    filter_.state.vectors[2:] = 0.0  # no lever for the noise of the gyro
+    filter_.state.covariance[:] = 0.0
     advance(filter_, now)
     expected = np.array([level, level, np.hypot(height, FOOT_NOISE.pivot * now[1])])
-    np.testing.assert_allclose(np.diag(filter_.covariance)[FOOT : FOOT + 6], np.tile(expected**2 * DT, 2), rtol=1e-9)
+    np.testing.assert_allclose(
+        np.diag(filter_.state.covariance)[FOOT : FOOT + 6], np.tile(expected**2 * DT, 2), rtol=1e-9
+    )
 
 
 def advance(filter_: InvariantFilter, densities: tuple[float, float], noise: np.ndarray = EXACT) -> None:
@@ -103,29 +103,31 @@ def test_error_of_the_encoders_wanders_while_the_robot_stands() -> None:
     soles = [np.ascontiguousarray(pin.exp3(rng.normal(size=3))) for _ in range(2)]
     steps = 5
     for filter_, given in ((with_, noise), (without, EXACT)):
-        filter_.soles[:] = soles
-        filter_.covariance[:] = 0.0
+        filter_.state.soles[:] = soles
+        filter_.state.covariance[:] = 0.0
         for _ in range(steps):
             advance(filter_, BEARS, given)
     expected = np.zeros((SIZE, SIZE))
     for foot in range(2):
         turn, rows = np.kron(np.eye(2), soles[foot]), FOOT_MINUS[foot]
         expected[np.ix_(rows, rows)] = 2.0 * steps * DT / config.persistence * turn @ noise[foot] @ turn.T
-    np.testing.assert_allclose(with_.covariance - without.covariance, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        with_.state.covariance - without.state.covariance, expected, atol=1e-9 * np.abs(expected).max()
+    )
 
 
 def test_levelling_does_not_trust_a_sole_more_than_its_encoders_zeros() -> None:
     """Soles that disagree about the floor: each keeps its share of the tilt that it has against the other."""
     filter_, sole = InvariantFilter(CONFIG), CONFIG.initial.sole
-    filter_.covariance[:] = 1e-12 * np.eye(SIZE)
+    filter_.state.covariance[:] = 1e-12 * np.eye(SIZE)
     rows = [SOLE, SOLE + 1, SOLE + 3, SOLE + 4]
-    filter_.covariance[rows, rows] = sole**2
+    filter_.state.covariance[rows, rows] = sole**2
     tilt = 0.5 * sole
     for foot, sign in ((0, 1.0), (1, -1.0)):
-        filter_.soles[foot] = pin.exp3(np.array([sign * tilt, 0.0, 0.0]))
+        filter_.state.soles[foot] = pin.exp3(np.array([sign * tilt, 0.0, 0.0]))
     assert filter_.measure_level() == 0
     for foot, sign in ((0, 1.0), (1, -1.0)):
-        np.testing.assert_allclose(pin.log3(filter_.soles[foot]), [sign * 0.5 * tilt, 0.0, 0.0], atol=1e-3 * tilt)
+        np.testing.assert_allclose(pin.log3(filter_.state.soles[foot]), [sign * 0.5 * tilt, 0.0, 0.0], atol=1e-3 * tilt)
 
 
 def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
@@ -146,8 +148,7 @@ def test_data_sheet_adds_to_the_inertial_noise_as_variances() -> None:
 
 def test_an_accelerometer_bias_does_not_leak_into_yaw() -> None:
     """A robot that stands: the bias becomes tilt and bias, and the yaw stays what it was to the last digits."""
-    soles = SimpleNamespace(
-        imu_rotation=np.eye(3),
+    soles = SolePoses(
         positions=np.array([[0.05, 0.1, -0.8], [0.05, -0.1, -0.8]]),
         rotations=np.tile(np.eye(3), (2, 1, 1)),
         covariances=np.tile(1e-7 * np.eye(6), (2, 1, 1)),
@@ -155,13 +156,13 @@ def test_an_accelerometer_bias_does_not_leak_into_yaw() -> None:
     quiet = np.tile([CONFIG.foot.slip, CONFIG.foot.flat], (2, 1))
     for bias in ([0.1, 0.0, 0.0], [0.0, -0.1, 0.0], [0.07, 0.07, 0.1]):
         filter_ = InvariantFilter(CONFIG)
-        filter_.initialise(soles, np.array([0.0, 0.0, GRAVITY]))
-        yaw = filter_.covariance[2, 2]
+        filter_.initialise(soles, np.eye(3), np.array([0.0, 0.0, GRAVITY]))
+        yaw = filter_.state.covariance[2, 2]
         for _ in range(2000):
             filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]) + bias, DT, quiet, np.zeros((2, 2)), 1.0, EXACT)
             assert filter_.measure_soles(soles) == 0
-            assert filter_.covariance[2, 2] >= yaw * (1.0 - 1e-9)
-            yaw = filter_.covariance[2, 2]
-        turn = pin.log3(filter_.rotation)
-        assert np.linalg.norm(turn[:2]) > 1e-5 or np.abs(filter_.biases[1]).max() > 1e-4  # it did go somewhere
+            assert filter_.state.covariance[2, 2] >= yaw * (1.0 - 1e-9)
+            yaw = filter_.state.covariance[2, 2]
+        turn = pin.log3(filter_.state.rotation)
+        assert np.linalg.norm(turn[:2]) > 1e-5 or np.abs(filter_.state.biases[1]).max() > 1e-4  # it did go somewhere
         assert abs(turn[2]) < 1e-6

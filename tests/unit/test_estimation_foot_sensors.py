@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bridge.sensor_errors import FootFault
+from bridge.plants.sensor_errors import FootFault
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.foot_sensors import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState
-from controllers.estimation.guard import BAD_IMU, SATURATED_FEET, SATURATED_IMU, SensorBuffer
-from controllers.estimation.slip import SlipMonitor
+from controllers.estimation.feet import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState, SlipMonitor
+from controllers.estimation.samples import BAD_IMU, SATURATED_FEET, SATURATED_IMU, SensorBuffer
 from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError
@@ -184,7 +183,7 @@ def test_a_saturated_rate_is_not_taken_and_widens_the_tilt(g1: RobotModel) -> No
         for k in range(1, 21):
             gyro = np.array([0.0, 0.0, rate * g1.profile.sensors.imu.gyro_range])
             state = estimator.step(replace(sample(g1, k * DT), gyro=gyro), DT)
-        spread.append(estimator.filter.covariance[2, 2])
+        spread.append(estimator.filter.state.covariance[2, 2])
         assert estimator.health.saturated_imu == (20 if rate == 1.0 else 0)
         assert estimator.health.coasting == pytest.approx(20 * DT if rate == 1.0 else 0.0)
         turned = 2.0 * np.arccos(min(abs(state.q[6]), 1.0))

@@ -6,18 +6,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.estimation.kernels_predict import (
+from controllers.estimation.filter_kernels import (
     FOOT,
     GYRO_BIAS,
     SIZE,
     SOLE,
+    FilterState,
+    SolePoses,
     add_process_noise,
     apply_transition,
+    correct,
+    foot_residual,
     retract,
 )
-from controllers.estimation.kernels_update import correct, foot_residual
 from models.constants import GRAVITY
-from tests.filter_states import DT, EXACT, FOOT_MINUS, FOOT_PLUS, State, positive_definite
+from tests.filter_states import DT, FOOT_MINUS, FOOT_PLUS, NOISELESS, State, positive_definite
 
 
 def test_transition_is_the_derivative_of_the_prediction() -> None:
@@ -67,16 +70,14 @@ def test_measurement_matrix_is_the_derivative_of_the_residual(foot: int) -> None
     position = true.rotation.T @ (true.vectors[2 + foot] - true.vectors[1])
     orientation = true.rotation.T @ true.soles[foot]
     noise, residual, world_noise = positive_definite(rng, 6), np.zeros(6), np.zeros((6, 6))
+    seen = SolePoses(np.tile(orientation, (2, 1, 1)), np.tile(position, (2, 1)), np.tile(noise, (2, 1, 1)))
     step, numeric = 1e-6, np.zeros((6, SIZE))
     for j in range(SIZE):
         for sign in (1.0, -1.0):
             error = np.zeros(SIZE)
             error[j] = sign * step
             state = true.perturbed(error)
-            foot_residual(
-                state.rotation, state.vectors, state.soles[foot], foot, position, orientation, noise, residual,
-                world_noise,
-            )  # fmt: skip
+            foot_residual(FilterState(*state), foot, seen, residual, world_noise)
             numeric[:, j] += sign * residual / (2.0 * step)
     expected = np.zeros((6, SIZE))
     expected[np.arange(6), FOOT_PLUS] = 1.0
@@ -92,7 +93,7 @@ def test_retraction_undoes_any_error() -> None:
         true = State.random(rng)
         error = scale * rng.normal(size=SIZE)
         state = true.perturbed(error)
-        retract(state.rotation, state.vectors, state.soles, state.biases, error)
+        retract(FilterState(*state), error)
         np.testing.assert_allclose(state.rotation, true.rotation, atol=1e-12)
         np.testing.assert_allclose(state.vectors, true.vectors, atol=1e-9)
         np.testing.assert_allclose(state.soles, true.soles, atol=1e-12)
@@ -105,15 +106,14 @@ def test_a_foot_turns_about_its_pivot() -> None:
     cops = 0.1 * rng.normal(size=(2, 2))
     tip = np.array([2e-3, 3e-3])
     covariance = np.zeros((SIZE, SIZE))
-    add_process_noise(
-        true.vectors, true.soles, covariance, cops, np.column_stack([np.zeros((2, 2)), tip**2]), np.zeros(4), EXACT
-    )
+    feet = np.column_stack([np.zeros((2, 2)), tip**2])
+    add_process_noise(true.vectors, true.soles, covariance, NOISELESS._replace(pivots=cops, feet=feet))
     expected = np.zeros((SIZE, SIZE))
     step = 1e-6
     for foot in range(2):
         for axis in range(3):
             turn = pin.exp3(step * np.eye(3)[axis])
-            moved = State(true.rotation, true.vectors.copy(), true.soles.copy(), true.biases)
+            moved = State(*true.copy())
             pressure = true.vectors[2 + foot] + true.soles[foot] @ np.append(cops[foot], 0.0)
             moved.vectors[2 + foot] = pressure + turn @ (true.vectors[2 + foot] - pressure)
             moved.soles[foot] = turn @ true.soles[foot]
@@ -126,9 +126,7 @@ def test_gyro_noise_enters_like_a_bias_over_one_step() -> None:
     rng = np.random.default_rng(5)
     true = State.random(rng)
     covariance = np.zeros((SIZE, SIZE))
-    add_process_noise(
-        true.vectors, true.soles, covariance, np.zeros((2, 2)), np.zeros((2, 3)), np.array([1.0, 0, 0, 0]), EXACT
-    )
+    add_process_noise(true.vectors, true.soles, covariance, NOISELESS._replace(imu=np.array([1.0, 0, 0, 0])))
     transition, small = np.eye(SIZE), 1e-7
     apply_transition(true.rotation, true.vectors, small, GRAVITY, transition)
     column = transition[:GYRO_BIAS, GYRO_BIAS : GYRO_BIAS + 3] / small
@@ -208,7 +206,7 @@ def observability(rng: np.random.Generator, *, moving: bool, steps: int = 40) ->
         apply_transition(state.rotation, state.vectors, dt, GRAVITY, product)
         if moving:
             rate = np.array([np.sin(0.7 * k), np.cos(0.4 * k), np.sin(0.3 * k + 1.0)]) * 2.0
-            state.rotation = state.rotation @ pin.exp3(dt * rate)
+            state.rotation[:] = state.rotation @ pin.exp3(dt * rate)
             state.vectors[1] += dt * state.vectors[0]
             state.vectors[0] += dt * rng.normal(size=3)
     return np.vstack(blocks)

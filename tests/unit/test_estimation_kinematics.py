@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.estimation.kernels_kinematics import base_state
-from controllers.estimation.kinematics import Chain, SoleKinematics
+from controllers.estimation.kinematics import SoleKinematics, base_state
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
+from models.tree import read_tree
 
 ENCODER, POSITION, ORIENTATION = 2e-3, 1e-4, 3e-4
 
@@ -37,8 +37,8 @@ def test_sole_poses_are_pinocchios(robot: RobotModel) -> None:
         q = random_joints(robot, rng)
         kinematics.update(q)
         for foot, pose in enumerate(relative_poses(robot, q)):
-            np.testing.assert_allclose(kinematics.rotations[foot], pose.rotation, atol=1e-12)
-            np.testing.assert_allclose(kinematics.positions[foot], pose.translation, atol=1e-12)
+            np.testing.assert_allclose(kinematics.soles.rotations[foot], pose.rotation, atol=1e-12)
+            np.testing.assert_allclose(kinematics.soles.positions[foot], pose.translation, atol=1e-12)
 
 
 def test_covariance_is_that_of_the_encoders(robot: RobotModel) -> None:
@@ -46,7 +46,7 @@ def test_covariance_is_that_of_the_encoders(robot: RobotModel) -> None:
     kinematics = kinematics_of(robot)
     q = random_joints(robot, np.random.default_rng(1))
     kinematics.update(q)
-    covariances = kinematics.covariances.copy()
+    covariances = kinematics.soles.covariances.copy()
     nominal = relative_poses(robot, q)
     step = 1e-6
     jacobians = np.zeros((2, 6, robot.nj))
@@ -79,23 +79,22 @@ def test_base_state_inverts_the_mounting(robot: RobotModel) -> None:
     kinematics.update(q[7:])
     q_out, v_out = np.empty(robot.nq), np.empty(robot.nv)
     base_state(
-        np.ascontiguousarray(pose.rotation), vectors, bias, np.stack([twist.angular + bias[0], np.zeros(3)]),
-        np.stack([q[7:], v[6:], np.zeros(robot.nj)]), kinematics.imu_rotation, kinematics.imu_position,
-        kinematics.imu_jacobian, kinematics.imu_columns, q_out, v_out,
+        np.ascontiguousarray(pose.rotation), vectors, bias, twist.angular + bias[0],
+        np.stack([q[7:], v[6:], np.zeros(robot.nj)]), kinematics.imu, q_out, v_out,
     )  # fmt: skip
     np.testing.assert_allclose(q_out, q, atol=1e-12)
     np.testing.assert_allclose(v_out, v, atol=1e-12)
 
 
 def test_talos_has_joints_between_base_and_inertial_unit(g1: RobotModel, talos: RobotModel) -> None:
-    assert kinematics_of(g1).imu_columns.size == 0
-    assert kinematics_of(talos).imu_columns.size == 2
+    assert kinematics_of(g1).imu.columns.size == 0
+    assert kinematics_of(talos).imu.columns.size == 2
 
 
 def test_prismatic_joint_is_refused_by_name() -> None:
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     slide = model.addJoint(base, pin.JointModelPZ(), pin.SE3.Identity(), "telescope")
-    frame = model.addFrame(pin.Frame("l_sole", slide, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    with pytest.raises(RobotModelError, match=r"telescope.*l_sole.*not revolute"):
-        Chain.to_frame(model, frame)
+    model.appendBodyToJoint(slide, pin.Inertia.Random(), pin.SE3.Identity())
+    with pytest.raises(RobotModelError, match=r"telescope.*not revolute"):
+        read_tree(model)

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from controllers.estimation.estimator import StateEstimator
-from controllers.estimation.kernels_predict import SIZE, retract
+from controllers.estimation.filter_kernels import SIZE, retract
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import SensorData
@@ -28,11 +28,11 @@ def estimator(robot: RobotModel) -> StateEstimator:
     zero = np.zeros(robot.nj)
     law.reset(SensorData(0.0, joints, zero, zero, np.zeros(3), force, np.zeros((2, 6))))
     law.step(SensorData(DT, joints, zero, zero, np.zeros(3), force, np.zeros((2, 6))), DT)
-    law.filter.rotation[:] = pin.exp3(rng.normal(size=3))
-    law.filter.vectors[:] = rng.normal(size=(4, 3))
-    law.filter.biases[:] = 0.1 * rng.normal(size=(2, 3))
+    law.filter.state.rotation[:] = pin.exp3(rng.normal(size=3))
+    law.filter.state.vectors[:] = rng.normal(size=(4, 3))
+    law.filter.state.biases[:] = 0.1 * rng.normal(size=(2, 3))
     root = rng.normal(size=(SIZE, SIZE))
-    law.filter.covariance[:] = 1e-8 * (root @ root.T)
+    law.filter.state.covariance[:] = 1e-8 * (root @ root.T)
     return law
 
 
@@ -45,9 +45,9 @@ def difference(law: StateEstimator, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def disturbed(law: StateEstimator, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Error of the output (12,) when the filter's error is ``error`` (27,); the filter is put back afterwards."""
-    inner = law.filter
+    inner = law.filter.state
     kept = [array.copy() for array in (inner.rotation, inner.vectors, inner.soles, inner.biases)]
-    retract(inner.rotation, inner.vectors, inner.soles, inner.biases, -error)
+    retract(inner, -error)
     result = difference(law, q, v)
     for array, copy in zip((inner.rotation, inner.vectors, inner.soles, inner.biases), kept, strict=True):
         array[:] = copy
@@ -86,9 +86,9 @@ def numeric_jacobians(law: StateEstimator, robot: RobotModel) -> tuple[np.ndarra
 
 def test_covariance_is_that_of_finite_differences(estimator: StateEstimator, robot: RobotModel) -> None:
     error, rate, joints, speeds = numeric_jacobians(estimator, robot)
-    between = estimator._kinematics.imu_columns
+    between = estimator._kinematics.imu.columns
     encoders, config = robot.profile.sensors.encoders, estimator.config
-    expected = error @ estimator.filter.covariance @ error.T
+    expected = error @ estimator.filter.state.covariance @ error.T
     expected += config.imu.gyro_noise**2 / DT * (rate @ rate.T)
     expected += encoders.velocity_noise**2 * (speeds[:, between] @ speeds[:, between].T)
     joints[6:] = 0.0  # times the speed: left out of the twist, see ``odometry_covariance``
@@ -105,7 +105,7 @@ def test_covariance_is_that_of_finite_differences(estimator: StateEstimator, rob
 def test_covariance_is_that_of_samples(estimator: StateEstimator) -> None:
     """Errors drawn from the filter's covariance scatter the output as its covariance says (rate and joints exact)."""
     state, rng = estimator._state(), np.random.default_rng(1)
-    root, count = np.linalg.cholesky(estimator.filter.covariance + 1e-16 * np.eye(SIZE)), 4000
+    root, count = np.linalg.cholesky(estimator.filter.state.covariance + 1e-16 * np.eye(SIZE)), 4000
     samples = np.array([disturbed(estimator, state.q, state.v, root @ rng.normal(size=SIZE)) for _ in range(count)])
     kept = estimator._variances.copy()
     estimator._variances[:] = 0.0
@@ -119,13 +119,13 @@ def test_covariance_is_that_of_samples(estimator: StateEstimator) -> None:
 def test_twist_does_not_know_what_cannot_be_observed(estimator: StateEstimator) -> None:
     """Yaw and position uncertain by any amount: the twist stays as certain as it was, and so do roll and pitch."""
     before_pose, before = estimator.odometry_covariance()
-    inner = estimator.filter
+    inner = estimator.filter.state
     kept = inner.covariance.copy()
     directions = np.zeros((SIZE, 4))
     directions[[2, 17, 20], 0] = 1.0
     for axis in range(3):
         directions[[6 + axis, 9 + axis, 12 + axis], 1 + axis] = 1.0
-    inner.covariance += directions @ directions.T
+    inner.covariance[...] += directions @ directions.T
     pose, twist = estimator.odometry_covariance()
     inner.covariance[:] = kept
     np.testing.assert_allclose(twist, before, atol=1e-15)
@@ -163,8 +163,8 @@ def test_a_sole_turns_about_its_middle_until_it_tips(robot: RobotModel) -> None:
 def test_result_is_the_callers(estimator: StateEstimator) -> None:
     pose, twist = estimator.odometry_covariance()
     copies = pose.copy(), twist.copy()
-    estimator.filter.covariance *= 4.0
+    estimator.filter.state.covariance[...] *= 4.0
     estimator.odometry_covariance()
-    estimator.filter.covariance *= 0.25
+    estimator.filter.state.covariance[...] *= 0.25
     np.testing.assert_array_equal(pose, copies[0])
     np.testing.assert_array_equal(twist, copies[1])

@@ -13,10 +13,10 @@ from unittest.mock import patch
 
 import pytest
 
-from benchmarks import executors, harness
-from benchmarks.executors import Executor, InProcess, ProcessPool, local_executor, make_executor
-from benchmarks.harness import Options, Sweep, run_cases
-from benchmarks.results import ResultsFile, read_lines
+from benchmarks.core import executors, harness, measured
+from benchmarks.core.executors import Executor, InProcess, ProcessPool, local_executor, make_executor
+from benchmarks.core.harness import Options, Sweep, run_cases
+from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import PoiseError, WorkersError
 from models.threads import THREAD_VARIABLES
 from tests.sweep_cases import deadly, refused, slow_square, square
@@ -108,7 +108,7 @@ def test_a_case_that_kills_every_worker_ends_the_sweep(make: Callable[[], Execut
 
 def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
     with (
-        patch.object(executors, "source_state", lambda: "elsewhere"),
+        patch.object(measured, "source_state", lambda: "elsewhere"),
         patch.object(harness, "source_state", lambda: "here"),
         ResultsFile(tmp_path / "cases.jsonl") as file,
         pytest.raises(WorkersError, match=r"a worker on \S+ runs revision elsewhere, not here"),
@@ -126,7 +126,7 @@ def test_without_dask_a_pool_measures_and_a_scheduler_is_refused(monkeypatch: py
 
 
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    dask_executor = pytest.importorskip("benchmarks.dask_executor")
+    dask_executor = pytest.importorskip("benchmarks.core.dask_executor")
     monkeypatch.setattr(dask_executor, "CONNECT_TIME", 0.5)
     with (
         make_executor(1, "tcp://127.0.0.1:9") as executor,

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import fall_signals, push, push_map
 from benchmarks.cli import app
-from benchmarks.fall_plot import draw_fall
-from benchmarks.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments, moments_since
-from benchmarks.harness import Case, Report, read_json, write_json
-from benchmarks.push_directions import direction_name
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Report, read_json, write_json
+from benchmarks.stability import fall_signals, push_map
+from benchmarks.stability.fall_plot import draw_fall
+from benchmarks.stability.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments, moments_since
+from benchmarks.stability.push_plot import direction_name
 from bridge.closed_loop import ClosedLoop
 from models.types import Mode
 
@@ -156,7 +157,7 @@ def test_a_map_of_pushes_that_were_all_taken_has_no_failure(tmp_path: Path) -> N
 
 def test_the_map_of_pushes_without_a_step_is_drawn(tmp_path: Path) -> None:
     report = Report("push", "g1", 1, {}, [case(k, {}) for k in range(8)], True, LOAD)
-    assert [file.name for file in push.plot(report, tmp_path)] == ["push-g1.png"]
+    assert [file.name for file in catalogue()["push"].load().plots(report, tmp_path)] == ["push-g1.png"]
 
 
 def test_the_first_failure_of_each_scenario_on_terrain_is_drawn(moments: Case, tmp_path: Path) -> None:

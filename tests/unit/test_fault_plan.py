@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.fault_plan import Fault, FaultPlan, fault_plan, scenario_names
-from bridge.fault_proxy import FaultProxy
+from bridge.plants.fault_plan import Fault, FaultPlan, fault_plan, scenario_names
+from bridge.plants.fault_proxy import FaultProxy
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 

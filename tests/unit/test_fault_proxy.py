@@ -8,13 +8,13 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from bridge.fault_plan import Fault, FaultPlan, Faults
-from bridge.fault_proxy import FaultProxy
-from bridge.mujoco_plant import MujocoPlant
-from bridge.sensors import TAIL, unpack
+from bridge.plants.fault_plan import Fault, FaultPlan, Faults
+from bridge.plants.fault_proxy import FaultProxy
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensors import TAIL, unpack
 from models.robot_model import RobotModel
 from models.scan import Scan
-from models.types import SensorData
+from models.types import JointCommand, SensorData
 
 KNEE = "left_knee_joint"
 NAN = math.nan
@@ -164,7 +164,7 @@ def test_an_encoder_that_is_stuck_or_shifted(g1: RobotModel) -> None:
 
 
 def heard(g1: RobotModel, made: FaultProxy, ticks: int) -> list[SensorData | None]:
-    return [made.heard(tick, unpack(0.001 * tick, ramp(g1, tick), g1.nj)) for tick in range(ticks)]
+    return [made.transmit(tick, unpack(0.001 * tick, ramp(g1, tick), g1.nj)) for tick in range(ticks)]
 
 
 def test_joint_states_are_lost_on_their_way_only(g1: RobotModel) -> None:
@@ -192,7 +192,7 @@ def test_stamps_are_repeated_old_or_ahead(g1: RobotModel) -> None:
         samples = [sample for sample in heard(g1, made, 3) if sample is not None]
         np.testing.assert_allclose([sample.t for sample in samples], expected, atol=1e-12)
         assert [sample.q[0] for sample in samples] == [10.0, 11.0, 12.0]
-        assert made.spoilt and not made.silent
+        assert made.corrupted and not made.missing
 
 
 def test_scans_are_lost_late_slower_or_wrong(g1: RobotModel) -> None:
@@ -203,9 +203,11 @@ def test_scans_are_lost_late_slower_or_wrong(g1: RobotModel) -> None:
     def seen(fault: Fault) -> list[float]:
         made, told = proxy(g1, fault), list[float]()
         for number in range(4):
-            scan = made.seen(100 * number, Scan(0.1 * number, -1.0, 0.1, np.full(rays, 1.0 + number), 0.05, 10.0))
+            scan = made.transmit_scan(
+                100 * number, Scan(0.1 * number, -1.0, 0.1, np.full(rays, 1.0 + number), 0.05, 10.0)
+            )
             told.append(0.0 if scan is None else float(scan.ranges[-1]))
-        assert not made.silent and not made.spoilt
+        assert not made.missing and not made.corrupted
         return told
 
     assert seen(Fault("scan", "off", end=0.15)) == [0.0, 0.0, 3.0, 4.0]
@@ -226,7 +228,7 @@ def sensed_values(g1: RobotModel, made: FaultProxy) -> np.ndarray:
 def test_asking_twice_in_a_tick_gives_the_same(g1: RobotModel) -> None:
     made = proxy(g1, Fault("joint_states", "garbage"))
     sample = unpack(0.0, ramp(g1, 0), g1.nj)
-    assert made.heard(0, sample) is made.heard(0, sample) is not sample
+    assert made.transmit(0, sample) is made.transmit(0, sample) is not sample
 
 
 def test_messages_that_do_not_come_are_named(g1: RobotModel) -> None:
@@ -234,7 +236,7 @@ def test_messages_that_do_not_come_are_named(g1: RobotModel) -> None:
     seen = []
     for tick in range(4):
         made.sense(tick, ramp(g1, tick), ramp(g1, tick - 1))
-        seen.append(set(made.silent))
+        seen.append(set(made.missing))
     feet = {"foot:left", "foot:right"}
     assert seen == [{"imu", *feet}, {"imu"}, feet, set()]
 
@@ -274,7 +276,7 @@ def test_begin_and_end_are_told_and_the_end_leaves_nothing(g1: RobotModel) -> No
     assert made.inject(fault) == f"injected: {fault}"
     sensed(g1, made, range(6))
     assert told == [f"injected: {fault}", f"fault begins: {fault}", f"fault ends: {fault}"]
-    assert not made.active and made.injected == () and made.silent == frozenset()
+    assert not made.active and made.injected == () and made.missing == frozenset()
     made.inject(fault)
     assert made.clear() == f"cleared: {fault}" and not made.active
     assert made.clear() == "cleared: no faults" and len(told) == 5
@@ -295,9 +297,9 @@ def test_without_faults_nothing_is_looked_at(g1: RobotModel, monkeypatch: pytest
         samples = plain.read(), other.read()
         assert np.array_equal(samples[0].gyro, samples[1].gyro) == (tick >= 3)
         np.testing.assert_array_equal(samples[0].q, samples[1].q)
-        assert plain.heard(samples[0]) is samples[0]
+        assert plain.transmit(samples[0]) is samples[0]
         for plant in (plain, other):
-            plant.write(np.zeros(g1.nj))
+            plant.write(JointCommand.torque(np.zeros(g1.nj)))
             plant.step()
 
 
@@ -310,6 +312,6 @@ def test_a_plan_begins_at_the_start_or_at_the_release(g1: RobotModel) -> None:
             assert np.isnan(plant.read().gyro).all() == (since == "start")
             plant.step()
             for _ in range(2):
-                plant.hold(False)
+                plant.release()
                 assert plant.faults.injected == (fault,)
             plant.reset()

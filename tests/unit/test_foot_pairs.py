@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.foot_pairs import FootPairs
+from controllers.samples import FootPairs
 from models.errors import MessageError
 
 MS = 1_000_000
@@ -43,7 +43,7 @@ def test_a_silent_foot_is_not_waited_for(other_spoke: bool) -> None:
 def test_stamps_that_are_refused_leave_no_trace() -> None:
     pairs = FootPairs(5 * MS, 50 * MS)
     pairs.add(LEFT, 10 * MS, _wrench(1.0))
-    for stamp, culprit in ((10, "is not after"), (9, "is not after"), (1000, "leaps ahead")):
+    for stamp, culprit in ((10, "repeats"), (9, "is before"), (1000, "jumps ahead")):
         with pytest.raises(MessageError, match=culprit):
             pairs.add(LEFT, stamp * MS, _wrench(9.0))
     assert pairs.wrenches[LEFT, 2] == 1.0

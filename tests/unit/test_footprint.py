@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from models.footprint import base_footprint
+from models.heading import base_footprint
 
 
 @pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.3, -0.2, 2.5), (-0.5, 0.4, -3.1)])

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from models.robot_model import RobotModel
-from planners.gait.command import STILL, VelocityCommand
+from planners.gait.commands import STILL, VelocityCommand
 from planners.gait.footsteps import Foothold
-from planners.gait.gait import GaitPlanner
-from planners.gait.view import GaitView, capture_margin, coming_steps
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitView, capture_margin, coming_steps
 from tests.support import standing
 
 AHEAD = (0.3, 0.0, 0.1)
@@ -20,7 +20,7 @@ AHEAD = (0.3, 0.0, 0.1)
 
 def test_a_repeated_command_falls_silent_once() -> None:
     command = VelocityCommand(timeout=0.5)
-    assert not command.lapsed(100.0)  # nobody has begun
+    assert not command.lapsed(100.0)  # no command yet
     command.repeat(AHEAD, 1.0)
     assert not command.lapsed(1.5)
     command.repeat(AHEAD, 1.4)
@@ -56,13 +56,13 @@ def planner(g1: RobotModel) -> GaitPlanner:
 def view(planner: GaitPlanner) -> GaitView:
     """The robot stands, its DCM in the middle of its feet."""
     view = planner.view
-    return replace(view, dcm=view.soles.middle())
+    return replace(view, dcm=view.soles.middle(view.footholds))
 
 
 def swinging(view: GaitView, elapsed: float = 0.1) -> GaitView:
     """On the right foot, the DCM where a walk on the spot has it in the middle of the step."""
-    stance = view.soles.point(1)
-    dcm = stance + 0.35 * (view.soles.point(0) - stance)
+    left, stance = (view.soles.point_of(foot, view.footholds[foot]) for foot in range(2))
+    dcm = stance + 0.35 * (left - stance)
     return replace(view, phase="single", swinging=True, stance=1, elapsed=elapsed, dcm=dcm)
 
 
@@ -73,7 +73,8 @@ def test_at_rest_no_steps_are_coming(planner: GaitPlanner, view: GaitView) -> No
 def test_coming_steps_alternate_and_begin_with_the_foot_in_the_air(planner: GaitPlanner, view: GaitView) -> None:
     config = planner.config
     walk = swinging(replace(view, velocity=(0.3, 0.0, 0.0)))
-    walk.soles.holds[0] = target = Foothold(0.2, 0.1, 0.0)
+    target = Foothold(0.2, 0.1, 0.0)
+    walk = replace(walk, footholds=(target, walk.footholds[1]))
     steps = coming_steps(walk, config)
     assert len(steps) == config.preview
     assert steps[0] == target
@@ -93,7 +94,7 @@ def test_the_last_steps_end_the_plan(planner: GaitPlanner, view: GaitView) -> No
 
 def test_a_robot_at_rest_has_margin_and_one_that_falls_has_not(planner: GaitPlanner, view: GaitView) -> None:
     config = planner.config
-    half = float(view.soles.half_sole(0).min())
+    half = float(view.soles.half[0].min())
     assert capture_margin(view, config) > half
     for direction in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
         margins = [
@@ -106,9 +107,9 @@ def test_a_robot_at_rest_has_margin_and_one_that_falls_has_not(planner: GaitPlan
 def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view: GaitView) -> None:
     """From the edge of the region, with the CoP at its best, the DCM reaches the far edge of the farthest foothold."""
     config, walk = planner.config, swinging(view)
-    walk = replace(walk, dcm=view.soles.middle() + np.array([0.37, 0.0]))
+    walk = replace(walk, dcm=view.soles.middle(view.footholds) + np.array([0.37, 0.0]))
     edge = walk.dcm[0] + capture_margin(walk, config)
-    stance, half = walk.soles.point(1)[0], float(walk.soles.half_sole(1)[0])
+    stance, half = walk.soles.point_of(1, walk.footholds[1])[0], float(walk.soles.half[1, 0])
     cop = stance + half
     landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.elapsed))
     assert landed == pytest.approx(stance + config.reach.forward + half, abs=1e-9)
@@ -116,7 +117,7 @@ def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view
 
 def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitPlanner, view: GaitView) -> None:
     config, walk = planner.config, swinging(view)
-    walk = replace(walk, dcm=walk.soles.point(1) + np.array([0.0, 0.02]))
+    walk = replace(walk, dcm=walk.soles.point_of(1, walk.footholds[1]) + np.array([0.0, 0.02]))
     least = config.timing.single_min
     hurried = replace(config, timing=replace(config.timing, single=least, single_max=least))
     assert capture_margin(walk, hurried) < 0.0 < capture_margin(walk, config)
@@ -124,7 +125,7 @@ def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitP
 
 def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) -> None:
     config, right = planner.config, swinging(view)
-    y = view.soles.middle()[1]
+    y = view.soles.middle(view.footholds)[1]
     for offset in (-0.05, 0.0, 0.05, 0.2):
         here = replace(right, dcm=right.dcm + np.array([0.0, offset]))
         mirrored = replace(here, stance=0, dcm=np.array([here.dcm[0], 2.0 * y - here.dcm[1]]))
@@ -132,11 +133,11 @@ def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) ->
 
 
 def test_unsolved_adjustments_are_counted(planner: GaitPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
-    from planners.gait import step_adjustment
+    from planners.gait import adjustment
 
     planner.set_velocity(0.2, 0.0, 0.0)
-    solve = step_adjustment.daqp.solve
-    monkeypatch.setattr(step_adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
+    solve = adjustment.daqp.solve
+    monkeypatch.setattr(adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
     while planner.view.phase != "single":
         planner.step(standing(planner.model), 0.01)
     assert planner.view.unsolved == 1

@@ -30,8 +30,8 @@ def test_the_recursion_leads_from_step_to_step() -> None:
     xi = POINTS[1] + touchdown_offset(POINTS, final=final)
     for i in range(1, len(POINTS) - 1):
         xi = integrate(xi, POINTS[i - 1], POINTS[i])
-        wanted = POINTS[i + 1] + touchdown_offset(POINTS[i:], final=final)
-        assert xi == pytest.approx(wanted, abs=1e-4)
+        expected = POINTS[i + 1] + touchdown_offset(POINTS[i:], final=final)
+        assert xi == pytest.approx(expected, abs=1e-4)
     assert xi == pytest.approx(final, abs=1e-4)
 
 

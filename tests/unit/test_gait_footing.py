@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -12,34 +11,54 @@ import pytest
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
-from planners.gait.config import GaitConfig
+from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.contact import GaitMeasurement, Measurement
 from planners.gait.footing import Footing
-from planners.gait.gait import GaitPlanner
-from planners.gait.measurement import GaitMeasurement
-from planners.gait.phase import GaitPhase
-from planners.gait.scaling import load_gait_config
+from planners.gait.footsteps import Foothold
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing
 
 CONFIG = default_config(GaitConfig, "planners", "gait").footing
 TURN = 2.0 * CONFIG.turning  # [rad/s]
 COP = 0.01  # of the soles of a robot that turns over, to the left [m]
-WHILE = round(1.2 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough to be believed
+WHILE = round(1.2 * CONFIG.turned / TURN / DT)  # ticks in which it turns far enough
 
 
-def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> SimpleNamespace:
+class Watched:
+    """The footing of a G1, tick by tick."""
+
+    def __init__(self) -> None:
+        self._law = Footing(RobotModel.load("g1"), CONFIG)
+        self.reset()
+
+    def reset(self) -> None:
+        self.state = self._law.whole()
+
+    @property
+    def areas(self) -> np.ndarray:
+        return self.state.areas
+
+    def update(self, seen: Measurement, swinging: int | None = None, *, urgent: bool = False) -> None:
+        self.state = self._law.update(self.state, seen, swinging, DT, urgent=urgent)
+
+
+def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> Measurement:
     """The left sole turns about its x and y [rad/s], its CoP at an edge [m]; the right one lies still."""
-    return SimpleNamespace(loads=[load, 0.4], cops=np.array([cop, (0.0, 0.0)]), turning=np.array([turning, (0.0, 0.0)]))
+    flat, sole = np.zeros(3), Foothold(0.0, 0.0, 0.0)
+    turnings, cops = np.array([turning, (0.0, 0.0)]), np.array([cop, (0.0, 0.0)])
+    return Measurement(flat, flat, (sole, sole), np.zeros((2, 2)), turnings, cops, (load, 0.4), (True, True))
 
 
 @pytest.fixture
-def footing() -> Footing:
-    return Footing(RobotModel.load("g1"), CONFIG)
+def footing() -> Watched:
+    return Watched()
 
 
-def turn(footing: Footing, seen: SimpleNamespace, ticks: int = WHILE) -> np.ndarray:
+def turn(footing: Watched, seen: Measurement, ticks: int = WHILE) -> np.ndarray:
     for _ in range(ticks):
-        footing.update(seen, None, DT)
+        footing.update(seen)
     return footing.areas[0].copy()
 
 
@@ -48,7 +67,7 @@ def turn(footing: Footing, seen: SimpleNamespace, ticks: int = WHILE) -> np.ndar
     [((TURN, 0.0), 2), ((-TURN, 0.0), 3), ((0.0, -TURN), 0), ((0.0, TURN), 1)],
     ids=["right side down", "left side down", "heel down", "toe down"],
 )
-def test_the_side_that_goes_down_is_taken_off(footing: Footing, turning: tuple[float, float], side: int) -> None:
+def test_the_side_that_goes_down_is_taken_off(footing: Watched, turning: tuple[float, float], side: int) -> None:
     whole = footing.areas.copy()
     edge = (0.03, 0.004)
     area = turn(footing, measured(turning, edge))
@@ -58,7 +77,7 @@ def test_the_side_that_goes_down_is_taken_off(footing: Footing, turning: tuple[f
     np.testing.assert_array_equal(footing.areas[1], whole[1])
 
 
-def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Footing) -> None:
+def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Watched) -> None:
     whole = footing.areas.copy()
     turn(footing, measured((TURN, 0.0), (0.0, 0.01)), WHILE // 3)  # a small angle: it has lain down
     turn(footing, measured((0.5 * CONFIG.turning, 0.0), (0.0, 0.01)))
@@ -67,12 +86,12 @@ def test_a_sole_that_lies_down_or_hardly_bears_is_whole(footing: Footing) -> Non
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_strip_is_left(footing: Footing) -> None:
+def test_a_strip_is_left(footing: Watched) -> None:
     area = turn(footing, measured((TURN, 0.0), (0.0, 0.024)))
     assert area[3] - area[2] == pytest.approx(CONFIG.strip, abs=0.5 * CONFIG.grain + 1e-9)
 
 
-def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: Footing) -> None:
+def test_a_sole_that_lies_still_grows_again_little_by_little(footing: Watched) -> None:
     whole = footing.areas.copy()
     cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
     still = measured((0.0, 0.0), (0.0, 0.01))
@@ -82,7 +101,7 @@ def test_a_sole_that_lies_still_is_believed_in_again_little_by_little(footing: F
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Footing) -> None:
+def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> None:
     """It turned over the edge onto a slope or a lower tile."""
     whole = footing.areas.copy()
     turn(footing, measured((TURN, 0.0), (0.0, 0.01)), round(2.0 * CONFIG.fallen / TURN / DT))
@@ -94,7 +113,7 @@ def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Footing) -> 
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_sole_that_tipped_over_its_rim_and_falls_back_is_whole(footing: Footing) -> None:
+def test_a_sole_that_tipped_over_its_rim_and_falls_back_is_whole(footing: Watched) -> None:
     whole = footing.areas.copy()
     rim = (0.0, whole[0, 3])
     tipped = turn(footing, measured((-TURN, 0.0), rim), 3 * WHILE)
@@ -102,20 +121,20 @@ def test_a_sole_that_tipped_over_its_rim_and_falls_back_is_whole(footing: Footin
     np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), rim), 3 * WHILE), whole[0])
 
 
-def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Footing) -> None:
+def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
     """Its CoP wanders meanwhile: there is no edge."""
     whole = footing.areas.copy()
     for tick in range(2 * WHILE):
         wanders = -0.02 + 0.04 * tick / (2 * WHILE)
-        footing.update(measured((TURN, 0.0), (0.0, wanders)), None, DT)
+        footing.update(measured((TURN, 0.0), (0.0, wanders)))
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Footing) -> None:
+def test_a_foot_that_has_been_lifted_lands_on_its_whole_sole(footing: Watched) -> None:
     whole = footing.areas.copy()
     seen = measured((TURN, 0.0), (0.0, 0.01))
     assert (turn(footing, seen) != whole[0]).any()
-    footing.update(seen, 0, DT)
+    footing.update(seen, 0)
     np.testing.assert_array_equal(footing.areas, whole)
 
 
@@ -127,8 +146,7 @@ def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
     state = standing(model, v=v, shares=(1.0, 0.0))
     load = state.contacts[0].wrench[2]
     state.contacts[0].wrench[3:5] = 0.02 * load, -0.05 * load
-    seen = GaitMeasurement(model)
-    seen.update(state)
+    seen = GaitMeasurement(model).measure(state)
     data = model.data()
     pin.framesForwardKinematics(model.pin, data, state.q)
     sole = data.oMf[model.feet[0].frame_id].rotation
@@ -138,24 +156,24 @@ def test_turning_and_centre_of_pressure_are_those_of_the_sole() -> None:
     np.testing.assert_allclose(seen.cops[1], 0.0)
 
 
-def test_while_a_push_is_caught_soles_are_whole(footing: Footing) -> None:
+def test_while_a_push_is_caught_soles_are_whole(footing: Watched) -> None:
     whole = footing.areas.copy()
     seen = measured((TURN, 0.0), (0.0, 0.01))
     for _ in range(WHILE):
-        footing.update(seen, None, DT, hurried=True)
+        footing.update(seen, urgent=True)
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_sole_that_falls_back_to_its_edge_loses_no_other_side(footing: Footing) -> None:
+def test_a_sole_that_falls_back_to_its_edge_loses_no_other_side(footing: Watched) -> None:
     cut = turn(footing, measured((TURN, 0.0), (0.0, 0.01)))
     back = turn(footing, measured((-TURN, 0.0), (0.0, 0.01)), 3 * WHILE)
     np.testing.assert_array_equal(back, cut)
 
 
-def hurrying(model: RobotModel, from_error: float) -> GaitConfig:
+def urgent_from(model: RobotModel, error: float) -> GaitConfig:
     """The gait, whose steps are urgent from this error of the DCM [m]."""
     config = load_gait_config(model)
-    return replace(config, adjustment=replace(config.adjustment, urgent=from_error))
+    return replace(config, adjustment=replace(config.adjustment, urgent=error))
 
 
 def turning_over(planner: GaitPlanner, sideways: float = 0.0) -> RobotState:
@@ -171,10 +189,10 @@ def turning_over(planner: GaitPlanner, sideways: float = 0.0) -> RobotState:
     return state
 
 
-def test_a_gait_counts_on_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> None:
+def test_a_gait_uses_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> None:
     """Both soles turn while the weight shifts; then the right one lifts, and the left one goes on turning."""
     whole = np.array([foot.rectangle for foot in g1.feet])
-    planner = GaitPlanner(g1, hurrying(g1, from_error=1.0))
+    planner = GaitPlanner(g1, urgent_from(g1, error=1.0))
     planner.reset(standing(g1))
     planner.set_velocity(0.0, -0.1, 0.0)
     while planner.phase is not GaitPhase.SINGLE:
@@ -191,8 +209,8 @@ def test_a_gait_counts_on_what_bears_and_swings_a_whole_sole(g1: RobotModel) -> 
 
 
 @pytest.mark.parametrize("urgent", [True, False])
-def test_an_urgent_step_counts_on_the_whole_sole_that_turns(g1: RobotModel, urgent: bool) -> None:
-    planner = in_single_support(g1, hurrying(g1, from_error=0.01 if urgent else 1.0), stance=0)
+def test_an_urgent_step_uses_the_whole_sole_that_turns(g1: RobotModel, urgent: bool) -> None:
+    planner = in_single_support(g1, urgent_from(g1, error=0.01 if urgent else 1.0), stance=0)
     for _ in range(40):
         reference = planner.step(turning_over(planner, sideways=-1.0), DT)
     assert planner.phase is GaitPhase.SINGLE and reference.sole_areas is not None

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
+from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.footstep_plan import Footstep, check_footsteps, plan_to_pose, soles_at
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, middle
-from planners.gait.kernels_steps import wrap
-from planners.gait.route import Route
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, limits_of, middle, wrap
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep, check_footsteps, plan_to_pose, route_of, soles_at
+from tests.support import standing
 
 GAIT = default_config(GaitConfig, "planners", "gait")
 REACH = GAIT.reach
@@ -116,29 +117,26 @@ def test_lists_that_cannot_be_taken_are_refused(steps: list[tuple[int, float, fl
         check_footsteps([Footstep(foot, Foothold(x, y, yaw)) for foot, x, y, yaw in steps], ORIGIN, GAIT)
 
 
-def test_what_one_step_misses_the_next_ones_make_up_for() -> None:
-    route = Route(GAIT)
-    steps = [Footstep(LEFT, Foothold(0.2, HALF, 0.0)), Footstep(RIGHT, Foothold(0.4, -HALF, 0.0))]
-    route.take(steps, ORIGIN)
-    landed = Foothold(-0.1, HALF + 0.02, 0.0)
-    route.landed([landed, ORIGIN[1]])
+def test_the_next_steps_correct_what_one_step_misses() -> None:
+    route = route_of([Footstep(LEFT, Foothold(0.2, HALF, 0.0)), Footstep(RIGHT, Foothold(0.4, -HALF, 0.0))])
+    landed, limits = Foothold(-0.1, HALF + 0.02, 0.0), limits_of(REACH)
+    route = route.landed([landed, ORIGIN[1]], GAIT)
     assert route.left == 1
-    again = route.ahead(landed, 4)
+    again = route.ahead(landed, 4, limits)
     assert [(hold.x, hold.y) for hold in again] == [pytest.approx((0.4, -HALF))]
-    far = route.ahead(Foothold(-0.3, HALF, 0.0), 4)[0]
+    far = route.ahead(Foothold(-0.3, HALF, 0.0), 4, limits)[0]
     assert far.x == pytest.approx(-0.3 + REACH.forward)  # out of reach: as far as it goes
 
 
 def test_a_route_to_a_goal_is_planned_anew_after_a_miss_and_ends_there() -> None:
-    route, goal = Route(GAIT), Foothold(1.0, 0.0, 0.0)
-    route.towards(goal, ORIGIN, None)
-    soles = list(ORIGIN)
+    goal, soles = Foothold(1.0, 0.0, 0.0), list(ORIGIN)
+    route = route_of(plan_to_pose(goal, soles, GAIT), goal)
     planned = route.left
     for taken in range(50):
         foot = route.foot
-        hold = route.ahead(soles[1 - foot], 1)[0]
+        hold = route.ahead(soles[1 - foot], 1, limits_of(REACH))[0]
         soles[foot] = Foothold(hold.x - 0.2 * (taken == 2), hold.y + 0.05 * (taken == 2), hold.yaw)
-        route.landed(soles)
+        route = route.landed(soles, GAIT)
         if not route.left:
             break
     assert route.outcome == "done"
@@ -147,12 +145,13 @@ def test_a_route_to_a_goal_is_planned_anew_after_a_miss_and_ends_there() -> None
     assert (end.x, end.y, end.yaw) == pytest.approx((1.0, 0.0, 0.0), abs=GAIT.route.position_tolerance)
 
 
-def test_a_refused_list_leaves_the_route_as_it_was() -> None:
-    route = Route(GAIT)
-    route.towards(Foothold(1.0, 0.0, 0.0), ORIGIN, None)
-    left = route.left
+def test_a_refused_list_leaves_the_route_as_it_was(g1: RobotModel) -> None:
+    planner = GaitPlanner(g1)
+    planner.reset(standing(g1))
+    planner.walk_to(Foothold(1.0, 0.0, 0.0))
+    left = planner.route.left
     with pytest.raises(UnreachableError):
-        route.take([Footstep(LEFT, Foothold(2.0, HALF, 0.0))], ORIGIN)
-    assert route.left == left
-    route.end("stopped")
-    assert (route.left, route.outcome) == (0, "stopped")
+        planner.take_steps([Footstep(LEFT, Foothold(2.0, HALF, 0.0))])
+    assert planner.route.left == left > 0
+    planner.stop()
+    assert (planner.route.left, planner.route.outcome) == (0, "stopped")

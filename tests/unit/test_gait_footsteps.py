@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.config import default_config
+from planners.gait.commands import approached, limited
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, clamped, next_foothold, preview_footholds
-from planners.gait.kernels_steps import wrap
-from planners.gait.velocity import VelocityLimiter
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, clamped, limits_of, next_foothold, preview_footholds, wrap
 
 GAIT = default_config(GaitConfig, "planners", "gait")
 REACH = GAIT.reach
@@ -79,17 +78,16 @@ def test_stopping_ends_with_the_feet_side_by_side() -> None:
 def test_clamped_keeps_what_is_inside() -> None:
     stance = Foothold(0.3, -0.2, 0.5)
     x, y = stance.moved(0.1, REACH.width)
-    step = clamped(stance, LEFT, x, y, 0.55, REACH)
+    step = clamped(stance, LEFT, x, y, 0.55, limits_of(REACH))
     assert (step.x, step.y, step.yaw) == pytest.approx((x, y, 0.55))
 
 
 def test_the_velocity_changes_no_faster_than_allowed() -> None:
-    limiter = VelocityLimiter(GAIT.velocity)
-    limiter.set(100.0, -100.0, 100.0)
-    limiter.step(0.1)
-    assert limiter.velocity[0] == pytest.approx(0.1 * GAIT.velocity.acceleration)
-    assert limiter.velocity[2] == pytest.approx(0.1 * GAIT.velocity.turn_acceleration)
-    for _ in range(100):
-        limiter.step(0.1)
     limits = GAIT.velocity
-    assert limiter.velocity == pytest.approx((limits.forward, -limits.lateral, limits.turn))
+    target = limited((100.0, -100.0, 100.0), limits)
+    velocity = approached((0.0, 0.0, 0.0), target, limits, 0.1)
+    assert velocity[0] == pytest.approx(0.1 * limits.acceleration)
+    assert velocity[2] == pytest.approx(0.1 * limits.turn_acceleration)
+    for _ in range(100):
+        velocity = approached(velocity, target, limits, 0.1)
+    assert velocity == pytest.approx((limits.forward, -limits.lateral, limits.turn))

@@ -9,9 +9,9 @@ import pytest
 
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState
-from planners.gait.gait import GaitPlanner
-from planners.gait.phase import GaitPhase
-from planners.gait.scaling import load_gait_config
+from planners.gait.config import load_gait_config
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import GaitPhase
 from tests.support import standing
 
 DT = 0.002

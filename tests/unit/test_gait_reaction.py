@@ -13,14 +13,14 @@ from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.leg_lever import LegLever, leg_lever
-from planners.gait.reaction import SwingReaction, slope, whole_swing
+from planners.gait.reaction import LegLever, leg_lever, swing_reaction, swing_slope, whole_swing
 from planners.gait.swing import SwingFoot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 DT = 0.001
 PERIOD = SINGLE + DOUBLE
+FOOT = SwingFoot(CONFIG)
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
 
 
@@ -54,26 +54,28 @@ def test_the_levers_give_the_momentum_of_a_moving_foot(name: str, hip_pitch: int
 
 
 def test_a_leg_that_cannot_get_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("planners.gait.leg_lever._REACH", 2.0)
+    monkeypatch.setattr("planners.gait.reaction._REACH", 2.0)
     with pytest.raises(RobotModelError, match="left foot cannot be moved"):
         leg_lever(RobotModel.load("g1"))
 
 
 def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """CMP of each tick of a swing, and what the DCM must allow for before it; the CoP is at the origin."""
-    reaction = SwingReaction(LEVER)
+    """CMP of each tick of a swing, and the allowance of the DCM before it; the CoP is at the origin."""
     c, s = math.cos(yaw), math.sin(yaw)
-    reaction.com_velocity = 0.5 / PERIOD * way
-    foot = SwingFoot(CONFIG)
-    foot.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE, np.zeros(2))
-    com = 0.5 * (way - reaction.com_velocity * SINGLE)
+    velocity = 0.5 / PERIOD * way
+    foot = FOOT.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE, np.zeros(2))
+    start = 0.5 * (way - velocity * SINGLE)
     target = np.array([*way, 0.0, yaw])
     cmps, rests = [], []
+
+    def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
+        return swing_reaction(OMEGA, left, foot, (way[0], way[1]), com, velocity, FOOT.shape, LEVER)
+
     for i in range(round(SINGLE / DT)):
-        reaction.com = com + reaction.com_velocity * i * DT
-        rests.append(reaction.rest(OMEGA, SINGLE - i * DT, foot, (way[0], way[1])))
-        foot.step(target, np.zeros(2), (i + 1) * DT, SINGLE, DT)
-        cmps.append(reaction.cmp_offset(foot))
+        com = start + velocity * i * DT
+        rests.append(reaction(SINGLE - i * DT)[0])
+        foot = FOOT.step(foot, target, np.zeros(2), (i + 1) * DT, SINGLE, DT)
+        cmps.append(reaction(SINGLE - i * DT)[1])
     turn = np.array([[c, s], [-s, c]])  # into the heading
     return [turn @ cmp for cmp in cmps], [turn @ rest for rest in rests]
 
@@ -107,10 +109,9 @@ def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
 
 
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
-    reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
     way = points[2] - points[0]
-    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, foot.shape, reaction.lever)
+    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, FOOT.shape, LEVER)
     offset = touchdown_offset(points, swing)
     xi = points[1] + offset
     ticks = round(DOUBLE / DT)
@@ -120,14 +121,13 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     cmps, _ = swing_cmps(way)
     for cmp in cmps:
         xi = xi + math.expm1(OMEGA * DT) * (xi - points[1] - cmp)
-    wanted = points[2] + touchdown_offset(points[1:], swing)
-    assert xi == pytest.approx(wanted, abs=0.003)
+    expected = points[2] + touchdown_offset(points[1:], swing)
+    assert xi == pytest.approx(expected, abs=0.003)
     unaware = points[1] + touchdown_offset(points)
     assert np.linalg.norm(unaware - points[1] - offset) > 0.01
 
 
 def test_a_longer_way_uses_up_more() -> None:
-    reaction, foot = SwingReaction(LEVER), SwingFoot(CONFIG)
-    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, foot.shape, reaction.lever)[0] for x in (0.3, 0.5))
-    assert (long - short) / 0.2 == pytest.approx(slope(OMEGA, SINGLE, reaction.lever), rel=0.5)
+    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, FOOT.shape, LEVER)[0] for x in (0.3, 0.5))
+    assert (long - short) / 0.2 == pytest.approx(swing_slope(OMEGA, SINGLE, LEVER), rel=0.5)
     assert long < short < 0.0

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from models.config import default_config
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
+from planners.gait.contact import Measurement, Soles, SoleState
 from planners.gait.footsteps import Foothold
-from planners.gait.soles import Soles
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
 
@@ -21,87 +20,88 @@ def measured(
     right_z: float = 0.0,
     loads: tuple[float, float] = (0.5, 0.5),
     tilt: tuple[float, float] = (0.0, 0.0),
-) -> SimpleNamespace:
-    soles = [Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)]
-    return SimpleNamespace(soles=soles, loads=loads, tilts=np.array([tilt, tilt]))
+) -> Measurement:
+    still, flat = np.zeros((2, 2)), np.zeros(3)
+    soles = Foothold(0.0, 0.1, 0.0, left_z), Foothold(0.0, -0.1, 0.0, right_z)
+    return Measurement(flat, flat, soles, np.array([tilt, tilt]), still, still, loads, (True, True))
 
 
-@pytest.fixture()
-def soles() -> Soles:
-    made = Soles(RobotModel.load("g1"), CONFIG)
-    made.reset(measured())
-    return made
+@pytest.fixture(scope="module")
+def law() -> Soles:
+    return Soles(RobotModel.load("g1"), CONFIG)
 
 
-def test_a_foot_is_expected_to_land_as_high_as_before(soles: Soles) -> None:
-    assert soles.landing_height(0, measured()) == 0.0
+@pytest.fixture
+def soles(law: Soles) -> SoleState:
+    return law.planted(measured())
+
+
+def test_a_foot_is_expected_to_land_as_high_as_before(law: Soles, soles: SoleState) -> None:
+    assert law.landing_height(soles, 0, measured()) == 0.0
     for _ in range(20):
-        soles.land(0, measured(left_z=0.012, right_z=0.002))
-    assert soles.landing_height(0, measured(right_z=0.002)) == pytest.approx(0.012, abs=1e-5)
-    assert soles.landing_height(1, measured(left_z=0.012)) == 0.012  # the other foot has its own habit
-    soles.reset(measured())
-    assert soles.landing_height(0, measured()) == 0.0
+        soles = law.landed(soles, 0, measured(left_z=0.012, right_z=0.002))
+    assert law.landing_height(soles, 0, measured(right_z=0.002)) == pytest.approx(0.012, abs=1e-5)
+    assert law.landing_height(soles, 1, measured(left_z=0.012)) == 0.012  # each foot has an error of its own
 
 
-def test_the_expected_rise_is_bounded(soles: Soles) -> None:
+def test_the_expected_rise_is_bounded(law: Soles, soles: SoleState) -> None:
     for sign in (1.0, -1.0):
         for _ in range(20):
-            soles.land(0, measured(left_z=sign * 0.5))
-        assert soles.landing_height(0, measured()) == pytest.approx(sign * CONFIG.swing.rise_max)
+            soles = law.landed(soles, 0, measured(left_z=sign * 0.5))
+        assert law.landing_height(soles, 0, measured()) == pytest.approx(sign * CONFIG.swing.rise_max)
 
 
-def test_one_bump_hardly_changes_the_expected_rise(soles: Soles) -> None:
-    soles.land(0, measured(left_z=0.03))
-    assert soles.landing_height(0, measured()) == pytest.approx(CONFIG.swing.rise_step)
+def test_one_bump_hardly_changes_the_expected_rise(law: Soles, soles: SoleState) -> None:
+    soles = law.landed(soles, 0, measured(left_z=0.03))
+    assert law.landing_height(soles, 0, measured()) == pytest.approx(CONFIG.swing.rise_step)
 
 
-def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(soles: Soles) -> None:
+def test_a_foot_is_expected_to_land_in_the_slope_of_the_last_soles(law: Soles, soles: SoleState) -> None:
     inclined = measured(right_z=0.2, tilt=(0.1, -0.05))
     for i in range(CONFIG.ground.slope_steps):
         assert bool(soles.slope[0] > 0.05) is (i > CONFIG.ground.slope_steps // 2)
-        soles.land(i % 2, inclined)
+        soles = law.landed(soles, i % 2, inclined)
     assert soles.slope == pytest.approx([0.1, -0.05])
-    soles._rise[0] = 0.0
-    soles.holds[0] = Foothold(0.2, 0.1, 0.0)
-    assert soles.landing_height(0, inclined) == pytest.approx(0.2 + 0.2 * 0.1 - 0.2 * 0.05)
+    level = structs.replace(soles, rise=(0.0, 0.0), holds=(Foothold(0.2, 0.1, 0.0), soles.holds[1]))
+    assert law.landing_height(level, 0, inclined) == pytest.approx(0.2 + 0.2 * 0.1 - 0.2 * 0.05)
     for _ in range(3):
-        soles.land(0, measured(tilt=(5.0, 0.0)))
+        soles = law.landed(soles, 0, measured(tilt=(5.0, 0.0)))
     assert soles.slope[0] == CONFIG.ground.slope_max
 
 
-def test_one_sole_on_an_edge_is_no_slope(soles: Soles) -> None:
+def test_one_sole_on_an_edge_is_no_slope(law: Soles, soles: SoleState) -> None:
     for i, tilt in enumerate((0.0, 0.2, 0.01, 0.0)):
-        soles.land(i % 2, measured(tilt=(tilt, 0.0)))
+        soles = law.landed(soles, i % 2, measured(tilt=(tilt, 0.0)))
         assert soles.slope[0] <= 0.01
 
 
-def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(soles: Soles) -> None:
+def test_a_sole_that_has_just_landed_lies_down_and_one_that_tips_does_not(law: Soles, soles: SoleState) -> None:
     tipped = measured(loads=(0.5, 0.5), tilt=(0.1, 0.0))
-    soles.follow(tipped, None, 0, CONFIG.ground.settle_time)
-    assert soles.tilts[0] == pytest.approx([0.1, 0.0])
-    assert soles.tilts[1, 0] == pytest.approx(0.1 * CONFIG.ground.settle_time / CONFIG.ground.anchor_time)
+    after = law.followed(soles, tipped, np.zeros(2), None, 0, CONFIG.ground.settle_time)
+    assert after.tilts[0] == pytest.approx([0.1, 0.0])
+    assert after.tilts[1, 0] == pytest.approx(0.1 * CONFIG.ground.settle_time / CONFIG.ground.anchor_time)
+    assert not soles.tilts.any()  # the state before is left alone
 
 
-def test_only_planted_soles_that_bear_are_followed(soles: Soles) -> None:
+def test_only_planted_soles_that_bear_are_followed(law: Soles, soles: SoleState) -> None:
     moved = measured(left_z=0.01, right_z=0.01)
-    soles.follow(moved, 0, None, CONFIG.anchor_time)
+    soles = law.followed(soles, moved, np.zeros(2), 0, None, CONFIG.anchor_time)
     assert [hold.z for hold in soles.holds] == [0.0, 0.01]
-    soles.follow(measured(left_z=0.01, loads=(0.5 * CONFIG.anchor_load, 1.0)), None, None, CONFIG.anchor_time)
-    assert soles.holds[0].z == 0.0
+    light = measured(left_z=0.01, loads=(0.5 * CONFIG.anchor_load, 1.0))
+    assert law.followed(soles, light, np.zeros(2), None, None, CONFIG.anchor_time).holds[0].z == 0.0
 
 
-def test_standing_is_lost_near_the_edge_of_the_box_around_both_soles(soles: Soles) -> None:
-    middle = soles.middle()
-    x_edge = float(soles.half_sole(0)[0]) * CONFIG.step_share
-    assert not soles.beyond_standing(middle + np.array([x_edge - 1e-3, 0.0]))
-    assert soles.beyond_standing(middle + np.array([x_edge + 1e-3, 0.0]))
-    y_edge = (0.1 + float(soles.half_sole(0)[1])) * CONFIG.step_share
-    assert not soles.beyond_standing(middle + np.array([0.0, y_edge - 1e-3]))
-    assert soles.beyond_standing(middle + np.array([0.0, y_edge + 1e-3]))
+def test_standing_is_lost_near_the_edge_of_the_box_around_both_soles(law: Soles, soles: SoleState) -> None:
+    middle = law.middle(soles.holds)
+    x_edge = float(law.half[0, 0]) * CONFIG.step_share
+    y_edge = (0.1 + float(law.half[0, 1])) * CONFIG.step_share
+    for edge, lost in ((-1e-3, False), (1e-3, True)):
+        assert law.beyond_standing(soles.holds, middle + np.array([x_edge + edge, 0.0])) is lost
+        assert law.beyond_standing(soles.holds, middle + np.array([0.0, y_edge + edge])) is lost
 
 
-def test_the_weight_is_shared_by_where_the_zmp_lies(soles: Soles) -> None:
-    left, right = soles.point(0), soles.point(1)
-    assert soles.shares(left) == pytest.approx((1.0, 0.0))
-    assert soles.shares(0.75 * left + 0.25 * right) == pytest.approx((0.75, 0.25))
-    assert soles.shares(right + (right - left)) == pytest.approx((0.0, 1.0))
+def test_the_weight_is_shared_by_the_place_of_the_zmp(law: Soles, soles: SoleState) -> None:
+    left, right = (law.point_of(foot, soles.holds[foot]) for foot in range(2))
+    assert law.shares(soles.holds, left) == pytest.approx((1.0, 0.0))
+    assert law.shares(soles.holds, 0.75 * left + 0.25 * right) == pytest.approx((0.75, 0.25))
+    assert law.shares(soles.holds, right + (right - left)) == pytest.approx((0.0, 1.0))

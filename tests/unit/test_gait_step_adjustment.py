@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from models.config import default_config
+from planners.gait.adjustment import AdjustedStep, StepAdjustment, StepProblem
 from planners.gait.config import GaitConfig
-from planners.gait.step_adjustment import Step, StepAdjustment, StepBounds
 
 CONFIG = default_config(GaitConfig, "planners", "gait").adjustment
 OMEGA, ELAPSED = 3.85, 0.1
-NOMINAL = Step(np.array([0.15, 0.2]), 0.34, np.array([0.03, -0.045]), np.zeros(2), True)
-BOUNDS = StepBounds(np.array([-0.3, 0.12]), np.array([0.45, 0.45]), 0.2, 0.6, np.array([0.04, 0.012]))
+NOMINAL = StepProblem(
+    dcm=np.zeros(2),
+    elapsed=ELAPSED,
+    omega=OMEGA,
+    planned=0.34,
+    step=np.array([0.15, 0.2]),
+    time=0.34,
+    offset=np.array([0.03, -0.045]),
+    coupling=0.0,
+    lower=np.array([-0.3, 0.12]),
+    upper=np.array([0.45, 0.45]),
+    soonest=0.2,
+    latest=0.6,
+    cop=np.array([0.04, 0.012]),
+    place=np.zeros(2),
+    speed=math.inf,
+)
 
 
 def undisturbed() -> np.ndarray:
@@ -24,8 +39,8 @@ def undisturbed() -> np.ndarray:
     return (NOMINAL.step + NOMINAL.offset) * math.exp(-OMEGA * (NOMINAL.time - ELAPSED))
 
 
-def solve(dcm: np.ndarray, bounds: StepBounds = BOUNDS, *, ending: bool = False) -> Step:
-    return StepAdjustment(CONFIG).solve(dcm, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, bounds, ending=ending)
+def solve(dcm: np.ndarray, *, ending: bool = False, **changed: Any) -> AdjustedStep:
+    return StepAdjustment(CONFIG).solve(NOMINAL._replace(dcm=dcm, **changed), ending=ending)
 
 
 def cost(z: np.ndarray, dcm: np.ndarray, ending: bool) -> float:
@@ -55,8 +70,8 @@ def test_it_is_the_minimum_inside_the_bounds(error: tuple[float, float], ending:
     dcm = undisturbed() + error
     step = solve(dcm, ending=ending)
     z = np.array([*step.step, math.exp(OMEGA * step.time), *step.cop])
-    lower = np.array([*BOUNDS.step_lower, math.exp(OMEGA * BOUNDS.time_lower), *(-BOUNDS.cop)])
-    upper = np.array([*BOUNDS.step_upper, math.exp(OMEGA * BOUNDS.time_upper), *BOUNDS.cop])
+    lower = np.array([*NOMINAL.lower, math.exp(OMEGA * NOMINAL.soonest), *(-NOMINAL.cop)])
+    upper = np.array([*NOMINAL.upper, math.exp(OMEGA * NOMINAL.latest), *NOMINAL.cop])
     assert (z >= lower - 1e-7).all() and (z <= upper + 1e-7).all()
     # KKT: the gradient vanishes inside, and points outwards of the bound where one is active.
     h = 1e-6
@@ -84,14 +99,14 @@ def test_a_push_moves_the_foot_along() -> None:
 
 def test_a_push_against_the_swing_foot_lands_it_sooner_or_nearer() -> None:
     inward = solve(undisturbed() + np.array([0.0, -0.02]))
-    assert inward.step[1] >= BOUNDS.step_lower[1] - 1e-9
+    assert inward.step[1] >= NOMINAL.lower[1] - 1e-9
     assert inward.step[1] < NOMINAL.step[1]
 
 
 def test_the_offset_follows_the_foothold() -> None:
     """A step that comes out longer is to end at another offset."""
     dcm, coupling = undisturbed() + np.array([0.04, 0.0]), -0.2
-    step = StepAdjustment(CONFIG).solve(dcm, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, BOUNDS, coupling)
+    step = solve(dcm, coupling=coupling)
     longer = step.step - NOMINAL.step
     assert longer[0] > 0.03
     assert step.offset == pytest.approx(NOMINAL.offset + coupling * longer, abs=1e-3)
@@ -100,13 +115,9 @@ def test_the_offset_follows_the_foothold() -> None:
 def test_a_foot_that_is_to_land_farther_does_so_later() -> None:
     """The way that is left at the foot's speed bounds the foothold, and grows with the time of the step."""
     place, speed = np.array([0.0, 0.2]), 1.2
-    bounds = StepBounds(
-        *(getattr(BOUNDS, name) for name in ("step_lower", "step_upper")), 0.2, 0.6, BOUNDS.cop, place, speed
-    )
     dcm, planned = undisturbed() + np.array([0.2, 0.0]), NOMINAL.time
-    law = StepAdjustment(CONFIG)
     for _ in range(20):  # the linearisation follows the last time
-        step = law.solve(dcm, ELAPSED, OMEGA, NOMINAL, planned, bounds)
+        step = solve(dcm, planned=planned, place=place, speed=speed)
         planned = step.time
     free = solve(dcm)
     assert step.solved
@@ -118,21 +129,19 @@ def test_a_foot_that_is_to_land_farther_does_so_later() -> None:
 
 def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:
     """A foot that is too far away and hardly moves, or a DCM that is not a number."""
-    stuck = replace(BOUNDS, place=np.array([5.0, 5.0]), speed=0.1)
-    for dcm, bounds in ((undisturbed(), stuck), (np.full(2, np.nan), BOUNDS)):
-        step = solve(dcm, bounds)
+    stuck = {"place": np.array([5.0, 5.0]), "speed": 0.1}
+    for dcm, changed in ((undisturbed(), stuck), (np.full(2, np.nan), {})):
+        step = solve(dcm, **changed)
         assert not step.solved
         assert step.step == pytest.approx(NOMINAL.step)
         assert step.time == pytest.approx(NOMINAL.time)
 
 
 def test_one_adjustment_leaves_nothing_to_the_next() -> None:
-    """The law keeps its memory from call to call: bounds, rows and results of the last one must not show."""
     law, pushed = StepAdjustment(CONFIG), undisturbed() + np.array([0.2, 0.1])
-    slow = replace(BOUNDS, place=np.array([0.0, 0.2]), speed=1.0)
-    first = law.solve(pushed, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, slow, -0.2)
+    first = law.solve(NOMINAL._replace(dcm=pushed, place=np.array([0.0, 0.2]), speed=1.0, coupling=-0.2))
     kept = first.step.copy(), first.offset.copy(), first.cop.copy()
-    again = law.solve(pushed, ELAPSED, OMEGA, NOMINAL, NOMINAL.time, BOUNDS)
+    again = law.solve(NOMINAL._replace(dcm=pushed))
     fresh = solve(pushed)
     np.testing.assert_array_equal(again.step, fresh.step)
     assert again.time == fresh.time

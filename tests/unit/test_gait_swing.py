@@ -8,9 +8,10 @@ import pytest
 from models.config import default_config
 from models.spline import quintic_step
 from planners.gait.config import GaitConfig
-from planners.gait.swing import SwingFoot
+from planners.gait.swing import SwingFoot, SwingState
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
+FOOT = SwingFoot(CONFIG)
 DT, DURATION = 0.001, 0.34
 START = np.array([0.0, 0.1, 0.0, 0.0])
 LEVEL = np.zeros(2)
@@ -18,12 +19,12 @@ LEVEL = np.zeros(2)
 
 def swing(targets: list[np.ndarray], durations: list[float], until: int) -> np.ndarray:
     """Positions, velocities and accelerations of every tick (n, 3, 4)."""
-    foot = SwingFoot(CONFIG)
-    foot.lift(START, DURATION, LEVEL)
+    foot = FOOT.lift(START, DURATION, LEVEL)
     rows = []
     for i in range(until):
-        foot.step(targets[min(i, len(targets) - 1)], LEVEL, (i + 1) * DT, durations[min(i, len(durations) - 1)], DT)
-        rows.append([foot.position.copy(), foot.velocity.copy(), foot.acceleration.copy()])
+        target, duration = targets[min(i, len(targets) - 1)], durations[min(i, len(durations) - 1)]
+        foot = FOOT.step(foot, target, LEVEL, (i + 1) * DT, duration, DT)
+        rows.append(foot.motion)
     return np.array(rows)
 
 
@@ -74,67 +75,73 @@ def test_a_late_foot_follows_its_target() -> None:
 TARGET = np.array([0.3, 0.1, 0.0, 0.0])
 
 
-def caught(at: float, lag: float, pace: float = 0.0) -> tuple[SwingFoot, float]:
-    """A foot that stops, or goes on at a share of its pace, ``lag`` behind its reference; it is asked at a time.
+def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float]:
+    """A foot that stops, or goes on at a share of its pace, ``lag`` behind its reference, and is checked at a time.
 
     Returns:
         The foot and its height then.
     """
-    foot = SwingFoot(CONFIG)
-    foot.lift(START, DURATION, LEVEL)
+    foot = FOOT.lift(START, DURATION, LEVEL)
     for i in range(round(at / DT)):
-        foot.step(TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
+        foot = FOOT.step(foot, TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
     place, ticks, speed = foot.position[:2].copy(), round(6 * CONFIG.trip_filter / DT), pace * foot.velocity[0]
-    for i in range(ticks):  # what it has done lately, close enough to its reference
-        foot.heed(place[0] - speed * (ticks - 1 - i) * DT, place[1], at, DURATION, DT)
+    for i in range(ticks):  # its recent motion, close enough to its reference
+        foot = FOOT.detect_trip(foot, place[0] - speed * (ticks - 1 - i) * DT, place[1], at, DURATION, DT)
     assert foot.trips == 0
-    foot.position[0] += lag
-    height = float(foot.position[2])
-    foot.heed(place[0], place[1], at, DURATION, DT)
-    return foot, height
+    foot = foot.shifted(np.array([lag, 0.0]))
+    return FOOT.detect_trip(foot, place[0], place[1], at, DURATION, DT), float(foot.position[2])
 
 
-def test_a_foot_that_is_caught_gives_way_and_only_rises_for_a_while() -> None:
+def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
     at = 0.08
-    free, height = caught(at, 0.0)
-    foot, _ = caught(at, 1.1 * CONFIG.trip_lag)
+    free, height = tripped(at, 0.0)
+    foot, _ = tripped(at, 1.1 * CONFIG.trip_lag)
     assert (free.trips, foot.trips) == (0, 1)
     place = float(free.position[0])
     assert foot.position[0] == pytest.approx(place) and foot.velocity[0] == 0.0
     elapsed = at
     while elapsed < at + CONFIG.trip_time - 2 * DT:
         elapsed += DT
-        foot.heed(place - 1.0, 0.0, elapsed, DURATION, DT)  # still held: it rises on, and is not caught again
-        foot.step(TARGET, LEVEL, elapsed, DURATION, DT)
+        # Still held: it rises on, and does not trip again.
+        foot = FOOT.detect_trip(foot, place - 1.0, 0.0, elapsed, DURATION, DT)
+        foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
         assert foot.position[0] == pytest.approx(place)
     assert foot.trips == 1
     assert foot.position[2] > max(height, 0.9 * CONFIG.clearance)
     while elapsed < DURATION - 1e-9:
         elapsed += DT
-        foot.step(TARGET, LEVEL, elapsed, DURATION, DT)
+        foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
     assert foot.position == pytest.approx(TARGET, abs=5e-3)
 
 
 @pytest.mark.parametrize(("lag", "pace"), [(0.9, 0.0), (3.0, 1.2 * CONFIG.trip_speed)])
-def test_a_foot_that_is_near_or_moves_is_not_caught(lag: float, pace: float) -> None:
-    foot, _ = caught(0.06, lag * CONFIG.trip_lag, pace)
+def test_a_foot_that_is_near_or_moves_does_not_trip(lag: float, pace: float) -> None:
+    foot, _ = tripped(0.06, lag * CONFIG.trip_lag, pace)
     assert foot.trips == 0 and foot.velocity[0] > 0.1
 
 
-def test_a_foot_that_is_caught_on_the_way_down_does_not_rise_again() -> None:
-    foot, height = caught(0.25, 1.1 * CONFIG.trip_lag)
+def test_a_foot_that_trips_on_the_way_down_does_not_rise_again() -> None:
+    foot, height = tripped(0.25, 1.1 * CONFIG.trip_lag)
     assert foot.trips == 1 and foot.velocity[0] == 0.0
-    foot.step(np.array([0.3, 0.1, 0.0, 0.0]), LEVEL, 0.25 + DT, DURATION, DT)
+    foot = FOOT.step(foot, np.array([0.3, 0.1, 0.0, 0.0]), LEVEL, 0.25 + DT, DURATION, DT)
     assert foot.position[2] < height
 
 
-def test_the_sole_turns_to_the_slope_it_is_to_land_on() -> None:
-    foot, slope = SwingFoot(CONFIG), np.array([0.1, -0.05])
-    foot.lift(START, DURATION, np.array([0.02, 0.0]))
+def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
+    slope = np.array([0.1, -0.05])
+    foot = FOOT.lift(START, DURATION, np.array([0.02, 0.0]))
     assert foot.tilt == pytest.approx([0.02, 0.0])
     for i in range(round(DURATION / DT)):
-        foot.step(START, slope, (i + 1) * DT, DURATION, DT)
+        foot = FOOT.step(foot, START, slope, (i + 1) * DT, DURATION, DT)
     assert foot.tilt == pytest.approx(slope, abs=0.005)
+
+
+def test_a_tick_leaves_the_state_before_it_alone() -> None:
+    foot = FOOT.lift(START, DURATION, LEVEL)
+    motion, tilt = foot.motion.copy(), foot.tilt.copy()
+    FOOT.step(FOOT.detect_trip(foot, 0.5, 0.5, 0.01, DURATION, DT), TARGET, np.ones(2), 0.01, DURATION, DT)
+    np.testing.assert_array_equal(foot.motion, motion)
+    np.testing.assert_array_equal(foot.tilt, tilt)
 
 
 def test_a_quintic_step_over_the_whole_time_ends_at_the_end() -> None:

@@ -8,20 +8,15 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from controllers.qp.kernels_feedback import foothold_feedback
+from controllers.qp.contacts import ContactGains, hold_contact
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
-from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Foothold
-from planners.gait.gait import GaitPlanner
-from planners.gait.leg_lever import leg_lever
-from planners.gait.measurement import GaitMeasurement
-from planners.gait.phase import GaitPhase
-from planners.gait.reaction import SwingReaction
-from planners.gait.reference import ReferenceBuilder
-from planners.gait.scaling import foot_speed, load_gait_config
-from planners.gait.soles import Soles
+from planners.gait.config import GaitConfig, foot_speed, load_gait_config
+from planners.gait.contact import GaitMeasurement, Soles
+from planners.gait.planner import GaitPlanner
+from planners.gait.reference import ReferenceBuilder, height_in_reach
+from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support
 from tests.support import standing
 
@@ -83,37 +78,33 @@ def test_slow_joints_make_a_slow_foot() -> None:
 
 def test_feet_far_apart_lower_the_body(g1: RobotModel) -> None:
     config = load_gait_config(g1)
-    builder = ReferenceBuilder(g1, config, SwingReaction(leg_lever(g1)))
-    com = np.zeros(2)
+    builder, com = ReferenceBuilder(g1, config), np.zeros(2)
+    (x, y), (right_x, right_y) = builder.under.tolist()
 
-    def height(left: float, swinging: int | None, lean: float = 0.5) -> float:
-        holds = [Foothold(builder._under[0][0], left, 0.0), Foothold(*(float(x) for x in builder._under[1]), 0.0)]
-        return builder._in_reach(holds, swinging, com, lean, 0.0)
+    def height(left: float, swinging: int, lean: float = 0.5) -> float:
+        places = ((x, left), (right_x, right_y))
+        return height_in_reach(places, builder.under, swinging, com, lean, 0.0, config.leg, builder.standing_height)
 
-    stand = height(float(builder._under[0][1]), None)
-    assert stand == pytest.approx(builder.height, abs=1e-9)  # no lower than it stands
-    assert height(0.5, None) < height(0.3, None) < stand  # planted: from where it is measured
-    assert height(0.5, 0, 0.7) < height(0.5, 0, 0.5) < stand  # swinging: from where it will be
-    assert height(0.5, None) < height(0.5, 0, 0.5)
+    stand = height(y, -1)
+    assert stand == pytest.approx(builder.standing_height, abs=1e-9)  # no lower than it stands
+    assert height(0.5, -1) < height(0.3, -1) < stand  # planted: from the measured place
+    assert height(0.5, 0, 0.7) < height(0.5, 0, 0.5) < stand  # swinging: from the coming place
+    assert height(0.5, -1) < height(0.5, 0, 0.5)
 
 
-def test_how_far_astride_the_soles_are(g1: RobotModel) -> None:
-    config, measured = load_gait_config(g1), GaitMeasurement(g1)
-    soles = Soles(g1, config)
-    measured.update(standing(g1))
-    soles.reset(measured)
-    assert not soles.astride(config.astride)
-    off = 0.5 * (config.astride + config.astride_max)
-    soles.holds[0] = structs.replace(soles.holds[0], y=soles.holds[0].y + off)
-    assert soles.astride(config.astride) and not soles.astride(config.astride_max)
-    soles.reset(measured)
-    soles.holds[0] = structs.replace(soles.holds[0], x=soles.holds[0].x - off)
-    assert soles.astride(config.astride) and not soles.astride(config.astride_max)
+@pytest.mark.parametrize(("axis", "sign"), [("y", 1.0), ("x", -1.0)])
+def test_how_far_astride_the_soles_are(g1: RobotModel, axis: str, sign: float) -> None:
+    config = load_gait_config(g1)
+    soles, (left, right) = Soles(g1, config), GaitMeasurement(g1).measure(standing(g1)).soles
+    assert not soles.astride((left, right), config.astride)
+    off = sign * 0.5 * (config.astride + config.astride_max)
+    apart = structs.replace(left, **{axis: getattr(left, axis) + off}), right
+    assert soles.astride(apart, config.astride) and not soles.astride(apart, config.astride_max)
 
 
 def test_what_draws_a_planted_sole_is_bounded() -> None:
     """A sole that rolls over its edge at radians a second is stopped by the floor, not by the legs."""
     pose, twist, out = np.eye(4), np.array([2.0, 0.1, 0.0, 0.0, -5.0, 0.1]), np.empty(6)
-    gains = np.array([200.0, 28.0, 0.0, 0.0, 0.0, 10.0, 20.0])
-    foothold_feedback(pose, twist, np.eye(3), np.zeros(3), gains, out)
+    gains = ContactGains(np.full(6, 200.0), np.full(6, 28.0), np.repeat((10.0, 20.0), 3), 1.0)
+    hold_contact(pose, twist, np.eye(3), np.zeros(3), gains, out)
     assert out == pytest.approx([-10.0, -2.8, 0.0, 0.0, 20.0, -2.8])

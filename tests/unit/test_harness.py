@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from benchmarks.harness import (
+from benchmarks.core.harness import (
     LoadMeter,
     Options,
     Report,

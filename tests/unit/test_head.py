@@ -9,13 +9,12 @@ import pytest
 from msgspec import structs
 
 from controllers.head import Head, HeadConfig
-from controllers.law_switch import LawSwitch
+from controllers.stack import ControlStack
 from models.config import default_config
 from models.errors import CommandError, ConfigError
 from models.profile import Head as HeadJoints
 from models.robot_model import RobotModel
 from models.types import JointTrajectory
-from tests.unit.test_law_switch import Law
 
 DT = 0.001
 
@@ -158,7 +157,7 @@ def test_what_is_no_angle_and_what_is_no_head_is_refused_by_name(talos: RobotMod
     with pytest.raises(ConfigError, match="g1: head: the profile names no joints"):
         Head(g1)
     with pytest.raises(CommandError, match=r"no joints 'head\.pan' and 'head\.tilt'"):
-        LawSwitch(Law("stand", []), None).look(0.0, 0.0)  # type: ignore[arg-type]
+        ControlStack(g1).look(0.0, 0.0)
     with pytest.raises(ValueError, match="same joint"):
         HeadJoints("head_1_joint", "head_1_joint")
     leg = RobotModel(replace(talos.profile, head=HeadJoints("torso_1_joint", "head_1_joint")))

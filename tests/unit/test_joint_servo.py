@@ -10,7 +10,7 @@ from controllers.joint_servo import JointServo, ServoState
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory
-from tests.servos import DT, armed, hold
+from tests.servos import DT, armed, hold, torque_of
 
 
 def test_law(g1: RobotModel) -> None:
@@ -23,14 +23,14 @@ def test_law(g1: RobotModel) -> None:
     expected = g1.kp * 0.001 + g1.kd * (0.01 - v) + 0.1
     for k in range(20):
         servo.command(cmd, t + k * DT)
-        tau = servo.step(t + k * DT, q, v, DT)
+        tau = torque_of(servo, t + k * DT, q, v, DT)
     np.testing.assert_allclose(tau, expected, rtol=1e-12)
 
 
 def test_off_gives_no_torque_and_ignores_commands(g1: RobotModel) -> None:
     servo = JointServo(g1)
     assert not servo.command(hold(g1, tau=g1.tau_max), 0.0)
-    assert not servo.step(0.0, g1.posture("zero"), np.zeros(g1.nj), DT).any()
+    assert not torque_of(servo, 0.0, g1.posture("zero"), np.zeros(g1.nj), DT).any()
     assert servo.state is ServoState.OFF
 
 
@@ -44,7 +44,7 @@ def test_arming_does_not_jump(g1: RobotModel) -> None:
     history = []
     for k in range(1, 400):
         servo.command(hold(g1), k * DT)
-        history.append(servo.step(k * DT, q, zero, DT).copy())
+        history.append(torque_of(servo, k * DT, q, zero, DT).copy())
     torques = np.array(history)
     final = np.abs(g1.kp * (g1.posture("stand") - q))
     assert np.all(np.abs(torques[0]) <= 0.01 * final + 1e-9)
@@ -67,14 +67,14 @@ def test_another_source_takes_over_without_a_jump(g1: RobotModel) -> None:
     for k in range(400):
         if k >= 2:
             servo.command(hold(g1, tau=second), t + k * DT)
-        history.append(servo.step(t + k * DT, q, zero, DT).copy())
+        history.append(torque_of(servo, t + k * DT, q, zero, DT).copy())
         if k == 150:
             servo.blend()  # from the middle of the fade
     np.testing.assert_allclose(history[1], first)
     assert np.all(np.abs(np.diff(np.array(history), axis=0)) <= 0.01 * 0.4 * g1.tau_max)
     for k in range(400, 600):
         servo.command(hold(g1, tau=second), t + k * DT)
-        last = servo.step(t + k * DT, q, zero, DT)
+        last = torque_of(servo, t + k * DT, q, zero, DT)
     np.testing.assert_allclose(last, second)
 
 
@@ -84,7 +84,7 @@ def test_holds_the_measured_posture_before_the_first_command(g1: RobotModel) -> 
     q, zero = g1.posture("stand"), np.zeros(g1.nj)
     servo.step(0.0, q, zero, DT)
     for k in range(1, 200):
-        tau = servo.step(k * DT, q - 0.01, zero, DT)
+        tau = torque_of(servo, k * DT, q - 0.01, zero, DT)
     np.testing.assert_allclose(tau, 0.01 * g1.kp, rtol=1e-9)
     assert servo.state is ServoState.ACTIVE
 
@@ -124,10 +124,10 @@ def test_timeout_fades_torque_into_damping_and_latches(g1: RobotModel) -> None:
     tau_ff = np.minimum(10.0, 0.5 * g1.tau_max)
     for k in range(50):
         servo.command(hold(g1, tau=tau_ff), t + k * DT)
-        last = servo.step(t + k * DT, q, v, DT).copy()
+        last = torque_of(servo, t + k * DT, q, v, DT).copy()
     torques = []
     for k in range(50, 300):
-        torques.append(servo.step(t + k * DT, q, v, DT).copy())
+        torques.append(torque_of(servo, t + k * DT, q, v, DT).copy())
     assert servo.state is ServoState.DAMPED
     np.testing.assert_allclose(torques[-1], -servo.config.damping_scale * g1.kd * 0.1, rtol=1e-9)
     largest_step = np.abs(np.diff(np.array([last, *torques]), axis=0)).max(axis=0)
@@ -147,7 +147,7 @@ def test_measurement_that_is_not_finite_gives_that_joint_no_torque(g1: RobotMode
     q[3], v[5] = np.inf, np.nan
     for k in range(30):
         servo.command(hold(g1, tau=0.1 * g1.tau_max), t + k * DT)
-        tau = servo.step(t + k * DT, q, v, DT)
+        tau = torque_of(servo, t + k * DT, q, v, DT)
     assert tau[3] == 0.0 and tau[5] == 0.0
     assert np.all(tau[[0, 1, 2, 4]] > 0.0)
     assert servo.sensor_faults == 30
@@ -171,7 +171,7 @@ def test_trajectory_is_interpolated_between_messages(g1: RobotModel) -> None:
         q[shoulder] = start + 0.2 * (t - t0)
         v = zero.copy()
         v[shoulder] = 0.2
-        torques.append(servo.step(t, q, v, DT)[shoulder])
+        torques.append(torque_of(servo, t, q, v, DT)[shoulder])
     assert servo.state is ServoState.ACTIVE
     assert np.abs(torques[100:]).max() < 1e-3 * g1.kp[shoulder]
 
@@ -214,3 +214,32 @@ def test_refused_trajectory_leaves_the_set_point(g1: RobotModel) -> None:
         servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT)
         np.testing.assert_array_equal(servo.setpoint.q, before.q)
     assert servo.refused == 2
+
+
+def test_gains_of_a_command_replace_those_of_the_profile(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    q, zero, ones = g1.posture("stand"), np.zeros(g1.nj), np.ones(g1.nj)
+    soft = JointCommand(q + 0.001, zero, 0.1 * ones, kp=20.0 * ones, kd=0.5 * ones)
+    for k in range(20):
+        assert servo.command(soft, t + k * DT)
+        command = servo.step(t + k * DT, q, 0.01 * ones, DT)
+    np.testing.assert_allclose(servo.torque, 20.0 * 0.001 - 0.5 * 0.01 + 0.1, rtol=1e-9)
+    np.testing.assert_array_equal(command.kp, soft.kp)
+    np.testing.assert_array_equal(command.kd, soft.kd)
+    for bad in (-ones, np.full(g1.nj, np.nan), np.ones(3)):
+        assert not servo.command(replace(soft, kp=bad), t + 1.0)
+    assert servo.refused == 3
+    assert servo.command(hold(g1), t + 0.02)
+    np.testing.assert_array_equal(servo.setpoint.kp, g1.kp)
+
+
+def test_a_limited_joint_gets_its_torque_alone(g1: RobotModel) -> None:
+    servo, t = armed(g1)
+    q, zero = g1.posture("stand"), np.zeros(g1.nj)
+    servo.command(replace(hold(g1), tau=2.0 * g1.tau_max), t)
+    command = servo.step(t, q, zero, DT)
+    limited = servo.torque != servo.setpoint.tau
+    assert limited.any()
+    assert command.kp is not None and command.kd is not None
+    np.testing.assert_array_equal(command.tau, servo.torque)
+    assert not command.kp[limited].any() and not command.kd[limited].any()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from models.robot_model import RobotModel
 from models.types import JointCommand
-from tests.servos import DT, Vector, armed, hold
+from tests.servos import DT, Vector, armed, hold, torque_of
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -30,12 +30,12 @@ def test_torque_towards_a_joint_limit_fades_out(g1: RobotModel, sign: float) -> 
     for inside, share in ((margin, 1.0), (0.5 * margin, 0.5), (0.0, 0.0)):
         for _ in range(200):
             servo.command(hold(g1, q=limit, tau=sign * g1.tau_max), t)
-            tau = servo.step(t, limit - sign * inside, zero, DT)
+            tau = torque_of(servo, t, limit - sign * inside, zero, DT)
             t += DT
         np.testing.assert_allclose(sign * tau, share * g1.tau_max, atol=1e-6 * g1.tau_max.max())
     for _ in range(200):
         servo.command(hold(g1, q=limit, tau=-sign * g1.tau_max), t)
-        tau = servo.step(t, limit, zero, DT)
+        tau = torque_of(servo, t, limit, zero, DT)
         t += DT
     np.testing.assert_allclose(sign * tau, -g1.tau_max)  # away from the limit: all of it
 
@@ -49,7 +49,7 @@ def test_torque_that_speeds_up_fades_out_beyond_the_velocity_limit(g1: RobotMode
         for _ in range(200):
             servo.command(JointCommand(q, sign * g1.v_max, sign * g1.tau_max), t)
             wanted = np.minimum(g1.tau_max + g1.kd * (g1.v_max - sign * v), g1.tau_max)
-            tau = servo.step(t, q, v, DT)
+            tau = torque_of(servo, t, q, v, DT)
             t += DT
         np.testing.assert_allclose(sign * tau, np.clip(wanted, -g1.tau_max, share * g1.tau_max), atol=1e-9)
 
@@ -63,7 +63,7 @@ moderate = st.floats(-50.0, 50.0)
 def test_never_exceeds_torque_and_rate_limits(g1: RobotModel, data: st.DataObject) -> None:
     """Whatever is commanded, measured or switched: finite torque within the limits, changing within the rate."""
     servo, t = armed(g1)
-    previous = servo.step(t, g1.posture("stand"), np.zeros(g1.nj), DT).copy()
+    previous = torque_of(servo, t, g1.posture("stand"), np.zeros(g1.nj), DT).copy()
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
 
     def vector() -> Vector:
@@ -79,7 +79,7 @@ def test_never_exceeds_torque_and_rate_limits(g1: RobotModel, data: st.DataObjec
         elif action != "nothing":
             getattr(servo, action)()
         with np.errstate(all="ignore"):
-            tau = servo.step(t, vector(), vector(), DT)
+            tau = torque_of(servo, t, vector(), vector(), DT)
         assert np.isfinite(tau).all()
         assert np.all(np.abs(tau) <= g1.tau_max * (1.0 + 1e-12))
         assert np.all(np.abs(tau - previous) <= g1.tau_rate_max * DT * (1.0 + 1e-9))

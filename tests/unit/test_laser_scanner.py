@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from bridge.laser_scanner import LaserScanner
-from bridge.mujoco_plant import MujocoPlant
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.scanner import LaserScanner
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import build_mujoco
 from models.mujoco_spec import WORLD_GROUP
@@ -130,7 +130,7 @@ def test_the_box_goes_where_it_is_put(g1: RobotModel) -> None:
     plant.obstacle.place(1.5, 0.0)
     plant.reset()
     assert nearest() == (math.inf, math.inf)
-    with pytest.raises(CommandError, match="no place"):
+    with pytest.raises(CommandError, match="not finite"):
         plant.obstacle.place(math.nan, 0.0)
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.latency_stages import STAGES, answered, split, tails
-from benchmarks.spread import spread
-from bridge.ros.latency_probe import LatencyProbe
+from benchmarks.core.timed_run import spread
+from benchmarks.speed.latency_stages import STAGES, answered, split, tails
+from bridge.driver.latency_probe import LatencyProbe
 from bridge.ros.stage_probe import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, StageProbe, cost
 
 MS, US = 1_000_000, 1_000

@@ -8,6 +8,7 @@ from collections import deque
 import numpy as np
 import pytest
 
+from controllers.qp.active_set import QP
 from controllers.qp.solve import QPSolver
 from models.errors import PoiseError
 from models.law_state import Captured, LawState
@@ -108,13 +109,12 @@ def test_what_cannot_be_put_back_is_named() -> None:
         restore(LawState(again), data, told)
 
 
-def test_memory_of_a_solver_that_was_made_since(g1: RobotModel) -> None:
-    """Its workspaces hold which rows were active, in arrays that are reached on two ways."""
-    solvers = [QPSolver(1e-6, 100, 1e-6) for _ in range(2)]
+def test_active_rows_of_a_solver_move(g1: RobotModel) -> None:
+    solvers, rows = [QPSolver(1e-6, 100, 1e-6) for _ in range(2)], np.eye(4)
+    qp = QP(rows, np.full(4, -3.0), rows, -np.ones(4), np.array([9.0, 9.0, 1.0, 9.0]), rows[0] > 2.0)
+    for solver in solvers:
+        solver.prepare(qp)
     states = [LawState(each) for each in solvers]
-    size = solvers[0]._workspaces[1, 2]
-    solvers[0]._workspaces[7, 9] = type(size)(7, 9)
-    solvers[0]._workspaces[7, 9].marks[3] = solvers[0]._workspaces[7, 9].held = True
+    solvers[0].solve(qp)
     moved(*states)
-    made = solvers[1]._workspaces[7, 9]
-    assert made.held and made.marks[3] and made.arrays[2] is made.marks
+    np.testing.assert_array_equal(solvers[1]._workspaces[4, 4].marks, [False, False, True, False])

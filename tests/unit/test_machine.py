@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.machine import BUFFER_MIN, Machine, advice, read_machine
-from benchmarks.process_use import UseMeter, cpu_time, resident
+from benchmarks.core.machine import BUFFER_MIN, Machine, UseMeter, advice, cpu_time, read_machine, resident
 
 IDEAL = Machine(
     cores=4,

@@ -13,8 +13,7 @@ import pytest
 import yaml
 
 from models.robot_model import RobotModel
-from models.trajectory import validate_trajectory
-from models.trajectory_sampler import TrajectorySampler
+from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Matrix, Vector
 from models.urdf import data_folder
 from planners.motion import MotionPlanner

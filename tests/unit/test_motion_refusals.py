@@ -16,9 +16,8 @@ from planners.collision import SelfCollision
 from planners.key_pose import KeyPoseSolver
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
-from planners.path_check import check_path
+from planners.path import JointCurve, check_path
 from planners.stance import plant, stand_on
-from planners.timing import JointCurve
 from planners.whole_body_ik import Bounds, WholeBodyIk
 from tests.motions import load
 

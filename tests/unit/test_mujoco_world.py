@@ -8,14 +8,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from bridge.laser_scanner import LaserScanner
-from bridge.mujoco_plant import MujocoPlant
-from bridge.mujoco_world import SPACING, MujocoWorld, Place
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.scanner import LaserScanner
+from bridge.plants.world import SPACING, MujocoWorld, Place
 from bridge.shared_world import SharedWorld
 from models.errors import CommandError, ConfigError
 from models.heading import heading
 from models.mujoco_model import build_mujoco, build_mujoco_world, mujoco_to_pin, pin_to_mujoco
 from models.robot_model import RobotModel
+from models.types import JointCommand
 from tests.mujoco_states import random_state
 
 
@@ -70,7 +71,7 @@ def test_they_begin_in_their_places_and_are_held_there(pair: MujocoWorld) -> Non
         np.testing.assert_allclose(soles, [place.x, place.y, 0.0], atol=0.01)
         assert heading(*plant.truth.q[3:7]) == pytest.approx(place.heading, abs=0.01)
         assert plant.t == pytest.approx(0.3)
-        second.write(np.zeros(second.robot.nj))
+        second.write(JointCommand.torque(np.zeros(second.robot.nj)))
 
 
 def test_robots_that_are_not_placed_stand_side_by_side(g1: RobotModel) -> None:
@@ -81,7 +82,7 @@ def test_robots_that_are_not_placed_stand_side_by_side(g1: RobotModel) -> None:
 
 def test_one_moves_while_the_other_stands_still(pair: MujocoWorld) -> None:
     first, second = _plants(pair)
-    second.hold(False)
+    second.release()
     before = second.truth
     for _ in range(200):
         first.step()
@@ -100,12 +101,12 @@ def test_one_moves_while_the_other_stands_still(pair: MujocoWorld) -> None:
 def test_torques_pushes_and_noise_are_of_one_robot(g1: RobotModel) -> None:
     world = MujocoWorld({"a": g1, "b": g1})
     first, second = _plants(world, seed=4)
-    second.hold(False)
-    first.hold(False)
-    second.write(np.full(g1.nj, 0.5))
+    second.release()
+    first.release()
+    second.write(JointCommand.torque(np.full(g1.nj, 0.5)))
     first.close()
     assert world.data.ctrl[second.mujoco.actuator].all() and not world.data.ctrl[first.mujoco.actuator].any()
-    first.apply_push((0.0, 40.0, 0.0), 0.05)
+    first.push((0.0, 40.0, 0.0), 0.05)
     world.step((first, second))
     assert world.data.xfrc_applied[first.mujoco.base_body, 1] == 40.0
     assert not world.data.xfrc_applied[second.mujoco.own_bodies].any()
@@ -120,7 +121,7 @@ def test_robots_push_each_other(g1: RobotModel) -> None:
     first, second = _plants(world)
     for plant in (first, second):
         plant.hoist(1.0)
-        plant.hold(False)
+        plant.release()
     world.data.qvel[first.mujoco.qvel.start + 1] = 2.0  # [m/s] to the left
     met = False
     for _ in range(250):

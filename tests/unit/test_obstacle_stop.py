@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.body_outline import BodyOutline
-from controllers.obstacle_stop import ObstacleStop
-from controllers.obstacle_stop_config import ObstacleStopConfig
+from controllers.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from models.config import parse_config
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel

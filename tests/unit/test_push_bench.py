@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.push import PushConfig
-from benchmarks.push_bounds import ankle_bound
-from benchmarks.push_search import Search, largest
-from models.config import default_config
+from benchmarks.core.benchmark import settings
+from benchmarks.core.loops import Search, largest
+from benchmarks.stability.push import PushConfig
+from benchmarks.stability.push_bounds import ankle_bound
 from models.constants import GRAVITY
 
-CONFIG = default_config(PushConfig, "benchmarks", "push")
+CONFIG = settings(PushConfig, "push")
 SEARCH = Search(CONFIG.first_ratio, CONFIG.largest_ratio, CONFIG.stride, CONFIG.resolution)
 
 

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import benchmarks.push_map as push_map
-from benchmarks import push
-from benchmarks.cli import PushMode
-from benchmarks.harness import Case, Options
-from benchmarks.leg_clearance import LegClearance
-from benchmarks.push_bounds import step_distance, step_length
-from benchmarks.push_trial import Outcome, Trial, map_config, moments, prepare, survives
+import benchmarks.stability.push_map as push_map
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.stability.push_bounds import step_distance, step_length
+from benchmarks.stability.push_plot import PushMode
+from benchmarks.stability.push_trial import LegClearance, Outcome, Trial, map_config, moments, prepare, survives
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from planners.gait.scaling import load_gait_config
+from planners.gait.config import load_gait_config
 
 OMEGA = 3.9
 
@@ -65,18 +64,23 @@ def case(angle: float, dv: float, reason: str = "fell") -> Case:
     return {"angle": angle, "dv": dv, "impulse": 33.0 * dv, "ankle_dv": 0.4, "steps_dv": 1.2, "reason": reason}
 
 
+def passed(results: list[Case]) -> bool:
+    bench = catalogue()["push_step"].load()
+    return bench.passed(Report("push_step", "g1", 1, bench.figures(results), results, True, {}))
+
+
 def test_the_figure_of_a_direction_is_its_smallest_and_both_bounds_count() -> None:
     results = [case(0.0, 1.0), case(0.0, 0.7), case(1.0, 1.3), case(2.0, 1.2, "the legs run through each other")]
-    figures, broken = push_map.judge(PushMode.STEP, results)
+    figures = push_map.summarise(results)
     assert (figures["dv_min"], figures["dv_median"], figures["legs_touched"]) == (0.7, 1.2, 1.0)
-    assert broken == []
+    assert passed(results)
     assert figures["ratio_to_ankle_bound_min"] == pytest.approx(0.7 / 0.4)
     assert figures["ratio_to_steps_bound_min"] == pytest.approx(0.7 / 1.2)
     assert figures["ratio_to_steps_bound_median"] == pytest.approx(1.0)
     beyond = [case(0.0, 0.8) | {"ankle_dv": 0.0}, case(1.0, 1.2)]  # the DCM was beyond the edge already
-    assert push_map.judge(PushMode.STEP, beyond)[0]["ratio_to_ankle_bound_min"] == pytest.approx(3.0)
-    assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.5), case(1.0, 1.5)])[1]) == 1  # the smallest alone
-    assert len(push_map.judge(PushMode.STEP, [case(0.0, 0.7), case(1.0, 0.8)])[1]) == 1  # the median alone
+    assert push_map.summarise(beyond)["ratio_to_ankle_bound_min"] == pytest.approx(3.0)
+    assert not passed([case(0.0, 0.5), case(1.0, 1.5)])  # the smallest alone
+    assert not passed([case(0.0, 0.7), case(1.0, 0.8)])  # the median alone
 
 
 def test_a_direction_holds_what_every_phase_holds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,24 +121,10 @@ def test_a_push_is_explained_from_shortly_before_it_on_though_another_one_came_f
     assert shown["mode"][-1] == "damp"
 
 
-def test_an_unknown_mode_is_refused() -> None:
-    with pytest.raises(ValueError, match="run"):
-        push_map.run(Options(mode="run"))
-
-
-@pytest.mark.parametrize(("bench", "mode"), [(push, ""), (push_map, "walk")])
-def test_only_the_directions_that_are_chosen_are_measured(
-    bench: Any, mode: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[float] = []
-
-    def noted(measure: Any, cases: list[Case], **_: Any) -> list[Case]:
-        asked.extend(case["angle"] for case in cases)
-        raise InterruptedError
-
-    monkeypatch.setattr(bench, "run_cases", noted)
-    with pytest.raises(InterruptedError):
-        bench.run(Options(mode=mode, scenarios=("left", "forward")))
-    assert asked == pytest.approx([0.0, 0.5 * math.pi])
+@pytest.mark.parametrize("name", ["push", "push_walk"])
+def test_only_the_directions_that_are_chosen_are_measured(name: str) -> None:
+    bench = catalogue()[name].load()
+    cases = bench.cases(Options(scenarios=("left", "forward")))
+    assert [case["angle"] for case in cases] == pytest.approx([0.0, 0.5 * math.pi])
     with pytest.raises(ConfigError, match="unknown scenario 'up'; known: forward, forward-left"):
-        bench.run(Options(mode=mode, scenarios=("up",)))
+        bench.cases(Options(scenarios=("up",)))

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 import typer
 
-from benchmarks.harness import Report
-from benchmarks.report_bounds import bounds_of
-from benchmarks.results import read_lines
+from benchmarks.core.benchmark import bounds_of
+from benchmarks.core.harness import Report
+from benchmarks.core.results import read_lines
 from bridge.cli import app
 from models.profile import robot_names
 
@@ -51,9 +51,10 @@ def refusal(line: str) -> str:
     parent = command.context_class(command, info_name="poise")
     while hasattr(command, "commands"):
         name = words.pop(0) if words else ""
-        if name not in command.commands:
+        found = command.get_command(parent, name)  # groups load when they are asked for
+        if found is None:
             return f"{line}: no command '{name}'"
-        command = command.commands[name]
+        command = found
         parent = command.context_class(command, info_name=name, parent=parent)
     try:
         given = command.make_context(command.name, words).params

@@ -14,9 +14,9 @@ from threading import Thread
 
 import pytest
 
-from benchmarks.executors import InProcess, make_executor
-from benchmarks.harness import Case, Options, Sweep, run_cases
-from benchmarks.results import ResultsFile, read_lines
+from benchmarks.core.executors import InProcess, make_executor
+from benchmarks.core.harness import Case, Options, Sweep, run_cases
+from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import WorkersError
 from tests.dask_cluster import PATIENCE, Cluster
 from tests.ros.cable import staged
@@ -32,8 +32,8 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.executors import make_executor
-from benchmarks.harness import Options, Sweep, run_cases
+from benchmarks.core.executors import make_executor
+from benchmarks.core.harness import Options, Sweep, run_cases
 from tests.dask_cluster import Cluster
 from tests.ros.cable import HERE, two_machines
 from tests.sweep_cases import slow_network
@@ -137,7 +137,7 @@ def test_a_scheduler_that_dies_is_named_and_the_same_command_goes_on(
 def test_a_scheduler_that_gets_no_worker_is_named(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("benchmarks.dask_executor.ALONE_TIME", 1.0)
+    monkeypatch.setattr("benchmarks.core.dask_executor.ALONE_TIME", 1.0)
     cluster.scheduler()
     with (
         ResultsFile(tmp_path / "cases.jsonl") as file,
@@ -147,7 +147,7 @@ def test_a_scheduler_that_gets_no_worker_is_named(
 
 
 def test_who_listens_and_is_no_scheduler_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.dask_executor.CONNECT_TIME", 0.5)
+    monkeypatch.setattr("benchmarks.core.dask_executor.CONNECT_TIME", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as listener, ResultsFile(tmp_path / "cases.jsonl") as file:
         address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
         with pytest.raises(WorkersError, match=rf"{address}: no answer of a scheduler: silent for 0\.5 s"):
@@ -187,7 +187,7 @@ def test_a_scheduler_needs_no_poise_and_a_worker_does(cluster: Cluster, bare: Pa
     cluster.worker(source=bare)
     with (
         ResultsFile(tmp_path / "cases.jsonl") as file,
-        pytest.raises(WorkersError, match=r"a worker has not this poise: No module named 'benchmarks.executors'"),
+        pytest.raises(WorkersError, match=r"a worker has not this poise: No module named 'benchmarks.core'"),
     ):
         swept(cluster.address, file, [{"seed": 1}], square)
 

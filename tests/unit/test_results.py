@@ -12,15 +12,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.executors import Done, InProcess
-from benchmarks.harness import Case, Options, Sweep, collect, run_cases
-from benchmarks.plain_json import nulled, plain, unworded, with_nan, worded
-from benchmarks.provenance import configuration, source_state
-from benchmarks.results import NOT_RUN, ResultsFile, append_line, case_key, read_lines, scenario_of
+from benchmarks.core.executors import Done, InProcess
+from benchmarks.core.harness import Case, Options, Sweep, collect, run_cases
+from benchmarks.core.provenance import configuration, source_state
+from benchmarks.core.results import (
+    NOT_RUN,
+    ResultsFile,
+    append_line,
+    case_key,
+    nulled,
+    plain,
+    read_lines,
+    scenario_of,
+    unworded,
+    with_nan,
+    worded,
+)
 from models.errors import ConfigError
 from tests.sweep_cases import lacking, square
 
-BASELINE = "benchmarks.stand_still:StandStill"
+BASELINE = "benchmarks.stability.stand_still:StandStill"
 
 LINE = {
     "key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load", "seconds",
@@ -70,10 +81,10 @@ def test_another_bench_robot_configuration_or_revision_is_another_case(
     swept(path, [1])
     assert swept(path, [1], bench="cubes")[2] == 1
     assert swept(path, [1], robot="talos")[2] == 1
-    monkeypatch.setattr("benchmarks.harness.configuration", lambda robot, contender: "changed")
+    monkeypatch.setattr("benchmarks.core.harness.configuration", lambda robot, contender: "changed")
     assert swept(path, [1])[2] == 1
-    monkeypatch.setattr("benchmarks.harness.source_state", lambda: "changed")
-    monkeypatch.setattr("benchmarks.executors.source_state", lambda: "changed")
+    monkeypatch.setattr("benchmarks.core.harness.source_state", lambda: "changed")
+    monkeypatch.setattr("benchmarks.core.measured.source_state", lambda: "changed")
     assert swept(path, [1])[2] == 1
     assert len(read_lines(path)) == 5
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from benchmarks.harness import Case
-from benchmarks.scaling import same, summarise
+from benchmarks.core.harness import Case
+from benchmarks.speed.scaling import same, summarise
 
 
 def rounds(wall_2: float, *, differs: bool = False) -> list[Case]:

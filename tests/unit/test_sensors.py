@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from bridge.sensor_errors import SensorErrors
-from bridge.sensors import SensorNoise
+from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorNoise
 from models.errors import ConfigError, JointNameError
 from models.robot_model import RobotModel
 from models.types import SensorData

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.spread import percentiles_of, spread, spread_of
-from benchmarks.timed_run import QUANTILES
+from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_of
 
 RNG = np.random.default_rng(5)
 

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from benchmarks.harness import Report
-from benchmarks.survival import Share, lasting, shares, wilson
+from benchmarks.core.harness import Report
+from benchmarks.report.report_survival import Share, lasting, shares, wilson
 
 LOAD = {"before": [0.0] * 3, "after": [0.0] * 3, "cores": 2}
 

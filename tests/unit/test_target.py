@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from models.errors import CommandError
-from models.footprint import base_footprint
+from models.heading import base_footprint
 from models.robot_model import RobotModel
 from models.types import Vector
+from planners.goals import frame_named, planted_target
 from planners.stance import plant
-from planners.target import frame_named, planted_target
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 

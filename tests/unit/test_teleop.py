@@ -10,12 +10,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 from bridge.teleop.config import TeleopConfig
-from bridge.teleop.gamepad import Gamepad
-from bridge.teleop.keys import KeyLaw, limits_of
+from bridge.teleop.input import Gamepad, KeyLaw, limits_of
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from planners.gait.scaling import load_gait_config
+from planners.gait.config import load_gait_config
 
 CONFIG = default_config(TeleopConfig, "bridge", "teleop")
 

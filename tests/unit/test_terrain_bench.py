@@ -7,17 +7,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import terrain
+from benchmarks.core.benchmark import catalogue
+from benchmarks.core.harness import Options, Report
+from benchmarks.stability import terrain
 from models.errors import ConfigError
 from models.terrain import terrains
 
 CONFIG = terrain._config()
+BENCH = catalogue()["terrain"].load()
+
+
+def report_of(results: list[dict[str, Any]]) -> Report:
+    """Their report, judged by the bounds."""
+    return Report("terrain", "g1", 1, BENCH.figures(results), results, True, {})
 
 
 def good(seeds: int) -> list[dict[str, Any]]:
     """Results of walks that all survived."""
     outcome = {"fell": False, "reason": "", "time": 20.0, "distance": 5.9, "survived": True, "trips": 0}
-    return [{**case, **outcome} for case in terrain.cases("g1", seeds)]
+    return [{**case, **outcome} for case in BENCH.cases(Options("g1", seeds))]
 
 
 def test_the_issue_s_conditions_have_a_bound_and_known_grounds() -> None:
@@ -30,15 +38,16 @@ def test_the_issue_s_conditions_have_a_bound_and_known_grounds() -> None:
 
 
 def test_the_cases_are_the_bounded_conditions_or_those_chosen() -> None:
-    assert {case["scenario"] for case in terrain.cases("g1", 2)} == set(CONFIG.conditions)
-    assert [case["seed"] for case in terrain.cases("g1", 2, ("soft",))] == [0, 1]
+    assert {case["scenario"] for case in BENCH.cases(Options("g1", 2))} == set(CONFIG.conditions)
+    assert [case["seed"] for case in BENCH.cases(Options("g1", 2, scenarios=("soft",)))] == [0, 1]
     with pytest.raises(ConfigError, match="unknown scenario 'lava'; known: tiles"):
-        terrain.cases("g1", 1, ("lava",))
+        BENCH.cases(Options("g1", scenarios=("lava",)))
 
 
 def test_walks_that_survive_pass() -> None:
-    figures, notes = terrain.judge(good(2))
-    assert terrain.passed(figures) and notes == []
+    report = report_of(good(2))
+    figures = report.figures
+    assert BENCH.passed(report) and BENCH.notes(report) == []
     assert figures["survived_tiles"] == figures["total_tiles"] == 2.0
 
 
@@ -48,16 +57,17 @@ def test_eighteen_of_twenty_decide(name: str, failures: int, passes: bool) -> No
     results = good(20)
     for case in [case for case in results if case["scenario"] == name][:failures]:
         case.update(survived=False, reason="base tilted")
-    figures, notes = terrain.judge(results)
-    assert terrain.passed(figures) is passes
+    report = report_of(results)
+    notes = BENCH.notes(report)
+    assert BENCH.passed(report) is passes
     assert any(f"{name}: {20 - failures} of 20" in note for note in notes) is not passes
     assert sum("base tilted" in note for note in notes) == failures
 
 
 def test_goals_have_no_bound() -> None:
-    results = [{**case, **good(1)[0], "scenario": "slippery", "survived": False} for case in terrain.cases("g1", 1)]
-    figures, _ = terrain.judge(results)
-    assert figures["survived_slippery"] == 0.0 and terrain.passed(figures)
+    results = [{**case, **good(1)[0], "scenario": "slippery", "survived": False} for case in BENCH.cases(Options("g1"))]
+    report = report_of(results)
+    assert report.figures["survived_slippery"] == 0.0 and BENCH.passed(report)
 
 
 def test_a_walk_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:

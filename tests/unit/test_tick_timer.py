@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from models.nodes.tick_timer import MEDIAN, TAIL, WINDOW, TickTimer
+from models.nodes.realtime import MEDIAN, TAIL, WINDOW, TickTimer
 
 
 def test_percentiles_of_the_last_ticks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,10 +7,11 @@ import math
 
 import pytest
 
-from benchmarks.harness import Case, Options
-from benchmarks.timed_run import collector_off, judge, over_seeds, run_seeds
+from benchmarks.core.benchmark import Bound, at_most
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.core.timed_run import TimedBenchmark, collector_off, judge, over_seeds
 
-LIMITS = {"tick_us_p99": 100.0, "ratio": 2.0}
+LIMITS = at_most({"tick_us_p99": 100.0, "ratio": 2.0})
 
 
 def cases(*ratios: float) -> list[Case]:
@@ -21,7 +22,7 @@ def cases(*ratios: float) -> list[Case]:
 def test_all_within_their_limits_pass() -> None:
     assert judge(cases(1.0, 2.0, 1.5), LIMITS) == (
         True,
-        ["ok     tick_us_p99 <= 100: worst 90, seed 0", "ok     ratio <= 2: worst 2, seed 1"],
+        ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", "ok     ratio ≤ 2: worst 2, seed 1"],
     )
 
 
@@ -29,7 +30,7 @@ def test_all_within_their_limits_pass() -> None:
 def test_one_seed_beyond_a_limit_fails_and_is_named_though_the_median_holds(bad: float, told: str) -> None:
     passed, lines = judge(cases(1.0, 1.2, bad, 1.1), LIMITS)
     assert not passed
-    assert lines == ["ok     tick_us_p99 <= 100: worst 90, seed 0", f"FAILED ratio <= 2: worst {told}, seed 2"]
+    assert lines == ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", f"FAILED ratio ≤ 2: worst {told}, seed 2"]
 
 
 def test_the_figures_are_medians_but_the_worst_of_tails_and_failures() -> None:
@@ -43,11 +44,16 @@ def test_a_report_has_the_verdict_of_its_notes(worst: float, passed: bool) -> No
     def measure(robot: str, seed: int) -> Case:
         return {"figures": {"ratio": (1.0, 1.1, worst)[seed], "preempted_fraction": 0.25}}
 
-    report = run_seeds("tick", Options("talos", seeds=3), measure, {"ratio": 2.0})
+    class Timed(TimedBenchmark):
+        def bounds(self, report: Report) -> dict[str, Bound]:
+            return at_most({"ratio": 2.0})
+
+    Timed.measure = staticmethod(measure)
+    report = Timed("tick").run(Options("talos", seeds=3))
     assert (report.bench, report.robot, report.seeds, report.passed) == ("tick", "talos", 3, passed)
     assert [(case["robot"], case["seed"]) for case in report.cases] == [("talos", seed) for seed in range(3)]
     assert report.figures["ratio"] == 1.1
-    assert report.notes[0] == f"{'ok    ' if passed else 'FAILED'} ratio <= 2: worst {worst}, seed 2"
+    assert report.notes[0] == f"{'ok    ' if passed else 'FAILED'} ratio ≤ 2: worst {worst}, seed 2"
     assert "25.00%" in report.notes[1]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.torque_steps import TorqueSteps
+from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
 from controllers import tuning
 from controllers.balance import BalanceController

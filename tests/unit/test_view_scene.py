@@ -49,7 +49,7 @@ def test_every_visual_is_there_and_moves_with_its_joint(server: Any, name: str) 
 def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -> None:
     from bridge.view.balance_scene import BalanceScene
     from bridge.view.config import ViewConfig
-    from bridge.view.snapshot import Snapshot
+    from bridge.view.listener import Snapshot
 
     scene = BalanceScene(server.scene, g1, default_config(ViewConfig, "bridge", "view"))
     state = standing(g1)
@@ -68,7 +68,7 @@ def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -
 def test_ground_reactions_point_as_the_soles_do(server: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
     from bridge.view.balance_scene import BalanceScene
     from bridge.view.config import ViewConfig
-    from bridge.view.snapshot import Snapshot
+    from bridge.view.listener import Snapshot
 
     config, state = default_config(ViewConfig, "bridge", "view"), standing(g1)
     q = state.q.copy()
@@ -86,7 +86,7 @@ def test_ground_reactions_point_as_the_soles_do(server: Any, g1: RobotModel, mon
 
 
 def test_he_who_steers_is_there_while_he_moves_something_and_his_browser_is() -> None:
-    from bridge.view.sticks import DeadMan
+    from bridge.view.controls import DeadMan
 
     man = DeadMan(10.0)
     assert not man.there([1, 2], 0.0)  # nobody has touched anything

@@ -22,7 +22,7 @@ from models.profile import CAMERA_FRAME
 from models.robot_model import RobotModel
 
 if TYPE_CHECKING:
-    from bridge.camera import SimulatedCamera
+    from bridge.plants.camera import SimulatedCamera
 
 GREEN, ORANGE, RED = (20, 180, 40), (230, 115, 13), (220, 10, 20)
 
@@ -78,7 +78,7 @@ def test_a_pinhole_projects_and_looks_back() -> None:
 @pytest.fixture(scope="module")
 def cameras() -> Iterator[dict[str, SimulatedCamera]]:
     """The camera of each robot."""
-    from bridge.camera import SimulatedCamera
+    from bridge.plants.camera import SimulatedCamera
 
     made = {name: SimulatedCamera(RobotModel.load(name), terrain="box") for name in ("g1", "talos")}
     yield made

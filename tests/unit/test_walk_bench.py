@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import walk, walk_cases
-from benchmarks.harness import Report
-from benchmarks.walk_measure import speed_error, tracking_error
+from benchmarks.core.harness import Report
+from benchmarks.stability import walk, walk_cases
+from benchmarks.stability.walk_cases import speed_error, tracking_error
 from models.errors import ConfigError, PoiseError
 from models.types import CommandReply, Mode
 

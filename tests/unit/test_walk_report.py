@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bridge.demo_config import DemoConfig
-from bridge.plots_walk import footsteps, plot_walk
+from bridge.demo.config import DemoConfig
+from bridge.demo.report import judge_walk
+from bridge.plots.walk import footsteps, plot_walk
 from bridge.recording import Recording
-from bridge.walk_report import judge_walk
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

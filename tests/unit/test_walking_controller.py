@@ -1,4 +1,4 @@
-"""The walking controller: the CMP stays where the stance sole, shifted by the swing leg's reaction, can give it."""
+"""The balance law in single support: the CMP stays where the stance sole, shifted by the reaction, can give it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from controllers.walking import WalkingController
+from controllers.balance import BalanceController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState
-from planners.gait.gait import GaitPlanner
+from planners.gait.planner import GaitPlanner
 from tests.support import standing
 
 
 @pytest.fixture(scope="module")
-def case() -> tuple[WalkingController, RobotState, Reference]:
+def case() -> tuple[BalanceController, RobotState, Reference]:
     """On the left foot, with a DCM reference so far ahead that the CMP is at the heel."""
     model = RobotModel.load("g1")
     state, planner = standing(model), GaitPlanner(model)
@@ -28,29 +28,29 @@ def case() -> tuple[WalkingController, RobotState, Reference]:
     ahead = structs.replace(
         reference, contacts=(True, False), load=(1.0, 0.0), dcm=reference.dcm + np.array([1.0, 0.0])
     )
-    controller = WalkingController(model)
+    controller = BalanceController(model)
     controller.reset(state)
     return controller, state, ahead
 
 
-def cmp_at(case: tuple[WalkingController, RobotState, Reference], offset: np.ndarray | None) -> np.ndarray:
+def cmp_at(case: tuple[BalanceController, RobotState, Reference], offset: np.ndarray | None) -> np.ndarray:
     controller, state, reference = case
-    zmp = controller.step(state, structs.replace(reference, cmp_offset=offset), 0.001).zmp
+    zmp = controller.track(state, structs.replace(reference, cmp_offset=offset)).zmp
     assert zmp is not None
     return zmp
 
 
-def test_the_cmp_is_kept_inside_the_stance_sole(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_the_cmp_is_kept_inside_the_stance_sole(case: tuple[BalanceController, RobotState, Reference]) -> None:
     heel = case[0].model.feet[0].rectangle[0]
     assert cmp_at(case, None)[0] == pytest.approx(heel, abs=1e-6)
 
 
-def test_the_reaction_shifts_where_it_may_be(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_the_reaction_shifts_where_it_may_be(case: tuple[BalanceController, RobotState, Reference]) -> None:
     without = cmp_at(case, None)
     assert cmp_at(case, np.array([-0.1, 0.02])) - without == pytest.approx([-0.1, 0.02], abs=1e-6)
 
 
-def test_the_shift_is_bounded(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_the_shift_is_bounded(case: tuple[BalanceController, RobotState, Reference]) -> None:
     reach = case[0].config.reaction_reach_max
     without = cmp_at(case, None)
     assert cmp_at(case, np.array([-10.0, 0.0]))[0] - without[0] == pytest.approx(-reach, abs=1e-6)
@@ -58,34 +58,34 @@ def test_the_shift_is_bounded(case: tuple[WalkingController, RobotState, Referen
 
 def acceleration(swing: Reference, state: RobotState, **changes: object) -> np.ndarray:
     """What the controller makes of a reference, with some of its settings changed."""
-    whole_body = default_config(WholeBodyConfig, "controllers", "whole_body_walking")
-    controller = WalkingController(RobotModel.load("g1"), whole_body=replace(whole_body, **changes))  # type: ignore[arg-type]
+    whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
+    controller = BalanceController(RobotModel.load("g1"), whole_body=replace(whole_body, **changes))  # type: ignore[arg-type]
     controller.reset(state)
-    result = controller.step(state, swing, 0.001)
+    result = controller.track(state, swing)
     assert result.acceleration is not None
     return result.acceleration
 
 
-def momentum_rate(case: tuple[WalkingController, RobotState, Reference], weight: float) -> float:
+def momentum_rate(case: tuple[BalanceController, RobotState, Reference], weight: float) -> float:
     """Angular momentum about the vertical that a leg swung forward takes in a second [N.m]."""
     controller, state, ahead = case
     accelerations = np.zeros((2, 6))
     accelerations[1, 0] = 20.0
-    gains = replace(controller.whole_body.config.angular_momentum, weight_vertical=weight)
+    gains = replace(controller.whole_body.config.stepping, momentum_weight_vertical=weight)
     swing = structs.replace(ahead, sole_accelerations=accelerations)
-    a = acceleration(swing, state, angular_momentum=gains)
+    a = acceleration(swing, state, stepping=gains)
     terms = controller.whole_body.terms
     return float((terms.momentum_matrix @ a + terms.momentum_drift)[2])
 
 
-def test_arms_and_torso_swing_against_the_leg(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_arms_and_torso_swing_against_the_leg(case: tuple[BalanceController, RobotState, Reference]) -> None:
     alone, against = momentum_rate(case, 0.0), momentum_rate(case, 40000.0)
     assert abs(alone) > 4.0
     assert abs(against) < 0.7 * abs(alone)
 
 
 def with_leg(
-    controller: WalkingController, state: RobotState, joints: tuple[tuple[int, float, float], ...], *, at: int, q: float
+    controller: BalanceController, state: RobotState, joints: tuple[tuple[int, float, float], ...], *, at: int, q: float
 ) -> RobotState:
     """The right leg elsewhere: joints by their number with angle added and rate, one of them put to an angle."""
     leg, angles, rates = controller.model.feet[1].joint_ids_v, state.q.copy(), state.v.copy()
@@ -99,7 +99,7 @@ def with_leg(
 
 
 def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
-    case: tuple[WalkingController, RobotState, Reference],
+    case: tuple[BalanceController, RobotState, Reference],
 ) -> None:
     """In a lift-off: the knee bends faster than the ankle can follow."""
     controller, state, ahead = case
@@ -115,7 +115,7 @@ def test_a_foot_tips_rather_than_the_body_where_its_ankle_is_at_a_limit(
 
 
 def test_a_foot_rolls_rather_than_fall_short_where_its_ankle_is_at_a_limit(
-    case: tuple[WalkingController, RobotState, Reference],
+    case: tuple[BalanceController, RobotState, Reference],
 ) -> None:
     """In a wide step: the leg moves out, and the ankle cannot keep the sole level any more."""
     controller, state, ahead = case
@@ -131,27 +131,27 @@ def test_a_foot_rolls_rather_than_fall_short_where_its_ankle_is_at_a_limit(
     assert out[1] > out[0] + 5.0  # [m/s^2]
 
 
-def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_the_cmp_is_kept_inside_what_bears_of_the_sole(case: tuple[BalanceController, RobotState, Reference]) -> None:
     controller, state, reference = case
     areas = np.array([foot.rectangle for foot in controller.model.feet])
     areas[0, :2] = 0.02, 0.05  # of the stance sole, only a strip across its middle bears
-    result = controller.step(state, structs.replace(reference, cmp_offset=None, sole_areas=areas), 0.001)
+    result = controller.track(state, structs.replace(reference, cmp_offset=None, sole_areas=areas))
     assert result.zmp is not None and result.wrenches is not None
     heel = controller.model.feet[0].rectangle[0]
     assert result.zmp[0] - cmp_at(case, None)[0] == pytest.approx(0.02 - heel, abs=1e-6)
     cop = -result.wrenches[0, 4] / result.wrenches[0, 2]
     assert 0.02 - 1e-6 <= cop <= 0.05 + 1e-6
-    whole = controller.step(state, structs.replace(reference, cmp_offset=None, sole_areas=None), 0.001)
+    whole = controller.track(state, structs.replace(reference, cmp_offset=None, sole_areas=None))
     assert whole.wrenches is not None and whole.zmp is not None
     assert -whole.wrenches[0, 4] / whole.wrenches[0, 2] < 0.02
     assert whole.zmp[0] - result.zmp[0] == pytest.approx(heel - 0.02, abs=1e-6)
 
 
-def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[WalkingController, RobotState, Reference]) -> None:
+def test_a_sole_is_loaded_in_the_middle_of_what_bears(case: tuple[BalanceController, RobotState, Reference]) -> None:
     controller, state, reference = case
     areas = np.array([(0.02, 0.06, -0.02, 0.0), (-0.04, 0.0, 0.01, 0.02)])
-    controller.step(state, structs.replace(reference, contacts=(True, True), load=(0.5, 0.5), sole_areas=areas), 0.001)
-    target = controller.whole_body.limits.wrench_target
+    controller.track(state, structs.replace(reference, contacts=(True, True), load=(0.5, 0.5), sole_areas=areas))
+    target = controller.whole_body.wrench_target
     for foot in range(2):
         x_min, x_max, y_min, y_max = areas[foot]
         cop = np.array([-target[foot, 4], target[foot, 3]]) / target[foot, 2]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.wall_clock import WallClock
+from benchmarks.graph.graph_kinds import WallClock
 from models.errors import PoiseError
 
 ASK = """

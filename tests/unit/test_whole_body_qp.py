@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,12 +12,13 @@ import quadprog
 from msgspec import structs
 
 from controllers.balance import BalanceController
-from controllers.qp.build import QP
-from controllers.qp.kernels_check import kkt_residual
-from controllers.qp.solve import QPSolver
+from controllers.limits import JointLimit, TorqueLimit, WrenchConeLimit
+from controllers.qp.active_set import QP, kkt_residual
+from controllers.qp.solve import QPSolver, backends
 from controllers.whole_body import WholeBodyController
 from controllers.whole_body_config import WholeBodyConfig
 from models.config import default_config
+from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference, RobotState, SolveStatus
 from tests.support import standing
@@ -37,7 +39,7 @@ def moving_state(model: RobotModel, seed: int, speed: float = 0.2) -> RobotState
 
 
 def prepare(
-    model: RobotModel, state: RobotState, contacts: tuple[bool, bool], **solver: float
+    model: RobotModel, state: RobotState, contacts: tuple[bool, bool], **solver: Any
 ) -> tuple[WholeBodyController, Reference]:
     config = default_config(WholeBodyConfig, "controllers", "whole_body")
     config = replace(config, solver=replace(config.solver, **solver)) if solver else config
@@ -75,8 +77,9 @@ def test_solution_obeys_physics(model: RobotModel, contacts: tuple[bool, bool], 
             frame_id = model.feet[foot].frame_id
             acceleration = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL).vector
             velocity = pin.getFrameVelocity(model.pin, data, frame_id, pin.LOCAL).vector
-            error = controller.tasks[f"{model.feet[foot].name}_foot"].error(controller.terms, reference)
-            wanted = contact.stiffness * error - contact.damping * velocity
+            task = controller.tasks[f"{model.feet[foot].name}_foot"]
+            task.update(controller.terms, reference)
+            wanted = contact.stiffness * task.error - contact.damping * velocity
             np.testing.assert_allclose(acceleration, wanted, atol=1e-7)
             assert controller.wrenches[foot, 2] > 0.0
 
@@ -93,39 +96,39 @@ def full_solution(
     for task in controller.tasks.values():
         if not task.active:
             continue
-        jacobian = np.hstack([task.jacobian(terms), np.zeros((len(task.weight), n - nv))])
-        target = task.acceleration(terms, reference) - task.drift(terms)
+        jacobian = np.hstack([task.jacobian, np.zeros((len(task.weight), n - nv))])
         hessian += jacobian.T @ (task.weight[:, None] * jacobian)
-        gradient -= jacobian.T @ (task.weight * target)
+        gradient -= jacobian.T @ (task.weight * task.target)
     equalities, right = [], []
     base = np.zeros((6, n))
     base[:, :nv] = terms.mass_matrix[:6]
     torque_rows = np.zeros((model.nj, n))
     torque_rows[:, :nv] = terms.mass_matrix[6:]
     inequalities, bounds = [], []
+    joints, cones, torques = (controller.limits[name] for name in ("joints", "wrench_cone", "torque"))
+    assert isinstance(joints, JointLimit) and isinstance(cones, WrenchConeLimit) and isinstance(torques, TorqueLimit)
     for k, foot in enumerate(active):
         span = slice(nv + 6 * k, nv + 6 * k + 6)
         sole = terms.soles[foot]
-        weight = controller.limits.wrench_weight[foot]
+        weight = builder.stack.wrench_weight[foot]
         hessian[span, span] += np.diag(weight)
-        gradient[span] -= weight * controller.limits.wrench_target[foot]
+        gradient[span] -= weight * controller.wrench_target[foot]
         base[:, span] = -sole.jacobian[:, :6].T
         torque_rows[:, span] = -sole.jacobian[:, 6:].T
         row = np.zeros((6, n))
         row[:, :nv] = sole.jacobian
         equalities.append(row)
-        right.append(controller.limits.contact_acceleration[foot] - sole.drift)
+        right.append(builder.contact_acceleration[foot] - sole.drift)
         cone = np.zeros((17, n))
-        cone[:, span] = builder.robot["cone"][foot]
+        cone[:, span] = cones.matrix[foot]
         inequalities += [cone, -cone]
-        bounds += [builder.robot["cone_lower"][foot], -builder.robot["cone_upper"][foot]]
+        bounds += [cones.lower[foot], -cones.upper[foot]]
     equalities.append(base)
     right.append(-terms.bias[:6])
-    limits = controller.limits
     select = np.hstack([np.zeros((model.nj, 6)), np.eye(model.nj), np.zeros((model.nj, n - nv))])
     inequalities += [torque_rows, -torque_rows, select, -select]
-    bounds += [-limits.torque - terms.bias[6:], -limits.torque + terms.bias[6:]]
-    bounds += [limits.acceleration_lower, -limits.acceleration_upper]
+    bounds += [-torques.largest - terms.bias[6:], -torques.largest + terms.bias[6:]]
+    bounds += [joints.lower, -joints.upper]
     matrix = np.vstack(equalities + inequalities)
     answer = quadprog.solve_qp(
         hessian, -gradient, matrix.T, np.concatenate(right + bounds), sum(len(r) for r in right)
@@ -146,10 +149,10 @@ def test_limits_are_active_in_the_hard_case(model: RobotModel) -> None:
     """The comparison above must meet active limits, or it proves little."""
     state = moving_state(model, 5, 0.6)
     controller, _ = prepare(model, state, (True, True))
-    qp = controller.builder._active.qp
-    values = qp.matrix @ controller.solution.z
-    simple = len(qp.lower) - len(values)
-    slack = np.minimum(values - qp.lower[simple:], qp.upper[simple:] - values)
+    qp, z = controller.problem, controller.solution.z
+    assert qp is not None and z is not None
+    values = qp.matrix @ z
+    slack = np.minimum(values - qp.lower, qp.upper - values)
     assert (slack < 1e-6).sum() >= 2
 
 
@@ -160,22 +163,58 @@ def test_a_robot_that_is_thrown_about_is_served_in_the_same_tick(model: RobotMod
     assert set(found) <= {SolveStatus.OPTIMAL, SolveStatus.RELAXED}
 
 
-def toy(**changes: object) -> QP:
+def toy(second: tuple[float, float] = (1.0, 1.0), **changes: np.ndarray) -> QP:
+    """Rows z_1 and ``second`` z; the first is hard."""
     qp = QP(
         np.eye(2),
         np.array([-1.0, -2.0]),
-        np.array([[1.0, 1.0]]),
+        np.array([[1.0, 0.0], second]),
         np.array([-1.0, -1e30]),
         np.array([1.0, 1.0]),
         np.array([False, True]),
     )
-    for name, value in changes.items():
-        setattr(qp, name, value)
-    return qp
+    return qp._replace(**changes)
 
 
-def solver() -> QPSolver:
-    return QPSolver(residual_max=1e-6, iterations_max=100, soft_rho=1e-3)
+def solver(backend: str = "own") -> QPSolver:
+    return QPSolver(residual_max=1e-6, iterations_max=100, soft_rho=1e-3, backend=backend)
+
+
+@pytest.mark.parametrize("backend", backends())
+def test_every_backend_is_certified(backend: str) -> None:
+    solution = solver(backend).solve(toy())
+    assert solution.status is SolveStatus.OPTIMAL
+    assert solution.residual < 1e-6
+    np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-5)
+    model = RobotModel.load("g1")
+    state = moving_state(model, 5, 0.6)  # with active limits
+    own, _ = prepare(model, state, (True, True))
+    other, _ = prepare(model, state, (True, True), backend=backend)
+    assert other.solution.status in (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
+    assert other.solution.residual < 1e-6
+    np.testing.assert_allclose(other.torque, own.torque, atol=2e-3 * model.tau_max.max())
+
+
+def test_a_wrong_answer_of_a_backend_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    import qpsolvers
+
+    right = qpsolvers.solve_problem
+
+    def wrong(*arguments: object, **options: object) -> qpsolvers.Solution:
+        solution = right(*arguments, **options)
+        solution.x = solution.x + 0.1
+        return solution
+
+    one = solver("quadprog")
+    monkeypatch.setattr(qpsolvers, "solve_problem", wrong)
+    solution = one.solve(toy())
+    assert solution.status is SolveStatus.FALLBACK_SOLVER
+    np.testing.assert_allclose(solution.z, [0.0, 1.0], atol=1e-9)
+
+
+def test_an_unknown_backend_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"unknown back-end 'gurobby'; installed: own, daqp, .*quadprog"):
+        solver("gurobby")
 
 
 def test_solver_finds_the_optimum() -> None:
@@ -185,7 +224,7 @@ def test_solver_finds_the_optimum() -> None:
 
 
 def test_infeasible_problem_is_relaxed_on_its_soft_rows_only() -> None:
-    impossible = toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
+    impossible = toy((1.0, 0.0), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
     solution = solver().solve(impossible)
     assert solution.status is SolveStatus.RELAXED
     assert solution.z is not None and solution.z[0] <= 1.0 + 1e-6
@@ -194,9 +233,7 @@ def test_infeasible_problem_is_relaxed_on_its_soft_rows_only() -> None:
 
 def test_a_soft_row_that_contradicts_itself_is_met_halfway() -> None:
     """At least 0.5 and at most 0.3."""
-    solution = solver().solve(
-        toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 0.5]), upper=np.array([1.0, 0.3]))
-    )
+    solution = solver().solve(toy((1.0, 0.0), lower=np.array([-1.0, 0.5]), upper=np.array([1.0, 0.3])))
     assert solution.status is SolveStatus.RELAXED
     assert solution.z is not None and solution.z[0] == pytest.approx(0.4, abs=5e-3)
     assert solution.residual < 1e-6
@@ -211,7 +248,7 @@ def test_relaxed_answer_that_breaks_a_hard_row_is_refused(monkeypatch: pytest.Mo
 
     one = solver()
     monkeypatch.setattr(module.daqp, "solve", wrong)
-    impossible = toy(matrix=np.array([[1.0, 0.0]]), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
+    impossible = toy((1.0, 0.0), lower=np.array([-1.0, 5.0]), upper=np.array([1.0, 6.0]))
     assert one.solve(impossible).status is SolveStatus.HELD
 
 
@@ -248,12 +285,11 @@ def test_wrong_answer_of_the_first_solver_is_caught(monkeypatch: pytest.MonkeyPa
 def test_residual_names_each_violation() -> None:
     qp = toy()
     good, multipliers = np.array([0.0, 1.0]), np.array([0.0, 1.0])
-    arguments = (qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper)
-    assert kkt_residual(*arguments, good, multipliers) < 1e-12
-    assert kkt_residual(*arguments, good, np.zeros(2)) > 0.1
-    assert kkt_residual(*arguments, np.array([1.0, 2.0]), np.zeros(2)) > 0.1
-    assert kkt_residual(*arguments, good, -multipliers) > 0.1
-    assert np.isnan(kkt_residual(*arguments, np.array([np.nan, 0.0]), multipliers))
+    assert kkt_residual(qp, good, multipliers) < 1e-12
+    assert kkt_residual(qp, good, np.zeros(2)) > 0.1
+    assert kkt_residual(qp, np.array([1.0, 2.0]), np.zeros(2)) > 0.1
+    assert kkt_residual(qp, good, -multipliers) > 0.1
+    assert np.isnan(kkt_residual(qp, np.array([np.nan, 0.0]), multipliers))
 
 
 @pytest.mark.parametrize("field", ["q", "v"])

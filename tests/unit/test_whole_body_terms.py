@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from msgspec.structs import replace
 
-from controllers.qp.kernels_cone import ROWS, fill_cone
-from controllers.qp.kernels_terms import rotation_error
-from controllers.qp.terms import Terms
-from controllers.tasks import AngularMomentumTask, CoMTask, FootTask, OrientationTask, PostureTask, Task
+from controllers.limits import CONE_ROWS, CoMHeightLimit, JointLimit, TorqueLimit, WrenchConeLimit, fill_cone
+from controllers.qp.terms import Terms, frame_id_of
+from controllers.tasks import (
+    AngularMomentumTask,
+    CoMTask,
+    FootTask,
+    FrameOrientationTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+)
 from controllers.whole_body import WholeBodyController
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.whole_body_config import PointTask, WholeBodyConfig
 from models.config import default_config
+from models.errors import ConfigError
 from models.robot_model import RobotModel
-from models.types import Matrix, Reference, RobotState, Vector
+from models.so3 import rotation_error
+from models.types import Reference, RobotState
 from tests.support import standing
 
 ROBOTS = ("g1", "talos")
+
+WALKING_WITH_HAND = dataclasses.replace(
+    default_config(WholeBodyConfig, "controllers", "whole_body"),
+    tasks={"hand": PointTask("r_wrist", 100.0, 20.0, 1000.0)},
+)
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -59,17 +75,19 @@ def some_reference(model: RobotModel, state: RobotState) -> Reference:
 @pytest.mark.parametrize("seed", range(3))
 def test_terms_equal_pinocchio(model: RobotModel, seed: int) -> None:
     state = random_state(model, seed)
-    terms = Terms(model)
+    terms = Terms(model, ["r_wrist", model.pin.frames[-1].name])
     terms.update(state)
     data = model.data()
     q, v = state.q, state.v
     pin.forwardKinematics(model.pin, data, q, v, np.zeros(model.nv))
     pin.updateFramePlacements(model.pin, data)
     pin.computeJointJacobians(model.pin, data, q)
-    for frame in (*terms.soles, terms.torso):
-        jacobian = pin.getFrameJacobian(model.pin, data, frame.frame_id, pin.LOCAL)
-        drift = pin.getFrameClassicalAcceleration(model.pin, data, frame.frame_id, pin.LOCAL).vector
-        np.testing.assert_allclose(frame.pose, data.oMf[frame.frame_id].homogeneous, atol=1e-12)
+    assert len(terms.frames) == 6
+    for name, frame in terms.frames.items():
+        frame_id = frame_id_of(model, name)
+        jacobian = pin.getFrameJacobian(model.pin, data, frame_id, pin.LOCAL)
+        drift = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL).vector
+        np.testing.assert_allclose(frame.pose, data.oMf[frame_id].homogeneous, atol=1e-12)
         np.testing.assert_allclose(frame.jacobian, jacobian, atol=1e-10)
         np.testing.assert_allclose(frame.twist, jacobian @ v, atol=1e-9)
         np.testing.assert_allclose(frame.drift, drift, atol=1e-8)
@@ -84,23 +102,32 @@ def test_terms_equal_pinocchio(model: RobotModel, seed: int) -> None:
     np.testing.assert_allclose(terms.momentum_drift, (data.dAg @ v)[3:], atol=1e-7)
 
 
-@pytest.mark.parametrize("name", ["com", "torso_orientation", "base_orientation", "left_foot", "right_foot", "posture"])
+def test_a_frame_that_there_is_not_is_refused(model: RobotModel) -> None:
+    with pytest.raises(ConfigError, match=r"unknown frame 'third_hand'; known: .*URDF"):
+        Terms(model, ["third_hand"])
+
+
+@pytest.mark.parametrize(
+    "name", ["com", "torso_orientation", "base_orientation", "left_foot", "right_foot", "posture", "hand"]
+)
 def test_jacobian_is_minus_the_derivative_of_the_error(model: RobotModel, name: str) -> None:
-    ones = np.ones(6)
-    tasks = {
+    ones, nv = np.ones(6), model.nv
+    three = ones[:3], ones[:3], ones[:3]
+    tasks: dict[str, Task] = {
         task.name: task
         for task in (
-            CoMTask(ones[:3], ones[:3], ones[:3]),
-            OrientationTask("torso", ones[:3], ones[:3], ones[:3]),
-            OrientationTask("base", ones[:3], ones[:3], ones[:3]),
-            FootTask(0, ones, ones, ones),
-            FootTask(1, ones, ones, ones),
+            CoMTask(*three, nv),
+            FrameOrientationTask("torso_orientation", "torso", *three, nv, lambda ref: ref.torso_orientation),
+            FrameOrientationTask("base_orientation", "base_link", *three, nv, lambda ref: ref.base_orientation),
+            FramePositionTask("hand", "r_wrist", *three, nv),
+            FootTask(0, ones, ones, ones, nv),
+            FootTask(1, ones, ones, ones, nv),
             PostureTask(np.ones(model.nj), np.ones(model.nj), np.ones(model.nj)),
         )
     }
     task = tasks[name]
     state = random_state(model, 11)
-    terms = Terms(model)
+    terms = Terms(model, task.frames)
     reference = some_reference(model, state)
     # Where the error vanishes, d(error) = -J dq exactly, for rotations too.
     terms.update(state)
@@ -115,7 +142,11 @@ def test_jacobian_is_minus_the_derivative_of_the_error(model: RobotModel, name: 
             "posture": state.q[7:].copy(),
         }
     )
-    jacobian = task.jacobian(terms).copy()
+    if isinstance(task, FramePositionTask):
+        task.desired = terms.frames["r_wrist"].position
+    task.update(terms, reference)
+    np.testing.assert_allclose(task.error, 0.0, atol=1e-12)
+    jacobian = task.jacobian.copy()
     step = 1e-6
     for column in range(model.nv):
         direction = np.zeros(model.nv)
@@ -124,7 +155,8 @@ def test_jacobian_is_minus_the_derivative_of_the_error(model: RobotModel, name: 
         for sign in (1.0, -1.0):
             q = pin.integrate(model.pin, state.q, sign * direction)
             terms.update(RobotState(0.0, q, state.v, state.tau, state.contacts))
-            errors.append(task.error(terms, reference).copy())
+            task.update(terms, reference)
+            errors.append(task.error.copy())
         np.testing.assert_allclose((errors[0] - errors[1]) / (2 * step), -jacobian[:, column], atol=2e-5)
 
 
@@ -132,8 +164,9 @@ def test_momentum_task_damps(model: RobotModel) -> None:
     state = random_state(model, 2)
     terms = Terms(model)
     terms.update(state)
-    task = AngularMomentumTask(np.full(3, 4.0), np.ones(3))
-    np.testing.assert_allclose(task.acceleration(terms, some_reference(model, state)), -4.0 * terms.momentum)
+    task = AngularMomentumTask(np.full(3, 4.0), np.ones(3), model.nv)
+    task.update(terms, some_reference(model, state))
+    np.testing.assert_allclose(task.target, -4.0 * terms.momentum - terms.momentum_drift)
 
 
 def test_rotation_error_at_half_turn_and_small_angles() -> None:
@@ -154,7 +187,7 @@ def corner_wrench(forces: np.ndarray) -> np.ndarray:
 
 def cone() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of the cone of ``RECTANGLE`` and their bounds."""
-    matrix, lower, upper = np.empty((ROWS, 6)), np.empty(ROWS), np.empty(ROWS)
+    matrix, lower, upper = np.empty((CONE_ROWS, 6)), np.empty(CONE_ROWS), np.empty(CONE_ROWS)
     fill_cone(np.array(RECTANGLE), 0.7, 0.0, 1e9, 1.0, matrix, lower, upper)
     return matrix, lower, upper
 
@@ -201,61 +234,99 @@ def test_every_wrench_in_the_cone_is_a_sum_of_corner_forces() -> None:
     assert inside > 20 and outside > 20
 
 
-@pytest.mark.parametrize("contacts", [(True, True), (True, False), (False, True)])
-def test_compiled_rows_are_those_of_the_tasks(model: RobotModel, contacts: tuple[bool, bool]) -> None:
-    """``stack_tasks`` never calls the tasks; what it writes is what they say."""
-    controller = WholeBodyController(model, default_config(WholeBodyConfig, "controllers", "whole_body_walking"))
-    rng, state = np.random.default_rng(5), random_state(model, 5)
-    for task in controller.tasks.values():
-        for gains in (getattr(task, name, None) for name in ("kp", "kd", "weight")):
-            if gains is not None:
-                gains[:] = rng.uniform(1.0, 9.0, size=gains.shape)  # changed in place, as by a user who tunes
-    reference = replace(some_reference(model, state), contacts=contacts, heading_rate=0.4)
-    controller.com_task.override = rng.normal(size=3)
+@pytest.mark.parametrize("name", ["com", "torso_orientation", "base_orientation", "left_foot", "hand"])
+def test_target_is_feedback_less_drift(model: RobotModel, name: str) -> None:
+    """Without feedback or feed-forward the target cancels the drift: the frame keeps its velocity."""
+    controller = WholeBodyController(model, WALKING_WITH_HAND)
+    state = random_state(model, 5)
+    task = controller.tasks[name]
+    still = np.zeros_like(task.error)
+    task.kp[:], task.kd[:] = 0.0, 0.0  # type: ignore[attr-defined]  # changed in place, as by a user who tunes
+    zero = replace(
+        some_reference(model, state),
+        com_acceleration=np.zeros(3),
+        sole_accelerations=np.zeros((2, 6)),
+        heading_rate=0.4,
+    )
+    controller.terms.update(state)
+    if isinstance(task, FramePositionTask):
+        task.desired = np.ones(3)
+    task.update(controller.terms, zero)
+    data = model.data()
+    a = np.linalg.lstsq(task.jacobian, task.target, rcond=None)[0]
+    pin.forwardKinematics(model.pin, data, state.q, state.v, a)
+    if name == "com":
+        pin.centerOfMass(model.pin, data, state.q, state.v, a)
+        found = data.acom[0]
+    else:
+        frame = {
+            "left_foot": "l_sole",
+            "hand": "r_wrist",
+            "torso_orientation": "torso",
+            "base_orientation": "base_link",
+        }
+        frame_id = frame_id_of(model, frame[name])
+        full = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL).vector
+        found = {3: full[:3] if name == "hand" else full[3:], 6: full}[len(still)]
+    np.testing.assert_allclose(found, still, atol=1e-7)
+
+
+@pytest.mark.parametrize("contacts", [(True, True), (True, False), (False, True), (False, False)])
+def test_rows_of_every_limit_are_what_they_limit(model: RobotModel, contacts: tuple[bool, bool]) -> None:
+    """Values of all rows at random points against Pinocchio, from the accelerations and wrenches of these points."""
+    height = CoMHeightLimit(0.3, 1.2, 5.0, 20.0, model.nv)
+    controller = WholeBodyController(model, extra_limits=[height])
+    state, rng = random_state(model, 6), np.random.default_rng(2)
+    reference = replace(some_reference(model, state), contacts=contacts)
     controller.terms.update(state)
     controller.step(state, reference)
-    builder, terms, first = controller.builder, controller.terms, 0
-    found = builder.stacked
-    for task in builder.tasks:
-        span = slice(first, first + task.weight.shape[0])
-        first = span.stop
-        if not task.active:
-            assert (found["weight"][span] == 0.0).all()
-            continue
-        np.testing.assert_array_equal(found["weight"][span], task.weight)
-        np.testing.assert_allclose(found["jacobian"][span], task.jacobian(terms), atol=1e-14)
-        target = task.acceleration(terms, reference) - task.drift(terms)
-        np.testing.assert_allclose(found["target"][span], target, rtol=1e-12, atol=1e-12)
-    assert [task.active for task in builder.tasks if isinstance(task, FootTask)] == [not foot for foot in contacts]
-    wanted = builder.posture.acceleration(terms, reference)
-    np.testing.assert_allclose(found["posture_target"], wanted, rtol=1e-12)
-    np.testing.assert_array_equal(found["posture_weight"], builder.posture.weight)
+    qp, limits, active = controller.problem, controller.limits, [k for k in range(2) if contacts[k]]
+    assert qp is not None
+    torque, cones, joints = limits["torque"], limits["wrench_cone"], limits["joints"]
+    assert isinstance(torque, TorqueLimit) and isinstance(cones, WrenchConeLimit) and isinstance(joints, JointLimit)
+    sizes = {name: limit.size(len(active)) for name, limit in limits.items()}
+    ends = np.cumsum(list(sizes.values()))
+    spans = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    assert ends[-1] == len(qp.lower)
+    for _ in range(5):
+        z = rng.normal(size=len(qp.gradient))
+        values = qp.matrix @ z
+        command, a, wrenches = controller.builder.recover(z)
+        low, high = values - qp.lower, qp.upper - values
+        tau = command[2] / torque.largest
+        np.testing.assert_allclose(low[spans["torque"]], tau + 1.0, atol=1e-8)
+        np.testing.assert_allclose(high[spans["torque"]], 1.0 - tau, atol=1e-8)
+        scale = np.ones(model.nj)
+        for foot in model.feet:
+            scale[np.array(foot.joint_ids_v) - 6] = 0.01
+        np.testing.assert_allclose(low[spans["joints"]], scale * (a[6:] - joints.lower), atol=1e-8)
+        np.testing.assert_allclose(high[spans["joints"]], scale * (joints.upper - a[6:]), atol=1e-8)
+        expected = [cones.upper[k] - cones.matrix[k] @ wrenches[k] for k in active]
+        np.testing.assert_allclose(high[spans["wrench_cone"]], np.concatenate([np.zeros(0), *expected]), atol=1e-8)
+        data = model.data()
+        pin.centerOfMass(model.pin, data, state.q, state.v, a)
+        soles = [controller.terms.soles[k].position[2] for k in active or range(2)]
+        z_com, speed = data.com[0][2] - min(soles), data.vcom[0][2]
+        for slack, bound, sign in ((low, 0.3, 1.0), (high, 1.2, -1.0)):
+            limit = 20.0 * (5.0 * (bound - z_com) - speed)
+            np.testing.assert_allclose(slack[spans["com_height"]], sign * (data.acom[0][2] - limit), atol=1e-7)
 
 
 class LastJoint(Task):
-    """A task as a user writes it: the last joint at a wanted acceleration."""
+    """A task as a user writes it: the last joint at a desired acceleration."""
 
-    name = "last_joint"
+    def __init__(self, desired: float, nv: int) -> None:
+        super().__init__("last_joint", np.array([1e5]), nv)
+        self.desired = desired
 
-    def __init__(self, wanted: float) -> None:
-        self.active, self.weight, self.wanted = True, np.array([1e5]), wanted
-
-    def error(self, terms: Terms, reference: Reference) -> Vector:
-        return np.zeros(1)
-
-    def jacobian(self, terms: Terms) -> Matrix:
-        return np.eye(terms.v.shape[0])[-1:]
-
-    def drift(self, terms: Terms) -> Vector:
-        return np.zeros(1)
-
-    def acceleration(self, terms: Terms, reference: Reference) -> Vector:
-        return np.array([self.wanted])
+    def update(self, terms: Terms, reference: Reference) -> None:
+        self.jacobian[0, -1] = 1.0
+        self.target[0] = self.desired
 
 
 def test_a_task_of_the_users_own_is_served(model: RobotModel) -> None:
     state = standing(model)
-    task = LastJoint(1.5)
+    task = LastJoint(1.5, model.nv)
     controller = WholeBodyController(model, extra_tasks=[task])
     controller.terms.update(state)
     soles = controller.terms.soles
@@ -267,7 +338,7 @@ def test_a_task_of_the_users_own_is_served(model: RobotModel) -> None:
         sole_positions=np.array([sole.position for sole in soles]),
     )
     for wanted in (1.5, -0.7):
-        task.wanted = wanted
+        task.desired = wanted
         controller.step(state, reference)
         np.testing.assert_allclose(controller.acceleration[-1], wanted, atol=0.02)
     task.active = False

@@ -1,0 +1,235 @@
+"""A benchmark: one class in one module, its settings and bounds in one YAML file, found by that file.
+
+``benchmarks/config/NAME.yaml`` with a section ``bench`` (``Info`` of each report) and a module ``NAME.py`` in a folder
+of ``benchmarks`` make a benchmark; docs/howto_benchmark.md shows a whole one.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, run_cases
+from models.config import STRICT, parse_config, read_yaml
+from models.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+T = TypeVar("T")
+
+Positive = Annotated[float, Field(gt=0.0)]
+Count = Annotated[int, Field(ge=1)]
+
+ROOT = Path(__file__).resolve().parents[1]  # folder of the benchmarks
+SECTION = "bench"  # key of the descriptions in a benchmark's YAML file
+ROUNDING = 1e-9  # relative error of sums by which a figure may miss its bound [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Range in which a figure must lie, in the figure's unit."""
+
+    least: float = -math.inf
+    most: float = math.inf
+
+    def holds(self, figure: float) -> bool:
+        """Whether the figure lies within; NaN does not."""
+        return bool(
+            self.least - ROUNDING * abs(self.least) <= figure
+            if math.isinf(self.most)
+            else self.least <= figure <= self.most + ROUNDING * abs(self.most)
+        )
+
+    def __str__(self) -> str:
+        if math.isinf(self.most):
+            return f"≥ {self.least:.4g}"
+        return f"≤ {self.most:.4g}" if math.isinf(self.least) else f"{self.least:.4g} to {self.most:.4g}"
+
+
+def at_most(limits: Mapping[str, float]) -> dict[str, Bound]:
+    """Upper bounds by figure."""
+    return {name: Bound(most=value) for name, value in limits.items()}
+
+
+def at_least(limits: Mapping[str, float]) -> dict[str, Bound]:
+    """Lower bounds by figure."""
+    return {name: Bound(least=value) for name, value in limits.items()}
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Part:
+    """What a suite measures of a benchmark: robots, number of seeds, and chosen scenarios (the usual ones if empty)."""
+
+    robots: tuple[str, ...]
+    seeds: Count = 1
+    scenarios: tuple[str, ...] = ()
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Info:
+    """Description of a benchmark.
+
+    Attributes:
+        about: Help text of its command.
+        order: Place in the suites and in the report.
+        command: Name of the command when it differs from that of the report; several modes share one.
+        mode: Value of the option ``--mode`` that selects it.
+        seeds: Default number of seeds.
+        choice: Option that selects cases; none when empty.
+        contender: Whether another controller can be tested.
+        quick, full: Parts of ``poise bench all --quick`` and ``--full``; left out when None.
+        keys: Figures in the summary of the report, with their names in words.
+        figures: Figures in the table of the report.
+    """
+
+    about: str
+    order: int = 1000
+    command: str = ""
+    mode: str = ""
+    seeds: Count = 1
+    choice: Literal["", "scenario", "direction"] = ""
+    contender: bool = False
+    quick: Part | None = None
+    full: Part | None = None
+    keys: dict[str, str] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
+
+
+class Benchmark(ABC):
+    """Cases, their measurement, figures, bounds and plots; ``name`` is that of its reports."""
+
+    measure: ClassVar[Callable[..., Case]]
+    """Measures one case, given its inputs by name: a static method, since worker processes import it by name."""
+
+    alone: ClassVar[bool] = False
+    """Whether cases are measured one after another in this process, without workers and progress bar (timing)."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    @abstractmethod
+    def cases(self, options: Options) -> list[Case]:
+        """Inputs of every case; ``ConfigError`` where the options name an unknown scenario."""
+
+    @abstractmethod
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Figures of the measured cases."""
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Bound of each figure that has one; figures that the report lacks are not judged."""
+        return {}
+
+    def notes(self, report: Report) -> list[str]:
+        """Remarks for the reader: by default one line for each bound."""
+        held = [
+            (bound.holds(report.figures[name]), f"{name} {bound}: {report.figures[name]:.4g}")
+            for name, bound in self.bounds(report).items()
+            if name in report.figures
+        ]
+        return [f"{'ok    ' if ok else 'FAILED'} {text}" for ok, text in held]
+
+    def passed(self, report: Report) -> bool:
+        """Whether every bound holds."""
+        bounds = self.bounds(report)
+        return all(bounds[name].holds(report.figures[name]) for name in bounds if name in report.figures)
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the report into a folder; returns the files written."""
+        return []
+
+    def survived(self, case: Case) -> tuple[str, bool] | None:
+        """Group of the case in the report's table of survival, and whether it survived; optional."""
+        return None
+
+    def run(self, options: Options) -> Report:
+        """Measure and judge every case; ``ConfigError`` for an unknown option, ``WorkersError`` without workers."""
+        load = LoadMeter()
+        results = run_cases(self.measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
+        return self.report(options, results, self.figures(results), load)
+
+    def report(self, options: Options, cases: list[Case], figures: dict[str, float], load: LoadMeter) -> Report:
+        """The judged report of measured cases."""
+        found = Report(
+            self.name, options.robot, options.seeds, figures, cases, False, load.read(), contender=options.contender
+        )
+        return replace(found, passed=self.passed(found), notes=self.notes(found))
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A benchmark of the catalogue, by the name of its reports; its module is not imported yet."""
+
+    name: str
+    info: Info
+    module: str
+
+    @property
+    def command(self) -> str:
+        """Name of its command."""
+        return self.info.command or self.name
+
+    def load(self) -> Benchmark:
+        """Import the module and make its benchmark; ``ConfigError`` unless it defines exactly one."""
+        module = import_module(self.module)
+        found = [
+            each
+            for each in vars(module).values()
+            if inspect.isclass(each) and issubclass(each, Benchmark) and each.__module__ == module.__name__
+        ]
+        if len(found) != 1:
+            raise ConfigError(f"{self.module}: one class derived from Benchmark expected, found {len(found)}")
+        made: Benchmark = found[0](self.name)
+        return made
+
+
+def settings(schema: type[T], name: str) -> T:
+    """Settings of a benchmark: ``config/NAME.yaml`` without descriptions; ``ConfigError`` for a wrong key."""
+    return cast(T, _settings(cast(Any, schema), name))
+
+
+@cache
+def _settings(schema: Any, name: str) -> Any:
+    file = ROOT / "config" / f"{name}.yaml"
+    return parse_config(schema, {key: value for key, value in read_yaml(file).items() if key != SECTION}, str(file))
+
+
+@cache
+def catalogue(root: Path = ROOT) -> dict[str, Listed]:
+    """Every benchmark by the name of its reports, in the order of the suites; ``root`` is the folder ``benchmarks``.
+
+    Raises:
+        ConfigError: A description is wrong, or its module is missing.
+    """
+    found: list[Listed] = []
+    for file in sorted((root / "config").glob("*.yaml")):
+        described: dict[str, Any] = read_yaml(file).get(SECTION) or {}
+        modules = [path.relative_to(root.parent).with_suffix("") for path in sorted(root.glob(f"*/{file.stem}.py"))]
+        if described and len(modules) != 1:
+            raise ConfigError(f"{file}: one module */{file.stem}.py expected, found {len(modules)}")
+        for name, data in described.items():
+            info = parse_config(Info, data, f"{file}: {SECTION}.{name}")
+            found.append(Listed(name, info, ".".join(modules[0].parts)))
+    return {each.name: each for each in sorted(found, key=lambda each: (each.info.order, each.name))}
+
+
+def bounds_of(report: Report) -> dict[str, Bound]:
+    """Bounds of a report's figures; none for a benchmark that the catalogue lacks."""
+    listed = catalogue().get(report.bench)
+    return listed.load().bounds(report) if listed else {}
+
+
+def saved(figure: Figure, file: Path) -> Path:
+    """Write a figure; returns its file."""
+    figure.savefig(file, dpi=110)
+    return file

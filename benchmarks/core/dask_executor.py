@@ -1,0 +1,177 @@
+"""Cases measured by dask.distributed: a cluster of this machine, or the workers of a scheduler on any machines.
+
+A worker that dies is restarted by its nanny, and the scheduler gives its case to another; each case is taken once. A
+scheduler that dies ends the sweep.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+from types import TracebackType
+
+from distributed import Client, Future, LocalCluster, Security, as_completed
+from distributed.core import rpc
+from distributed.scheduler import KilledWorker
+
+from benchmarks.core.measured import Case, Done
+from benchmarks.core.provenance import source_state, versions
+from models.errors import PoiseError, WorkersError
+from models.threads import use_one_thread
+
+AHEAD = 4  # cases queued at the scheduler for each core, so that no worker waits
+AT_LEAST = 64  # least number of queued cases: workers may join at any time
+CONNECT_TIME = 10.0  # longest wait for the scheduler [s]
+ALONE_TIME = 120.0  # longest wait for a scheduler's first worker, or for another one when all have gone [s]
+LOOK = 1.0  # period of the check for workers [s]
+POLL = 0.02  # period of the check for finished cases [s]
+
+
+async def _ask(address: str) -> None:
+    """Ask a scheduler for its identity."""
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+        await scheduler.identity(n_workers=0)
+
+
+def _sent() -> Callable[..., Done]:
+    """Function sent to workers as code: a worker without poise can still load it, and reports what is missing."""
+
+    def measured_there(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
+        from benchmarks.core.measured import measured_elsewhere
+
+        return measured_elsewhere(module, name, case, asked)
+
+    return measured_there
+
+
+class DaskWorkers:
+    """Workers of dask: ``workers`` processes on the loopback interface of this machine, or those of ``scheduler``.
+
+    Workers started here take one case at a time, with numerical libraries on one thread.
+    """
+
+    def __init__(self, *, workers: int = 0, scheduler: str = "") -> None:
+        self._workers, self._address = workers, scheduler
+        self._cluster: LocalCluster | None = None
+        self._client: Client | None = None
+
+    def __enter__(self) -> DaskWorkers:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: TracebackType | None) -> None:
+        self.rest()
+
+    def rest(self) -> None:
+        """See ``Executor``; the workers of a scheduler elsewhere stay there."""
+        for part in (self._client, self._cluster):
+            if part is not None:
+                part.close()
+        self._client = self._cluster = None
+
+    def client(self) -> Client:
+        """The connection, made by the first call; ``WorkersError`` when the scheduler does not answer."""
+        if self._client is not None:
+            return self._client
+        use_one_thread()  # for the workers, which inherit it
+        if not self._address:
+            self._cluster = LocalCluster(
+                n_workers=self._workers,
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            )
+        try:
+            if self._address:  # the client itself would wait for ever for the words of who is no scheduler
+                asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
+            self._client = Client(self._cluster or self._address, timeout=CONNECT_TIME)
+        except Exception as error:  # whoever is there may answer anything
+            why = str(error) or f"silent for {CONNECT_TIME:g} s"
+            raise WorkersError(f"{self._name}: no answer of a scheduler: {why}") from error
+        return self._client
+
+    @property
+    def _name(self) -> str:
+        return f"--scheduler {self._address}" if self._address else f"--workers {self._workers}"
+
+    def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+        """See ``Executor``.
+
+        Raises:
+            WorkersError: The scheduler does not answer or died, has had no worker for ``ALONE_TIME``, or a worker has
+                another source or other packages.
+            PoiseError: A case has killed several workers.
+        """
+        if not cases:
+            return
+        client = self.client()
+        indices: dict[Future[Done], int] = {}
+        left, asked, sent = iter(enumerate(cases)), (source_state(), versions()), _sent()
+
+        def submit(count: int) -> list[Future[Done]]:
+            futures = []
+            for index, case in islice(left, max(count, 0)):
+                named = measure.__module__, measure.__qualname__
+                future = client.submit(sent, *named, case, asked, pure=False)
+                indices[future] = index
+                futures.append(future)
+            return futures
+
+        look = seen = time.monotonic()
+        try:
+            finished = as_completed(submit(AT_LEAST), loop=client.loop, with_results=True, raise_errors=False)
+            while indices:
+                now = time.monotonic()
+                if now >= look:
+                    look, cores = now + LOOK, self._cores(client)
+                    finished.update(submit(AHEAD * cores - len(indices)))
+                    seen = now if cores else seen
+                    self._refuse_to_wait(now - seen)
+                if not finished.has_ready():
+                    time.sleep(POLL)
+                    continue
+                future, done = next(finished)
+                index = indices.pop(future)
+                future.release()  # or the death of its worker has the case measured again
+                yield index, self._taken(done)
+                finished.update(submit(1))
+        finally:
+            if client.status == "running":
+                client.cancel(list(indices))
+
+    def _cores(self, client: Client) -> int:
+        """Cases that all workers together can measure at a time."""
+        try:
+            if client.status == "running":
+                return sum(client.ncores().values())
+        except OSError as error:
+            raise self._lost() from error
+        raise self._lost()
+
+    def _lost(self) -> WorkersError:
+        kept = "what is finished is in the file of --results, or of the suite, and the same command goes on there"
+        return WorkersError(f"{self._name}: the scheduler has ended or cannot be reached any more; {kept}")
+
+    def _refuse_to_wait(self, alone: float) -> None:
+        """Raise when the scheduler has had no worker for too long [s]."""
+        if alone > ALONE_TIME:
+            start = f"; start some: dask worker {self._address} --nworkers 2 --nthreads 1" if self._address else ""
+            raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s{start}")
+
+    def _taken(self, done: object) -> Done:
+        """What came of a case: the outcome, or (type, error, traceback), or that the connection was lost meanwhile."""
+        if isinstance(done, Done):
+            return done
+        if not isinstance(done, tuple):
+            raise self._lost()
+        error = done[1]
+        if isinstance(error, KilledWorker):
+            raise PoiseError(f"a case has killed worker after worker: {error}") from error
+        if isinstance(error, ImportError) and "benchmarks" in str(error.name):
+            raise WorkersError(
+                f"{self._name}: a worker has not this poise: {error}; start it in the environment of this command"
+            ) from error
+        raise error.with_traceback(done[2])

@@ -1,0 +1,94 @@
+"""What all benchmarks of faults share: rows, figures, table and picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, saved
+from benchmarks.core.harness import Case, Report
+from benchmarks.core.results import NOT_RUN
+from bridge.plots import new_figure
+from models.config import STRICT
+
+
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class AnyRow:
+    """One fault, in lockstep or of the graph.
+
+    Attributes:
+        group: Heading in the table.
+        act: Name of the act, besides ``faults``.
+        within: Longest time until the expected reaction, for 'damps' and 'stands' [s].
+        reason: Text in the reason.
+        walk: Whether the robot walks.
+        duration: Watched from the fault on [s]; None for the usual time.
+        mode: Expected mode afterwards; empty for the initial mode or that of ``expect``.
+    """
+
+    group: str
+    act: str = ""
+    within: Positive | None = None
+    reason: str = ""
+    walk: bool = False
+    duration: Positive | None = None
+    mode: str = ""
+
+
+def _verdict(case: Case) -> str:
+    return "------" if case.get(NOT_RUN) else "ok    " if case["ok"] else "FAILED"
+
+
+def _line(case: Case) -> str:
+    """One row of the table."""
+    limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
+    time = "" if case["time"] is None else f" after {case['time']:.3f} s"
+    step = f", torque step {case['torque_step']:.2f}" if "torque_step" in case else ""
+    silence = "" if case.get("silence") is None else f", drivers after {case['silence']:.4f} s without a command"
+    reason = f": {case['reason']}" if case["reason"] else ""
+    return f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}{step}{silence}{reason}"
+
+
+class FaultBenchmark(Benchmark):
+    """Rows of faults: every one must end as expected.
+
+    A case holds ``row``, ``expected``, ``within`` [s], ``seen``, ``reason``, ``time`` [s], ``ok``, optional
+    ``torque_step`` [-] and ``silence`` of the drivers [s], and ``not_run`` where it could not be run here.
+    """
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """``survived`` of ``total`` rows that could be run, ``not_run``, and ``torque_step_max`` where watched."""
+        run = [case for case in cases if not case.get(NOT_RUN)]
+        figures = {"survived": float(sum(case["ok"] for case in run)), "total": float(len(run))}
+        if len(run) < len(cases):
+            figures[NOT_RUN] = float(len(cases) - len(run))
+        steps = [case["torque_step"] for case in cases if "torque_step" in case]
+        return figures | ({"torque_step_max": max(steps)} if steps else {})
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Every row that could be run ends as expected."""
+        return at_least({"survived": report.figures["total"]})
+
+    def notes(self, report: Report) -> list[str]:
+        """One line a row."""
+        return [f"{_verdict(case)} {_line(case)}" for case in report.cases]
+
+    def survived(self, case: Case) -> tuple[str, bool] | None:
+        """By group."""
+        return None if case.get(NOT_RUN) else (case["group"], bool(case["ok"]))
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the time that each reaction took, beside its limit."""
+        timed = [case for case in report.cases if case["time"] is not None]
+        figure = new_figure(7.0, 1.0 + 0.28 * max(len(timed), 1))
+        axes = figure.subplots()
+        at = np.arange(len(timed))
+        axes.barh(at, [case["time"] for case in timed], color=["C0" if case["ok"] else "C3" for case in timed])
+        limits = [np.nan if case["within"] is None else case["within"] for case in timed]
+        axes.plot(limits, at, "k|", markersize=12, label="limit")
+        axes.set_yticks(at, [case["row"] for case in timed], fontsize=7)
+        axes.set_xlabel("from the fault to the expected mode [s]")
+        axes.legend(fontsize=8)
+        return [saved(figure, folder / f"{report.bench}-{report.robot}.png")]

@@ -1,0 +1,256 @@
+"""Shared by all benchmarks: seeded cases run by worker processes, one JSON schema (``Report.to_dict``), one table."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+from benchmarks.core.executors import InProcess, local_executor
+from benchmarks.core.measured import Case as Case
+from benchmarks.core.measured import Done, Executor
+from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
+from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, nulled, plain, with_nan
+from models.errors import ConfigError, WorkersError
+
+__all__ = ["Case"]  # what every benchmark takes from here
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """How all benchmarks of a run measure and keep cases.
+
+    Attributes:
+        executor: Measures them; None for workers of each benchmark.
+        results: Finished cases; optional.
+        began: Called with the keys of the cases of a benchmark before any of them is measured.
+    """
+
+    executor: Executor | None = None
+    results: ResultsFile | None = None
+    began: Callable[[Sequence[str]], None] = lambda keys: None
+
+    def rest(self) -> None:
+        """End the workers until they are needed, and the thread that speaks with them, which takes the interpreter."""
+        if self.executor is not None:
+            self.executor.rest()
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Command-line options of every benchmark.
+
+    ``robot`` is a profile's name or path; seeds are 0 .. seeds - 1; all scenarios when empty; poise itself without a
+    contender ``module:Class``.
+    """
+
+    robot: str = "g1"
+    seeds: int = 1
+    workers: int = 1
+    scenarios: tuple[str, ...] = ()
+    contender: str = ""
+    sweep: Sweep = field(default_factory=Sweep)
+
+
+def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
+    """Scenarios of the user, else the ``usual`` ones, else all ``known``; ``ConfigError`` lists the known ones."""
+    unknown = [name for name in scenarios if name not in known]
+    if unknown:
+        raise ConfigError(f"bench {bench}: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
+    return list(scenarios or (known if usual is None else usual))
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Result of a benchmark on one robot.
+
+    Attributes:
+        figures: Flat name to number; the unit is the last part of the name.
+        cases: One entry per case.
+        passed: Whether every bound holds.
+        load: Load averages before and after, and the number of cores [-].
+        notes: Remarks for the reader of the table, such as which bound failed.
+        contender: Tested instead of poise, as ``module:Class``; empty for poise.
+    """
+
+    bench: str
+    robot: str
+    seeds: int
+    figures: dict[str, float]
+    cases: list[Case]
+    passed: bool
+    load: dict[str, Any]
+    notes: list[str] = field(default_factory=list)
+    contender: str = ""
+
+    @property
+    def who(self) -> str:
+        """Whose figures these are, for titles: the robot, and the contender where it was not poise that moved it."""
+        return f"{self.robot}, contender {self.contender}" if self.contender else self.robot
+
+    def to_dict(self) -> dict[str, Any]:
+        """The one JSON object that every benchmark writes."""
+        return {
+            "bench": self.bench,
+            "robot": self.robot,
+            "contender": self.contender,
+            "seeds": self.seeds,
+            "figures": self.figures,
+            "cases": self.cases,
+            "versions": versions(),
+            "revision": revision(),
+            "load": self.load,
+            "passed": self.passed,
+        }
+
+
+class LoadMeter:
+    """Records the machine's load average at construction and on reading."""
+
+    def __init__(self) -> None:
+        self._before = os.getloadavg()
+
+    def read(self) -> dict[str, Any]:
+        """Load averages over 1, 5 and 15 minutes before and now, and the cores this process may use."""
+        return {
+            "before": [round(x, 2) for x in self._before],
+            "after": [round(x, 2) for x in os.getloadavg()],
+            "cores": usable_cores(),
+        }
+
+
+def percentiles(samples: ArrayLike, name: str) -> dict[str, float]:
+    """Figures ``<name>_p50``, ``_p99``, ``_p999`` and ``_max`` of samples (n,); ``ValueError`` without samples."""
+    values = np.asarray(samples, dtype=np.float64)
+    if values.size == 0:
+        raise ValueError(f"{name}: no samples to take percentiles of")
+    p50, p99, p999 = np.percentile(values, [50.0, 99.0, 99.9])
+    tail = {"p50": p50, "p99": p99, "p999": p999, "max": values.max()}
+    return {f"{name}_{part}": float(value) for part, value in tail.items()}
+
+
+def collect(
+    produce: Callable[[Sequence[Case]], Iterator[tuple[int, Done]]],
+    cases: Sequence[Mapping[str, Any]],
+    *,
+    bench: str,
+    options: Options,
+    silent: bool = False,
+    console: Console | None = None,
+) -> list[Case]:
+    """Take finished cases from the sweep's file, measure the others, and write each as soon as it is done.
+
+    Args:
+        produce: Given the inputs of the remaining cases, yields the index of each with its outcome.
+        cases: Inputs of every case; they alone decide the outcome.
+        bench: Name of the benchmark, in the file and on the progress bar.
+        options: Robot and sweep.
+        silent: No progress bar: its thread would disturb timing.
+        console: For the progress bar; standard error by default.
+
+    Returns:
+        Inputs and outcome of each case, in the given order, as plain values.
+
+    Raises:
+        WorkersError: A worker runs another revision than this process, or has other packages.
+    """
+    file = options.sweep.results
+    config = configuration(options.robot, options.contender) if file else ""
+    keys = [case_key(bench, config, source_state(), case) for case in cases]
+    inputs = {key: dict(case) for key, case in zip(keys, cases, strict=True)}
+    known = {key: file.case(key) for key in inputs} if file else {}
+    results = {key: case for key, case in known.items() if case is not None}
+    options.sweep.began(keys)
+    left = [key for key in inputs if key not in results]
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=console or Console(stderr=True), disable=silent) as progress:
+        task = progress.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
+        for index, done in produce([inputs[key] for key in left]):
+            key = left[index]
+            results[key] = plain({**inputs[key], **done.outcome})
+            if why := difference((done.revision, done.versions), (source_state(), versions())):
+                raise WorkersError(f"bench {bench}: a worker on {done.host} {why}")
+            if file is not None and not results[key].get(NOT_RUN):
+                file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
+            progress.advance(task)
+    if file is not None:
+        file.taken.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
+    return [dict(results[key]) for key in keys]
+
+
+def run_cases(
+    measure: Callable[..., Case],
+    cases: Sequence[Mapping[str, Any]],
+    *,
+    bench: str,
+    options: Options,
+    alone: bool = False,
+    console: Console | None = None,
+) -> list[Case]:
+    """Measure every case that the sweep has not measured before; see ``collect``.
+
+    ``measure`` is a function of a module, since other processes import it by name; it is called with a case's entries.
+    With ``alone`` cases run one after another in this process, without workers and progress bar, for timing.
+    """
+
+    def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+        given = options.sweep.executor
+        if alone:
+            if left:
+                options.sweep.rest()
+            given = InProcess()
+        if given is not None:
+            yield from given.run(measure, left)
+            return
+        with local_executor(options.workers) as own:
+            yield from own.run(measure, left)
+
+    return collect(produce, cases, bench=bench, options=options, silent=alone, console=console)
+
+
+def write_json(report: Report, path: Path) -> None:
+    """Write the report; numbers that JSON has no word for (NaN, infinity) become null."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(nulled(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> Report:
+    """Read what ``write_json`` wrote; null becomes NaN, notes are not kept; ``ConfigError`` when it is no report."""
+    try:
+        found = with_nan(json.loads(path.read_text(encoding="utf-8")))
+        kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")
+        return Report(**{name: found[name] for name in kept}, contender=found.get("contender", ""))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{path}: not a report of a benchmark: {error!r}") from error
+
+
+def print_report(report: Report, console: Console) -> None:
+    """Print the figures as a table, with the verdict below."""
+    table = Table(title=f"{report.bench}: {report.who}, seeds {report.seeds}", title_justify="left")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for name, value in report.figures.items():
+        table.add_row(name, f"{value:.4g}" if math.isfinite(value) else "-")
+    console.print(table)
+    load = report.load
+    console.print(f"load average {load['before'][0]} before, {load['after'][0]} after, {load['cores']} cores")
+    for note in report.notes:
+        console.print(note, markup=False, soft_wrap=True)
+    console.print("[green]passed[/green]" if report.passed else "[red]not passed[/red]")

@@ -1,0 +1,108 @@
+"""Shared by benchmarks of a closed loop: commands that must be accepted, falls, torque steps, search of a bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
+
+import numpy as np
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Positive
+from benchmarks.core.contender_loop import AnyLoop
+from bridge.closed_loop import ClosedLoop
+from models.config import STRICT
+from models.errors import PoiseError
+from models.types import JointCommand, Vector
+
+
+def demand(loop: AnyLoop, command: str) -> None:
+    """Give a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
+    reply = loop.command(command)
+    if not reply.accepted:
+        raise PoiseError(f"{command}: {reply.reason}")
+
+
+def keep_upright(loop: AnyLoop) -> None:
+    """``PoiseError`` when the robot has fallen, saying how."""
+    if loop.fallen:
+        raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
+
+
+def advance(loop: AnyLoop, duration: float) -> None:
+    """Run for a time [s]; ``PoiseError`` when the robot falls."""
+    loop.run(duration)
+    keep_upright(loop)
+
+
+ROUNDING = 1e-9  # of a step at the drivers' limit [-]
+
+
+class TorqueSteps:
+    """Watches torques written to the plant, before motor faults change them.
+
+    ``largest`` is the largest step of a joint's torque in one tick, in parts of its rate limit; inf for NaN torques
+    [-].
+    """
+
+    def __init__(self, loop: ClosedLoop) -> None:
+        self.largest = 0.0
+        self._loop = loop
+        self._before: Vector | None = None
+
+    def forget(self) -> None:
+        """The next torques follow no earlier ones: the robot starts over."""
+        self._before = None
+
+    def within(self, limit: float) -> bool:
+        """Whether no step was larger than a limit [-]."""
+        return self.largest <= limit * (1.0 + ROUNDING)
+
+    @contextmanager
+    def watch(self) -> Iterator[None]:
+        """Look at every tick meanwhile."""
+        plant = self._loop.plant
+        write, scale = plant.write, self._loop.robot.tau_rate_max * plant.period
+
+        def watched(command: JointCommand) -> None:
+            tau = self._loop.drivers.torque
+            if self._before is not None:
+                step = float((np.abs(tau - self._before) / scale).max())
+                self.largest = max(self.largest, np.inf if np.isnan(step) else step)
+            self._before = tau.copy()
+            write(command)
+
+        with patch.object(plant, "write", watched):
+            yield
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Search:
+    """Settings of ``largest`` in the unit of the value; it strides to a bracket, then bisects it to ``resolution``."""
+
+    first: Positive
+    largest: Positive
+    stride: Positive
+    resolution: Positive
+
+
+def largest(holds: Callable[[float], bool], search: Search) -> tuple[float, int]:
+    """Bracket and bisect the largest value that holds: the value (0 when none holds) and how many were tried."""
+    low, high, value, tried = 0.0, math.inf, search.first, 0
+    while high - low > search.resolution:
+        tried += 1
+        if holds(value):
+            low = value
+            if low >= search.largest:
+                break
+        else:
+            high = value
+        if math.isinf(high):
+            value = min(low + search.stride, search.largest)
+        elif low == 0.0:
+            value = max(high - search.stride, 0.5 * high)
+        else:
+            value = 0.5 * (low + high)
+    return low, tried

@@ -1,0 +1,157 @@
+"""Processor and memory use of processes, and what of a machine decides whether it keeps 1 kHz."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.core.provenance import usable_cores
+
+_UTIME = 11
+"""Field of user time in ``/proc/PID/stat`` after the process' name, which may hold spaces; system time follows."""
+
+_TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # length of the kernel's tick of these times [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """Use of a process: share of one core ``cpu`` [-] and resident ``memory`` at the end [MiB]."""
+
+    cpu: float
+    memory: float
+
+
+class UseMeter:
+    """Measures processes (pid by name) from construction until it is read."""
+
+    def __init__(self, pids: Mapping[str, int]) -> None:
+        self._pids = dict(pids)
+        self._begin = time.monotonic()
+        self._before = {name: cpu_time(pid) for name, pid in self._pids.items()}
+
+    def read(self) -> dict[str, Use]:
+        """Use of each process since; those that have ended are left out."""
+        span = max(time.monotonic() - self._begin, 1e-9)
+        found = {}
+        for name, pid in self._pids.items():
+            try:
+                found[name] = Use((cpu_time(pid) - self._before[name]) / span, resident(pid))
+            except OSError:
+                continue
+        return found
+
+
+def cpu_time(pid: int) -> float:
+    """User and system time that a process and its threads have taken so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[_UTIME]) + int(fields[_UTIME + 1])) * _TICK
+
+
+def resident(pid: int | str) -> float:
+    """Resident memory of a process [MiB]; ``self`` for this one."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 2.0**20
+
+
+BUFFER_MIN = 1 << 20  # sufficient receive buffer of a socket for a recording, a camera or several robots [B]
+CORES_MIN = 2  # bridge and laws run at the same time; with fewer they wait for each other
+
+_PERMITTED = """
+import sys
+from models.nodes import realtime
+print(int(realtime.use_fifo(40, lambda text: None)), int(realtime.lock_memory(lambda text: None)))
+"""
+"""Tried in a separate process."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What decides about real time.
+
+    Attributes:
+        cores: Usable by this process.
+        governor: Of the first core's frequency; empty where not visible, as in a virtual machine.
+        fifo: Whether SCHED_FIFO is permitted.
+        locked: Whether memory may be locked.
+        isolated: Cores that the kernel keeps free, in its notation; empty for none.
+        realtime_kernel: Whether the kernel is fully preemptible.
+        throttled: Share of a period that real-time processes may take together [-].
+        receive_buffer: Largest receive buffer of a socket [B]; 0 where not visible.
+    """
+
+    cores: int
+    governor: str
+    fifo: bool
+    locked: bool
+    isolated: str
+    realtime_kernel: bool
+    throttled: float
+    receive_buffer: int
+
+
+def read_machine(root: Path = Path("/")) -> Machine:
+    """Inspect this machine, ``sys`` and ``proc`` below ``root``; what is not visible counts as absent."""
+
+    def text(path: str) -> str:
+        try:
+            return (root / path).read_text(encoding="ascii").strip()
+        except OSError:
+            return ""
+
+    def number(path: str) -> int:
+        found = text(path)
+        return int(found) if found.lstrip("-").isdecimal() else 0
+
+    runtime, period = number("proc/sys/kernel/sched_rt_runtime_us"), number("proc/sys/kernel/sched_rt_period_us")
+    fifo, locked = _permitted()
+    return Machine(
+        cores=usable_cores(),
+        governor=text("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+        fifo=fifo,
+        locked=locked,
+        isolated=text("sys/devices/system/cpu/isolated"),
+        realtime_kernel=text("sys/kernel/realtime") == "1",
+        throttled=1.0 if runtime < 0 or period <= 0 else runtime / period,
+        receive_buffer=number("proc/sys/net/core/rmem_max"),
+    )
+
+
+def _permitted() -> tuple[bool, bool]:
+    """Whether SCHED_FIFO and locked memory are permitted, by trying them."""
+    found = subprocess.run(
+        [sys.executable, "-c", _PERMITTED], capture_output=True, text=True, check=False, env=dict(os.environ)
+    )
+    words = found.stdout.split()
+    return (words[0] == "1", words[1] == "1") if len(words) == 2 else (False, False)
+
+
+def advice(machine: Machine) -> list[str]:
+    """What to change about a machine, most effective first; empty when there is nothing."""
+    found = []
+    if not machine.fifo:
+        found.append("permit SCHED_FIFO: '@GROUP - rtprio 50' in /etc/security/limits.d, or CAP_SYS_NICE")
+    if not machine.locked:
+        found.append("permit locked memory: '@GROUP - memlock unlimited' in /etc/security/limits.d")
+    if machine.cores < CORES_MIN:
+        found.append(f"{machine.cores} core: bridge and laws wait for each other; give it {CORES_MIN} at least")
+    if machine.governor and machine.governor != "performance":
+        found.append(f"CPU governor '{machine.governor}': set 'performance' (cpupower frequency-set -g performance)")
+    if not machine.isolated and machine.cores > CORES_MIN:
+        found.append("no isolated core: boot with isolcpus=N and set realtime.cores of the control nodes to [N]")
+    if not machine.realtime_kernel:
+        found.append("the kernel is not PREEMPT_RT: a tail of some ms remains under load")
+    if machine.fifo and machine.throttled < 1.0:
+        share = f"{100.0 * machine.throttled:.0f} %"
+        found.append(f"real-time processes get {share} of each core: of several graphs, one alone may run SCHED_FIFO")
+    if 0 < machine.receive_buffer < BUFFER_MIN:
+        found.append(
+            f"net.core.rmem_max is {machine.receive_buffer} B: recorders lose samples; "
+            f"sysctl -w net.core.rmem_max={BUFFER_MIN}"
+        )
+    return found

@@ -1,0 +1,113 @@
+"""Where a figure comes from: versions, source, configuration and machine, the latter in general terms only."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from benchmarks.core.contender import source_of
+from models.profile import load_profile
+from models.urdf import resolve_uri
+
+MEASURED_PACKAGES = (
+    *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
+    *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink"),
+)
+"""Packages whose versions decide a figure."""
+
+ROOT = Path(__file__).resolve().parents[2]  # of the checkout, where there is one
+
+SOURCES = ("models", "planners", "controllers", "bridge", "benchmarks", "pyproject.toml", "constraints.txt")
+"""Whose changes decide a figure; a report that is written into the checkout does not."""
+
+DIGEST = 12  # characters of a hash that are kept
+
+
+def usable_cores() -> int:
+    """How many cores this process may run on."""
+    return len(os.sched_getaffinity(0))
+
+
+def machine() -> str:
+    """This machine in general terms: cores, architecture, memory, kernel."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    kernel = ".".join(platform.release().split(".")[:2])
+    return f"{usable_cores()} cores, {platform.machine()}, {memory:.0f} GiB of memory, {platform.system()} {kernel}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of every installed package that decides a figure, as of the first call."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> Mapping[str, str]:
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for name in MEASURED_PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def difference(theirs: tuple[str, Mapping[str, str]], own: tuple[str, Mapping[str, str]]) -> str:
+    """Why cases of another process (``source_state``, ``versions``) are not comparable to ours; empty when they are."""
+    if theirs[0] != own[0]:
+        return f"runs revision {theirs[0]}, not {own[0]}"
+    for name in sorted({*theirs[1], *own[1]}):
+        there, here = theirs[1].get(name, "none"), own[1].get(name, "none")
+        if there != here:
+            return f"has {name} {there}, not {here}"
+    return ""
+
+
+def revision() -> str:
+    """Git revision of the checkout, with ``+`` when it has changes; ``unknown`` outside of a checkout."""
+    try:
+        return _head() + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+
+
+@cache
+def source_state() -> str:
+    """Git revision and hash of local changes, as of the first call; the version outside of a checkout."""
+    try:
+        head, changes = _head(), _git("diff", "HEAD", "--", *SOURCES)
+    except (OSError, subprocess.SubprocessError):
+        return f"version {versions().get('poise', 'unknown')}"
+    return head + (f"+{digest(changes.encode())}" if changes else "")
+
+
+def digest(*parts: bytes) -> str:
+    """Short hash of some bytes."""
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:DIGEST]
+
+
+def configuration(robot: str, contender: str = "") -> str:
+    """Hash of the configuration: YAML files of the benchmarks, profile and URDF of the robot, file of a contender."""
+    source = Path(load_profile(robot).source)
+    urdf = resolve_uri(load_profile(robot).urdf, source.parent)
+    files = [*sorted((ROOT / "benchmarks/config").glob("*.yaml")), source, urdf]
+    if contender:
+        files += source_of(contender)
+    return digest(*(file.read_bytes() for file in files if file.is_file()))
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(ROOT), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+
+def _head() -> str:
+    """Revision of the checkout; ``OSError`` outside of one."""
+    if Path(_git("rev-parse", "--show-toplevel")).resolve() != ROOT:
+        raise FileNotFoundError("not a checkout")
+    return _git("rev-parse", "HEAD")

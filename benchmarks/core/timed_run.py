@@ -1,0 +1,234 @@
+"""What the benchmarks of time share: how they run, how figures are judged over seeds, quantiles, the plot of tails."""
+
+from __future__ import annotations
+
+import gc
+import resource
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from time import perf_counter_ns, thread_time_ns
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.core.machine import resident
+from models.config import STRICT
+from models.types import Vector
+
+MICRO = 1e-3  # nanoseconds to microseconds
+
+QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
+"""Percentiles that a case keeps of every subject, for the plot [%]."""
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class TickBounds:
+    """What a whole-body tick is held to; the unit of every value stands in the benchmark's YAML."""
+
+    placo_ratio_max: Positive
+    pinocchio_ratio_max: Positive
+    tail_ratio_max: Positive
+    residual_max: Positive
+    memory_time: Positive
+    growth_max: Positive
+    resident_max: Positive
+
+
+def tick_bounds(bounds: TickBounds) -> dict[str, Bound]:
+    """Bounds of the figures of a whole-body tick."""
+    limits = {
+        "ratio_to_placo": bounds.placo_ratio_max,
+        "ratio_to_pinocchio_calls": bounds.pinocchio_ratio_max,
+        "p99_over_median": bounds.tail_ratio_max,
+        "kkt_residual_max": bounds.residual_max,
+        "ticks_uncertified": 0.0,
+        "allocated_blocks_growth": bounds.growth_max,
+        "resident_growth_kib": bounds.resident_max,
+    }
+    return at_most(limits)
+
+
+@contextmanager
+def collector_off() -> Iterator[None]:
+    """Freeze live objects and switch the garbage collector off."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+def blocks_growth(seconds: Sequence[int], period: float) -> float:
+    """Growth of blocks [1/tick], from ``sys.getallocatedblocks`` after every second and the tick's ``period`` [s]."""
+    return float(np.median(np.diff(seconds))) * period
+
+
+def resident_growth(run: Callable[[float], None], settle: float, time: float) -> float:
+    """Growth of resident memory over a run of ``time`` [s], after one of ``settle`` [s], simulated [KiB]."""
+    with collector_off():
+        run(settle)
+        before = _resident()
+        run(time)
+        return _resident() - before
+
+
+def _resident() -> float:
+    """Resident memory of this process [KiB]."""
+    return 1024.0 * resident("self")
+
+
+class Stopwatch:
+    """Times calls, and records which of them the scheduler interrupted.
+
+    Attributes:
+        wall, cpu: Wall-clock and thread CPU time (rows, subjects) [ns].
+        preempted: Whether the scheduler interrupted the call (rows, subjects).
+        count: Rows begun by ``timing``.
+    """
+
+    def __init__(self, rows: int, subjects: int) -> None:
+        self.wall = np.zeros((rows, subjects), dtype=np.int64)
+        self.cpu = np.zeros_like(self.wall)
+        self.preempted = np.zeros(self.wall.shape, dtype=bool)
+        self.count = 0
+
+    def measure(self, row: int, subject: int, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        """Time one call; returns what it returns."""
+        switches = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+        cpu = thread_time_ns()
+        start = perf_counter_ns()
+        result = call(*arguments, **named)
+        end = perf_counter_ns()
+        self.cpu[row, subject] = thread_time_ns() - cpu
+        self.preempted[row, subject] = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw != switches
+        self.wall[row, subject] = end - start
+        return result
+
+    @contextmanager
+    def timing(self, owner: Any, name: str, subject: int = 0) -> Iterator[None]:
+        """Time every call of a method meanwhile; a call of subject 0 begins the next row; calls of a row add up."""
+        inner = getattr(owner, name)
+
+        def timed(*arguments: Any, **named: Any) -> Any:
+            self.count += subject == 0
+            row = self.count - 1
+            if not 0 <= row < len(self.wall):
+                return inner(*arguments, **named)
+            wall, preempted = self.wall[row, subject], self.preempted[row, subject]
+            result = self.measure(row, subject, inner, *arguments, **named)
+            self.wall[row, subject] += wall
+            self.preempted[row, subject] |= preempted
+            return result
+
+        with patch.object(owner, name, timed):
+            yield
+
+    def times(self, *subjects: int) -> Vector:
+        """Time of some subjects together in each row in which none was pre-empted (n,) [us]."""
+        wall, preempted = self.wall[: self.count, subjects], self.preempted[: self.count, subjects]
+        kept: Vector = wall.sum(axis=1)[~preempted.any(axis=1)] * MICRO
+        return kept
+
+
+class TimedBenchmark(Benchmark):
+    """A benchmark of time: one case a seed, measured alone; every seed must hold every bound.
+
+    A case holds ``figures``, with ``preempted_fraction`` among them. There is no progress bar: its thread would disturb
+    the timing.
+    """
+
+    alone = True
+
+    def cases(self, options: Options) -> list[Case]:
+        """One a seed."""
+        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Figures of all cases, as of ``over_seeds``."""
+        return over_seeds(cases)
+
+    def passed(self, report: Report) -> bool:
+        """Whether every seed holds every bound."""
+        return judge(report.cases, self.bounds(report))[0]
+
+    def notes(self, report: Report) -> list[str]:
+        """The worst seed of each bounded figure."""
+        preempted = f"{report.figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out"
+        return [*judge(report.cases, self.bounds(report))[1], f"wall-clock time; {preempted}"]
+
+
+def judge(cases: Sequence[Case], bounds: Mapping[str, Bound]) -> tuple[bool, list[str]]:
+    """Hold the figures of every seed against the bounds: whether all hold, and a line a figure with the worst seed."""
+    passed, lines = True, []
+    for name, bound in bounds.items():
+        values = [case["figures"][name] for case in cases]
+        # NaN counts as the worst
+        worst = int(np.argmax(values) if np.isinf(bound.least) else np.argmin(values))
+        held = bound.holds(values[worst])
+        passed &= held
+        word = "ok    " if held else "FAILED"
+        lines.append(f"{word} {name} {bound}: worst {values[worst]:.4g}, seed {cases[worst]['seed']}")
+    return passed, lines
+
+
+def over_seeds(cases: Sequence[Case]) -> dict[str, float]:
+    """Figures of all cases: the median of each, but the worst of tails, residuals, failures and growth."""
+    figures = {}
+    for name in cases[0]["figures"]:
+        values = [case["figures"][name] for case in cases]
+        worst = name.endswith(("_max", "_p999", "_uncertified", "growth", "growth_kib"))
+        figures[name] = float(np.max(values) if worst else np.median(values))
+    return figures
+
+
+def plot_tails(axes: Axes, subjects: Sequence[str], cases: Sequence[Case]) -> None:
+    """Draw how long each subject takes at every percentile of ``QUANTILES``, by the ``quantiles`` of the cases."""
+    rank = 1.0 / np.maximum(1.0 - np.array(QUANTILES) / 100.0, 1e-4)  # 1e-4: the slowest of ten thousand
+    for name in subjects:
+        values = np.median([case["quantiles"][name] for case in cases], axis=0)
+        axes.loglog(rank, values, label=name.replace("_", " "))
+    axes.set(xlabel="one tick in so many is slower", ylabel="time, pre-empted ticks included [us]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+
+
+Spread = dict[str, Any]  # ``count`` of the samples, and their ``quantiles`` at ``QUANTILES``; plain values, for a case
+
+
+def spread(samples: ArrayLike) -> Spread:
+    """What is kept of some samples (n,); NaN where there is none."""
+    values = np.asarray(samples, dtype=np.float64)
+    found = np.percentile(values, QUANTILES) if values.size else np.full(len(QUANTILES), np.nan)
+    return {"count": int(values.size), "quantiles": found.tolist()}
+
+
+def percentiles_of(spreads: Sequence[Spread], percents: Sequence[float] = QUANTILES) -> Vector:
+    """Percentiles (k,) of all samples together; NaN without samples.
+
+    Exact at ``QUANTILES`` for one spread; samples of several are assumed evenly spread between quantiles.
+    """
+    held = [each for each in spreads if each["count"]]
+    if not held:
+        return np.full(len(percents), np.nan)
+    if len(held) == 1:
+        return np.asarray(np.interp(percents, QUANTILES, held[0]["quantiles"]))
+    values = np.unique(np.concatenate([each["quantiles"] for each in held]))
+    below = [each["count"] * np.interp(values, each["quantiles"], QUANTILES) for each in held]
+    return np.asarray(np.interp(percents, np.sum(below, axis=0) / sum(each["count"] for each in held), values))
+
+
+def spread_of(case: dict[str, Any], name: str) -> Spread | None:
+    """What a case keeps of some samples; reports from before spreads hold the samples themselves. None for nothing."""
+    kept: Spread | None = case.get("spreads", {}).get(name)
+    if kept is None and name in case:
+        kept = spread(case[name])
+    return kept

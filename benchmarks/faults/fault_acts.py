@@ -1,0 +1,402 @@
+"""Acts of fault rows: spoilt trajectories, commands at the wrong time, the world, the solver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import TypeAlias
+from unittest.mock import patch
+
+import numpy as np
+from msgspec import structs
+
+from bridge.closed_loop import ClosedLoop
+from bridge.plants.fault_plan import Fault
+from controllers.arbitration import Arbiter
+from controllers.balance import BalanceController
+from controllers.body_outline import BodyOutline
+from controllers.command_signature import KEY_BYTES, Signer, Verifier
+from models.constants import GRAVITY, NANOSECONDS
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.terrain import terrain_named
+from models.types import CommandReply, JointTrajectory, Mode
+
+Doing: TypeAlias = Iterator[CommandReply | None]
+"""One step of an act before each tick; yields the reply to a command, if any."""
+
+Act: TypeAlias = Callable[[ClosedLoop], Doing]  # disturbance or command of a row
+
+
+def asked(question: Callable[[], object]) -> CommandReply:
+    """Ask for something that may be refused; the answer, with the reason."""
+    try:
+        question()
+    except PoiseError as error:
+        return CommandReply(False, str(error))
+    return CommandReply(True, "done")
+
+
+def unmet(what: str) -> CommandReply:
+    """An answer that makes a row fail where nothing must be refused: something did not go as expected."""
+    return CommandReply(False, what)
+
+
+def pause(loop: ClosedLoop, duration: float) -> Doing:
+    """Do nothing for a time [s]."""
+    for _ in range(round(duration / loop.plant.period)):
+        yield None
+
+
+def says(*texts: str) -> Act:
+    """The act that gives text commands, one in each tick."""
+
+    def act(loop: ClosedLoop) -> Doing:
+        for text in texts:
+            yield loop.command(text)
+
+    return act
+
+
+Spoil = Callable[[JointTrajectory, RobotModel], JointTrajectory]
+"""Makes of a trajectory that holds the posture one that must be refused."""
+
+
+def _given(spoil: Spoil) -> Act:
+    def act(loop: ClosedLoop) -> Doing:
+        posture = loop.controller.reference.posture
+        held = JointTrajectory(loop.robot.joint_names, np.array([0.5, 1.0]), np.array([posture, posture]))
+        wrong = spoil(held, loop.robot)
+        for door in (loop.controller.follow, lambda given: loop.drivers.command_trajectory(given, loop.t)):
+            reply = asked(lambda: door(wrong))  # noqa: B023  # called at once
+            if reply.accepted:
+                yield CommandReply(False, "executed")
+                return
+        yield reply
+
+    return act
+
+
+def _unknown_joint(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    return replace(held, joint_names=("tail_joint", *held.joint_names[1:]))
+
+
+def _joint_twice(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    return replace(held, joint_names=(held.joint_names[1], *held.joint_names[1:]))
+
+
+def _nan(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    held.positions[1, 0] = np.nan
+    return held
+
+
+def _outside(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    held.positions[:, 0] = robot.q_upper[0] + 0.1  # [rad]
+    return held
+
+
+def _too_fast(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    velocities = np.zeros_like(held.positions)
+    velocities[0, 0] = 2.0 * robot.v_max[0]
+    return replace(held, velocities=velocities)
+
+
+def _jump(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+    return replace(held, times=np.array([0.0, 1.0]), positions=0.5 * (held.positions + robot.q_upper))
+
+
+def _points(count: int) -> Spoil:
+    def spoil(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
+        return replace(
+            held, times=1.0 + np.arange(count, dtype=np.float64), positions=np.tile(held.positions[:1], (count, 1))
+        )
+
+    return spoil
+
+
+def _times(*times: float) -> Spoil:
+    return lambda held, robot: replace(held, times=np.array(times))
+
+
+TRAJECTORIES: Mapping[str, Act] = {
+    "trajectory_unknown_joint": _given(_unknown_joint),
+    "trajectory_joint_twice": _given(_joint_twice),
+    "trajectory_nan": _given(_nan),
+    "trajectory_equal_times": _given(_times(0.5, 0.5)),
+    "trajectory_times_back": _given(_times(1.0, 0.5)),
+    "trajectory_past": _given(_times(-2.0, -1.0)),
+    "trajectory_begun": _given(_times(-0.5, 0.5)),
+    "trajectory_outside": _given(_outside),
+    "trajectory_too_fast": _given(_too_fast),
+    "trajectory_jump": _given(_jump),
+    "trajectory_empty": _given(_points(0)),
+    "trajectory_of_100000": _given(_points(100_000)),
+}
+
+
+WALL_TIME, WINDOW = 1.7e9, 0.1
+"""Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]."""
+
+KEY, OTHER_KEY = bytes(KEY_BYTES), bytes([1]) * KEY_BYTES
+
+PATIENCE = 0.2  # until a robot has damped [s]
+
+
+def _velocity(forward: float) -> Act:
+    def act(loop: ClosedLoop) -> Doing:
+        yield asked(lambda: loop.set_velocity(forward, 0.0, 0.0))
+
+    return act
+
+
+def _calibrate(loop: ClosedLoop) -> Doing:
+    yield loop.calibrate("imu")
+
+
+def _stand_up(loop: ClosedLoop) -> Doing:
+    """Command stand while walking: it may stand only between two steps."""
+    yield loop.command("stand")
+    while loop.mode is Mode.WALK:
+        yield None
+    if loop.gait.walking:
+        yield unmet("stands in the middle of a step")
+
+
+def _walk_damped(loop: ClosedLoop) -> Doing:
+    """Command walk while damped."""
+    loop.inject(Fault("joint_states", "off", end=PATIENCE))
+    yield from pause(loop, 2.0 * PATIENCE)
+    yield loop.command("walk")
+
+
+def _stand_fallen(loop: ClosedLoop) -> Doing:
+    """Command stand while lying on the ground."""
+    loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
+    yield from pause(loop, 1.5)
+    yield loop.command("stand")
+
+
+def _flood(loop: ClosedLoop) -> Doing:
+    """Ten texts in every tick of a second."""
+    for _ in range(1000):
+        for _ in range(10):
+            loop.command("nonsense")
+        yield None
+
+
+def _signed(lines: Callable[[Callable[[], int]], tuple[str, ...]]) -> Act:
+    """A robot that takes signed commands only gets some lines, given the wall time [ns]."""
+
+    def act(loop: ClosedLoop) -> Doing:
+        def clock() -> int:
+            return round((WALL_TIME + loop.t) * NANOSECONDS)
+
+        verifier = Verifier(KEY, WINDOW, clock)
+        yield from pause(loop, 2.0 * WINDOW)  # who has just started takes nothing
+
+        for line in lines(clock):
+            replies: list[CommandReply] = []
+            opened = asked(lambda: replies.append(loop.command(verifier.verify(line).text)))  # noqa: B023
+            yield replies[0] if replies else opened
+
+    return act
+
+
+def _replayed(clock: Callable[[], int]) -> tuple[str, ...]:
+    line = Signer(KEY, "teleop", clock).sign("walk")
+    return line, line
+
+
+def _commanders(loop: ClosedLoop) -> Doing:
+    """While teleop commands, autonomy sends a text."""
+    arbiter = Arbiter()
+    arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t)
+    loop.set_velocity(*arbiter.velocity(loop.t))
+    yield from pause(loop, 0.1)
+    refused = asked(lambda: arbiter.require("autonomy", loop.t))
+    yield loop.command("stop") if refused.accepted else refused
+
+
+def _locked(loop: ClosedLoop) -> Doing:
+    """While the lock is closed, a person steers."""
+    arbiter = Arbiter()
+    arbiter.lock("pause", True, loop.t)
+    refused = asked(lambda: arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t))
+    loop.set_velocity(*arbiter.velocity(loop.t))
+    yield refused
+
+
+COMMANDS: Mapping[str, Act] = {
+    "long_text": says("x" * 1_000_000),
+    "unknown_text": says("fly"),
+    "squat": says("squat"),
+    "stand": _stand_up,
+    "busy": says("squat", "wave"),
+    "walk_from_squat": says("squat", "walk"),
+    "flood": _flood,
+    "calibrate": _calibrate,
+    "forward": _velocity(0.3),
+    "nan_velocity": _velocity(math.nan),
+    "walk_damped": _walk_damped,
+    "stand_fallen": _stand_fallen,
+    "unsigned": _signed(lambda clock: ("walk",)),
+    "forged": _signed(lambda clock: (Signer(OTHER_KEY, "teleop", clock).sign("walk"),)),
+    "replayed": _signed(_replayed),
+    "commanders": _commanders,
+    "locked": _locked,
+}
+
+
+KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
+"""Time between two kicks, length of each [s], and the velocity that it gives [m/s]."""
+
+HOIST_SPEED, HOIST_TIME, LOWER_SPEED, LOWER_TIME = 0.3, 0.5, 0.05, 5.0
+"""Of a crane: up, and down until the feet bear [m/s, s]."""
+
+HANGING_SPEED = 4.0  # no joint of a hanging robot turns faster [rad/s]
+BOX = "box"  # terrain with a box that may be put into the way
+
+TURN, FORWARD, FREE_WAY = 0.3, 0.3, 1.0
+"""Velocities of a turn [rad/s] and of a walk [m/s], and the way to a box that is free at first [m]."""
+
+
+def _kick(loop: ClosedLoop) -> Doing:
+    """A kick from another side every four seconds."""
+    force = loop.robot.mass * KICK_SPEED / KICK_TIME
+    for number in range(1000):
+        angle = 2.4 * number  # [rad] the golden angle: never the same side
+        loop.apply_push((force * np.cos(angle), force * np.sin(angle), 0.0), KICK_TIME)
+        yield from pause(loop, KICK_PERIOD)
+
+
+def _knock_down(loop: ClosedLoop) -> Doing:
+    """A push that nothing can take."""
+    loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
+    yield None
+
+
+def _crane(loop: ClosedLoop, speed: float, duration: float) -> Doing:
+    """Move a held robot up [m/s] for a time [s]."""
+    for _ in pause(loop, duration):
+        loop.data.mocap_pos[0, 2] += speed * loop.plant.period
+        yield None
+
+
+def _lift(loop: ClosedLoop) -> Doing:
+    """Lift a robot off a turn on the spot, let it hang, put it down, and have it walk on."""
+    loop.set_velocity(0.0, 0.0, TURN)
+    yield from pause(loop, 1.5)
+    loop.plant.hold()
+    yield from _crane(loop, HOIST_SPEED, HOIST_TIME)
+    steps, fastest = loop.gait.steps, 0.0
+    for _ in pause(loop, 1.5):
+        fastest = max(fastest, float(np.abs(loop.truth.v[6:]).max()))
+        yield None
+    if fastest > HANGING_SPEED:
+        yield unmet(f"a joint of the hanging robot turns at {fastest:.1f} rad/s")
+    for _ in _crane(loop, -LOWER_SPEED, LOWER_TIME):
+        yield None
+        if loop.plant.load > 0.95 * loop.robot.mass * GRAVITY:
+            break
+    loop.plant.release()
+    yield from pause(loop, 1.0)
+    if loop.gait.steps != steps:
+        yield unmet(f"the gait took {loop.gait.steps - steps} steps in the air")
+    loop.set_velocity(0.0, 0.0, 0.0)  # what was commanded before counts no more
+    loop.set_velocity(FORWARD, 0.0, 0.0)
+    yield from pause(loop, 2.5)
+    if not loop.gait.steps > steps:
+        yield unmet("does not walk on")
+
+
+def _stand_in_the_way(loop: ClosedLoop) -> Doing:
+    """A box ahead of a walk; it is taken away later."""
+    box = terrain_named(BOX).obstacle
+    depth = 0.0 if box is None else box.size[0]
+    reach = BodyOutline(loop.robot).reach(np.array([1.0, 0.0]))
+    face = float(loop.truth.q[0] + reach) + FREE_WAY
+    loop.plant.obstacle.place(face + 0.5 * depth, float(loop.truth.q[1]))
+    yield from pause(loop, 6.0)
+    left = face - float(loop.truth.q[0] + reach)
+    if loop.gait.walking or not 0.1 < left < FREE_WAY:
+        yield unmet(f"does not stand before the box: {left:.2f} m are left")
+    loop.plant.obstacle.remove()
+    yield from pause(loop, 3.5)
+    if not loop.gait.walking:
+        yield unmet("does not walk on when the way is free")
+
+
+WORLD: Mapping[str, Act] = {
+    "kick": _kick,
+    "knock_down": _knock_down,
+    "lift": _lift,
+    "stand_in_the_way": _stand_in_the_way,
+}
+
+
+def _solver(loop: ClosedLoop) -> BalanceController:
+    if not isinstance(loop.controller, BalanceController):
+        raise TypeError("another controller than the packaged one")
+    return loop.controller
+
+
+def _spoiled(loop: ClosedLoop, ticks: int) -> Doing:
+    """NaN in the gradient of the QP for some ticks."""
+    builder = _solver(loop).whole_body.builder
+    build = builder.build
+
+    def spoil(*arguments: object) -> object:
+        qp = build(*arguments)  # type: ignore[arg-type]  # handed through
+        qp.gradient[0] = np.nan
+        return qp
+
+    with ExitStack() as stack:
+        stack.enter_context(patch.object(builder, "build", spoil))
+        for _ in range(ticks):
+            yield None
+
+
+def _contradicted(loop: ClosedLoop) -> Doing:
+    """For half a second the limits of a joint contradict each other: faster than 1 rad/s^2, slower than -1."""
+    builder = _solver(loop).whole_body.builder
+    build = builder.build
+
+    def contradict(*arguments: object) -> object:
+        qp = build(*arguments)  # type: ignore[arg-type]  # handed through
+        row = np.flatnonzero(qp.soft & (np.abs(qp.matrix).sum(axis=1) == 1.0))[0]  # of a joint outside of the legs
+        qp.lower[row], qp.upper[row] = 1.0, -1.0
+        return qp
+
+    with patch.object(builder, "build", contradict):
+        for _ in range(500):
+            yield None
+
+
+def _nan_torques(loop: ClosedLoop, ticks: int) -> Doing:
+    """The controller hands torques to the drivers that are no numbers."""
+    controller = loop.controller
+    step = controller.step
+
+    def spoil(*arguments: object) -> object:
+        result = step(*arguments)  # type: ignore[arg-type]  # handed through
+        return structs.replace(
+            result, command=structs.replace(result.command, tau=np.full_like(result.command.tau, np.nan))
+        )
+
+    with patch.object(controller, "step", spoil):
+        for _ in range(ticks):
+            yield None
+
+
+ACTS: Mapping[str, Act] = {
+    "contradict": _contradicted,
+    "spoil_once": lambda loop: _spoiled(loop, 1),
+    "spoil": lambda loop: _spoiled(loop, 100),
+    "nan_once": lambda loop: _nan_torques(loop, 1),
+    "nan_torque": lambda loop: _nan_torques(loop, 200),
+    **TRAJECTORIES,
+    **COMMANDS,
+    **WORLD,
+}

@@ -1,0 +1,204 @@
+"""Faults of sensors, motors, solver, users and world in lockstep: what the robot must do, and what it does."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import xml.etree.ElementTree as ET
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from benchmarks.core.benchmark import Bound, at_least
+from benchmarks.core.fault_rows import FaultBenchmark
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.loops import TorqueSteps, demand, largest
+from benchmarks.faults.fault_acts import ACTS, Doing
+from benchmarks.faults.fault_rows import LoopChanges, Row, config, with_knee
+from bridge.closed_loop import ClosedLoop
+from bridge.plants.fault_plan import Fault
+from bridge.plants.sensor_errors import SensorErrors
+from models.config import read_yaml
+from models.errors import PoiseError
+from models.profile import load_profile
+from models.robot_model import RobotModel
+from models.types import Mode
+from models.urdf import resolve_uri
+
+
+def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
+    """Load a robot with the changes of a row, its files written to ``folder``; ``PoiseError`` if that fails."""
+    if not changes.profile and changes.described_mass == 1.0:
+        return RobotModel.load(name)
+    source = Path(load_profile(name).source)
+    profile = _merged(read_yaml(source), changes.profile)
+    file, urdf = folder / "profile.yaml", folder / "robot.urdf"
+    description = ET.parse(resolve_uri(str(profile["urdf"]), source.parent))
+    description.write(urdf)
+    file.write_text(yaml.safe_dump({**profile, "urdf": str(urdf)}), encoding="utf-8")
+    robot = RobotModel.load(file)
+    for mass in description.getroot().findall("link/inertial/mass")[:1]:
+        mass.set("value", str(changes.described_mass * float(mass.attrib["value"])))
+    description.write(urdf)
+    return robot
+
+
+def _merged(given: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """A mapping with changes, those of mappings in it likewise."""
+    merged = dict(given)
+    for key, value in changes.items():
+        merged[key] = _merged(given.get(key, {}), value) if isinstance(value, dict) else value
+    return merged
+
+
+BOX_TIME = 1.0  # watched longer where a black box must be left, which is written a little after the fault [s]
+
+
+class _Trial:
+    """One row on one robot."""
+
+    def __init__(self, robot: str, seed: int, row: Row, folder: Path) -> None:
+        self._model, self._row = robot_of(robot, row.loop, folder), row
+        model = self._model
+        self.knee = model.joint_names[model.feet[0].joint_ids_v[3] - 6]
+        errors = None if row.loop.misalignment is None else SensorErrors(misalignment=row.loop.misalignment)
+        self._loop = ClosedLoop(
+            model,
+            seed=seed,
+            friction=row.loop.friction,
+            payload_kg=row.loop.payload_kg,
+            terrain=row.loop.terrain,
+            sensor_errors=errors,
+            obstacle_stop=row.loop.obstacle_stop,
+            record=False,
+            black_box=folder if row.box else None,
+        )
+        self._steps, self._answer = TorqueSteps(self._loop), ""
+        self._modes: list[tuple[float, Mode]] = []
+
+    def run(self) -> Case:
+        """Settle, inject, watch."""
+        given, loop, row = config(), self._loop, self._row
+        if row.walk:
+            demand(loop, "walk")
+            loop.set_velocity(given.forward, 0.0, 0.0)
+        loop.run(given.settle)
+        before = loop.mode
+        doing: Doing = iter(())
+        start = loop.t
+        with self._steps.watch():
+            if row.faults:
+                loop.inject([Fault(**item) for item in with_knee(row.faults, self.knee)])
+            if row.act:
+                doing = ACTS[row.act](loop)
+            for _ in range(round((row.duration or given.duration) / loop.plant.period)):
+                with suppress(StopIteration):
+                    reply = next(doing)
+                    if reply is not None and not reply.accepted:
+                        self._answer = reply.reason
+                loop.step()
+                if not self._modes or loop.mode is not self._modes[-1][1]:
+                    self._modes.append((loop.t - start, loop.mode))
+        if row.box:
+            loop.run(BOX_TIME)
+        return self._outcome(before)
+
+    def _outcome(self, before: Mode) -> Case:
+        loop, row = self._loop, self._row
+        reason = "; ".join((*loop.faults, *filter(None, [self._answer])))
+        expected = Mode(row.mode) if row.mode else {"damps": Mode.DAMP, "stands": Mode.STAND}.get(row.expect, before)
+        time = next((t for t, mode in self._modes if mode is expected), float("nan"))
+        as_expected = loop.mode is expected and with_knee(row.reason, self.knee) in reason
+        if row.expect == "damps":
+            ok = as_expected and bool(loop.faults) and time <= (row.within or np.inf)
+        elif row.expect == "stands":
+            ok = as_expected and not reason and not loop.fallen and time <= (row.within or np.inf)
+        else:
+            ok = as_expected and not loop.faults and not loop.fallen and bool(self._answer) == (row.expect == "refuses")
+        left = not row.box or bool(loop.black_box and loop.black_box.files)
+        fine = self._steps.within(config().torque_step_limit)
+        return {
+            "seen": ("fell, " if loop.fallen and row.expect == "rides" else "") + f"mode '{loop.mode.value}'",
+            "reason": reason[:160],
+            "time": time if row.expect in ("damps", "stands") else None,
+            "torque_step": self._steps.largest,
+            "ok": bool(ok and left and fine),
+        }
+
+
+def trial(robot: str, seed: int, given: Row) -> Case:
+    """Run one row: ``seen``, ``reason``, ``time`` to the expected mode [s], ``torque_step`` over its limit, ``ok``."""
+    with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
+        try:
+            outcome = _Trial(robot, seed, given, Path(folder)).run()
+        except PoiseError as error:
+            refused = given.expect == "refuses" and given.reason in str(error)
+            outcome = {"seen": "refused", "reason": str(error)[:160], "time": None, "torque_step": 0.0, "ok": refused}
+    return {"group": given.group, "expected": given.expect, "within": given.within, **outcome}
+
+
+def margin(robot: str, seed: int, row: str) -> Case:
+    """Bisect the largest delay that the robot rides through.
+
+    Returns:
+        A row of the table with ``margin`` [s]; ``reason`` is that of the smallest delay that fails, ``ok`` whether the
+        margin is at least the required one.
+    """
+    given = config()
+    asked, reason, steps = given.margins[row], "", [0.0]
+
+    def holds(delay: float) -> bool:
+        nonlocal reason
+        fault = {"target": "joint_states", "kind": "delayed", "delay": delay}
+        case = trial(robot, seed, Row(group=asked.group, walk=asked.walk, expect="rides", faults=[fault]))
+        if case["ok"]:
+            steps.append(case["torque_step"])
+        else:
+            reason = f"then {case['seen']}, {case['reason']}"
+        return bool(case["ok"])
+
+    found, _ = largest(holds, given.delays)
+    return {
+        "group": asked.group,
+        "expected": f"rides at {asked.required:.4f} s",
+        "within": None,
+        "seen": f"rides up to {found:.4f} s",
+        "reason": reason,
+        "time": None,
+        "torque_step": max(steps),
+        "margin": found,
+        "ok": found >= asked.required,
+    }
+
+
+def measure(robot: str, seed: int, row: str) -> Case:
+    """Run one row (``trial``) or find one margin (``margin``)."""
+    given = config()
+    return margin(robot, seed, row) if row in given.margins else trial(robot, seed, given.rows[row])
+
+
+class Faults(FaultBenchmark):
+    """Every row and every margin, or those chosen, with every seed."""
+
+    measure = staticmethod(measure)
+
+    def cases(self, options: Options) -> list[Case]:
+        """Every seed of every row."""
+        rows = chosen("faults", options.scenarios, [*config().rows, *config().margins])
+        return [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Those of the rows, and the smallest of each margin [s]."""
+        found: dict[str, float] = {}
+        for case in (case for case in cases if case["row"] in config().margins):
+            name = f"{case['row']}_s"
+            found[name] = min(case["margin"], found.get(name, math.inf))
+        return super().figures(cases) | found
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Those of the rows, and the required margins."""
+        margins = {f"{name}_s": margin.required for name, margin in config().margins.items()}
+        return super().bounds(report) | at_least(margins)

@@ -1,0 +1,185 @@
+"""Faults of processes, topics and host, injected into the real graph over DDS.
+
+One graph for all rows of a kind; after each the robot recovers by ``reset_faults`` and ``reset``. Times run from the
+act to the message with the reaction, on the monotonic clock, transport (some milliseconds) included.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.core.fault_rows import FaultBenchmark
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, chosen, collect
+from benchmarks.core.measured import Clock, Done
+from benchmarks.core.results import NOT_RUN
+from benchmarks.graph.graph_acts import ACTS
+from benchmarks.graph.graph_kinds import GraphRow, Kind, NotHere, config, graph_of
+from benchmarks.graph.graph_stage import BACK_TIME, LOOK, GraphStage
+from controllers.supervisor import ACTIVE_MODES
+from models.errors import PoiseError
+from models.nodes import topics
+from models.robot_model import RobotModel
+
+REASON_MAX = 300  # longest reason in the report [characters]
+FALLEN = 0.5  # part of its height that is left of a robot that has fallen [-]
+
+
+class _Watch:
+    """One row on the stage."""
+
+    def __init__(self, stage: GraphStage, row: GraphRow) -> None:
+        self._stage, self._row = stage, row
+        self._supervisor: set[str] = set()
+        self._before = 0, 0, 0
+
+    def run(self) -> Case:
+        """Do it, watch, judge."""
+        stage, row = self._stage, self._row
+        stage.begin(row)
+        height, mode, pids = stage.height, stage.graph.mode, dict(stage.graph.pids)
+        stage.words.clear()
+        self._before = len(stage.refusals), len(stage.silences), len(stage.made.lines)
+        began = time.monotonic()
+        for pause in ACTS[row.act](stage):
+            self._watch_until(time.monotonic() + pause)
+        self._watch_until(began + (row.duration or config().duration))
+        fallen = not stage.height > FALLEN * height
+        restarted = [name for name, pid in stage.graph.pids.items() if pid != pids[name]]
+        ok, seen, at = {"rides": self._rides, "stands": self._stands, "damps": self._damps}[row.expect](mode, began)
+        reasons = "; ".join([*sorted(self._supervisor), *dict.fromkeys(stage.refusals[self._before[0] :])])
+        if row.expect == "damps":
+            accepted, answer = stage.ask("mode/stand")
+            ok, reasons = ok and not accepted, f"{answer}; {reasons}"
+        else:
+            ok = ok and not fallen
+        ok = ok and (not row.restarted or restarted == [row.restarted])
+        ok = ok and any(row.said in line for line in (*stage.made.lines[self._before[2] :], ""))
+        silence = next(iter(stage.silences[self._before[1] :]), None)
+        return {
+            "silence": silence,
+            "seen": ("fell, " if fallen and row.expect != "damps" else "") + seen,
+            "reason": reasons[:REASON_MAX],
+            "time": at,
+            "ok": bool(
+                ok
+                and row.reason in reasons
+                and (at is None or at <= (row.within or np.inf))
+                and (row.silence is None or (silence is not None and silence <= row.silence))
+            ),
+        }
+
+    def _watch_until(self, end: float) -> None:
+        while (left := end - time.monotonic()) > 0.0:
+            self._stage.graph.spin(min(LOOK, left))
+            self._supervisor.add(self._stage.diagnostics.get("/supervisor", ""))
+
+    def _received(self, topic: str) -> list[tuple[float, str]]:
+        return [(at, word) for at, of, word in self._stage.words if of == topic]
+
+    def _rides(self, mode: str, began: float) -> tuple[bool, str, float | None]:
+        modes, drivers = self._received(topics.MODE), self._received(topics.DRIVER_STATE)
+        words = [word for _, word in (*modes, *drivers)]
+        return not set(words) - {mode, topics.ACTIVE}, f"{mode}; received: {', '.join(words) or 'nothing else'}", None
+
+    def _stands(self, mode: str, began: float) -> tuple[bool, str, float | None]:
+        stage = self._stage
+        damped = {word for _, word in self._received(topics.DRIVER_STATE)} - {topics.ACTIVE}
+        at = float("nan") if stage.still_since is None else max(stage.still_since - began, 0.0)
+        seen = f"at rest in {stage.graph.mode}"
+        if foot := self._foot_in_the_air():
+            return False, f"{seen}; left mode walk in '{foot}'", at
+        return not damped and stage.graph.mode == (self._row.mode or "stand"), seen, at
+
+    def _foot_in_the_air(self) -> str:
+        """Phase of the gait in which mode walk was left, if a foot was in the air then; empty if none was."""
+        phase = ""
+        for _, topic, word in self._stage.words:
+            if topic == topics.GAIT_PHASE:
+                phase = word
+            elif topic == topics.MODE and word == "stand" and phase.startswith("single"):
+                return phase
+        return ""
+
+    def _damps(self, mode: str, began: float) -> tuple[bool, str, float | None]:
+        damped = {topics.MODE: "damp", topics.DRIVER_STATE: topics.DAMPED}
+        at = next((at - began for at, of, word in self._stage.words if damped.get(of) == word), float("nan"))
+        graph = self._stage.graph
+        rests = graph.driver_state != topics.ACTIVE and graph.mode not in {active.value for active in ACTIVE_MODES}
+        return rests, f"mode {graph.mode}, drivers {graph.driver_state}", at
+
+
+def _with_seed(model: RobotModel, robot: str, seed: int, rows: list[str], folder: Path) -> Iterator[Case]:
+    for kind in dict.fromkeys(config().rows[name].graph for name in rows):
+        left = [name for name in rows if config().rows[name].graph == kind]
+        while left:  # a new graph where a row has left one that cannot be brought back
+            yield from _on_graph(model, kind, robot, seed, left, folder)
+
+
+def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[str], folder: Path) -> Iterator[Case]:
+    """Do rows to one graph and take them out of ``left``, as long as it can be brought back."""
+    name, done = "", ""
+    try:
+        with ExitStack() as stack:
+            made = stack.enter_context(graph_of(kind, robot, seed, folder))
+            stage = GraphStage(model, made)
+            stack.callback(stage.close)
+            made.graph.wait_standing(BACK_TIME)
+            while left:
+                name = left.pop(0)
+                case = _case(name, seed) | _Watch(stage, config().rows[name]).run()
+                done = name
+                yield case
+                stage.bring_back()
+    except NotHere as error:
+        yield from (_case(other, seed) | _without(f"not run: {error}") | {NOT_RUN: True} for other in left)
+        left.clear()
+    except PoiseError as error:
+        name = name or left.pop(0)
+        if done != name:
+            yield _case(name, seed) | _without("lost") | {"reason": str(error)[:REASON_MAX]}
+
+
+def _case(name: str, seed: int) -> Case:
+    row = config().rows[name]
+    given = {"row": name, "seed": seed, "group": row.group, "graph": row.graph}
+    return given | {"expected": row.expect, "within": row.within}
+
+
+def _without(seen: str) -> Case:
+    """Outcome of a row that could not be observed."""
+    return {"seen": seen, "reason": "", "time": None, "ok": False}
+
+
+class GraphFaults(FaultBenchmark):
+    """Every row, or those chosen, once a seed; rows of one kind share a graph."""
+
+    def cases(self, options: Options) -> list[Case]:
+        """Every row of every seed."""
+        rows = chosen("graph_faults", options.scenarios, list(config().rows))
+        return [{"robot": options.robot, "row": row, "seed": seed} for seed in range(options.seeds) for row in rows]
+
+    def run(self, options: Options) -> Report:
+        """Measure and judge; ``ConfigError`` for an unknown row, ``PoiseError`` when the graph does not come up."""
+        inputs = self.cases(options)
+        load, model = LoadMeter(), RobotModel.load(options.robot)
+        with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
+
+            def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+                if left:
+                    options.sweep.rest()
+                places = {(case["seed"], case["row"]): index for index, case in enumerate(left)}
+                for seed in range(options.seeds):
+                    rows = [case["row"] for case in left if case["seed"] == seed]
+                    clock = Clock()
+                    for case in _with_seed(model, options.robot, seed, rows, Path(folder)):
+                        yield places[seed, case["row"]], clock.done(case)
+                        clock = Clock()
+
+            results = collect(produce, inputs, bench=self.name, options=options, silent=True)
+        return self.report(options, results, self.figures(results), load)

@@ -1,0 +1,1 @@
+"""Processes and nodes of a running ROS graph that benchmarks start, load and disturb."""

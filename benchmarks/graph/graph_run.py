@@ -1,0 +1,260 @@
+"""Runs graphs under a scenario, each in a process with its companions, and returns the rows of its processes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.machine import Use, UseMeter
+from bridge.launch.graph import Graph
+from bridge.ros.environment import free_domain, graph_environment
+from bridge.ros.layout import CONTROL, REALTIME_NODES, process_specs
+from bridge.ros.processes import ProcessSpec
+from models.config import STRICT
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.qos import COMMAND
+from models.nodes.realtime import die_with_parent
+
+Count = Annotated[int, Field(ge=0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Scenario:
+    """What runs beside the measured robot.
+
+    Attributes:
+        rate: Of sensors and laws [Hz]; physics and drivers keep theirs.
+        stress: Busy processes, kept on the last core.
+        subscribers: Further processes that subscribe to every topic of the tick.
+        record: Whether ``poise record`` runs.
+        view: Whether ``poise view`` serves its page, without a browser.
+        walk: Whether the robot walks instead of standing.
+        robots: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO.
+        speed: Simulated over real time, for more robots than the cores can run otherwise [-].
+        own_core: Whether bridge and control keep to a core each.
+        stages: Whether the process of the laws records when each stage ends.
+    """
+
+    rate: Positive = 1000.0
+    stress: Count = 0
+    subscribers: Count = 0
+    record: bool = False
+    view: bool = False
+    walk: bool = False
+    robots: Annotated[int, Field(ge=1)] = 1
+    speed: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    own_core: bool = False
+    stages: bool = True
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class LatencyConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/latency.yaml``."""
+
+    duration: Positive
+    floor_duration: Positive
+    warm_up: Positive
+    start_limit: Positive
+    p50_bound: Positive
+    p99_bound: Positive
+    missed_bound: Positive
+    walk_speed: Positive
+    usual: tuple[str, ...]
+    scenarios: dict[str, Scenario]
+
+
+latency_config = partial(settings, LatencyConfig, "latency")
+
+
+STOP_LIMIT = 15.0  # longest wait for a companion to end; a recording completes its file [s]
+
+_POISE = "from bridge.cli import app; app()"
+
+
+@contextmanager
+def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dict[str, int]]:
+    """Run a scenario's processes in a ROS domain; yields process id by name; ``PoiseError`` when one ends early."""
+    commands = {
+        **{f"stress_{k}": ["-c", "while True: pass"] for k in range(scenario.stress)},
+        **{f"subscriber_{k}": ["-m", "benchmarks.graph.listener"] for k in range(scenario.subscribers)},
+    }
+    if scenario.record:
+        commands["record"] = ["-c", _POISE, "record", "--out", str(folder / "run.mcap")]
+    if scenario.view:
+        commands["view"] = ["-c", _POISE, "view", "--port", str(_free_port())]
+    environment = {**os.environ, **graph_environment(domain_id=domain_id)}
+    started: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        with (folder / "companions.log").open("wb") as log:
+            for name, words in commands.items():
+                started[name] = subprocess.Popen(
+                    [sys.executable, *words],
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    start_new_session=True,
+                    preexec_fn=die_with_parent,  # a command that is killed leaves none of them behind
+                )
+                if name.startswith("stress"):
+                    os.sched_setaffinity(started[name].pid, {max(os.sched_getaffinity(0))})
+        yield {name: process.pid for name, process in started.items()}
+        ended = [name for name, process in started.items() if process.poll() is not None]
+        if ended:
+            said = (folder / "companions.log").read_text(encoding="utf-8", errors="replace")[-500:]
+            raise PoiseError(f"{', '.join(ended)} ended while the graph was measured: {said}")
+    finally:
+        for process in started.values():
+            process.send_signal(signal.SIGINT)
+        for process in started.values():
+            try:
+                process.wait(STOP_LIMIT)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _free_port() -> int:
+    """A TCP port of this machine without a listener."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+STAGED_CONTROL = ProcessSpec("benchmarks.graph.staged_control", CONTROL.nodes)
+
+VELOCITY_PERIOD = 0.05  # time between two walking velocities [s]
+COMPANION_START = 3.0  # of companions: imports and discovery [s]
+
+
+FAILED = "failed"  # file with the reason why one graph of a scenario has failed
+LOOK_PERIOD = 0.1  # period of the check of the other graphs [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Rows of ``LatencyProbe`` and ``StageProbe`` (empty without stages), and use of every process by name."""
+
+    bridge: dict[str, NDArray[Any]]
+    laws: dict[str, NDArray[Any]]
+    use: dict[str, Use]
+
+
+def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig) -> list[Run]:
+    """Run the graphs of a scenario in parallel, each in its process and ROS domain; ``PoiseError`` when one fails."""
+    domains = [free_domain() for _ in range(scenario.robots)]
+    with (
+        TemporaryDirectory(prefix="poise_") as folder,
+        ProcessPoolExecutor(scenario.robots, mp_context=get_context("spawn"), initializer=die_with_parent) as pool,
+    ):
+        futures = [
+            pool.submit(_run, robot, seed + k, scenario, config, k, domain, Path(folder))
+            for k, domain in enumerate(domains)
+        ]
+        return [future.result() for future in futures]
+
+
+def _run(
+    robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
+) -> Run:
+    """One graph; it starts when the one before stands, and is measured from when all of them do."""
+    try:
+        return _stand_and_measure(robot, seed, scenario, config, index, domain, shared)
+    except BaseException as error:
+        (shared / FAILED).write_text(str(error), encoding="utf-8")  # the others stop waiting
+        raise
+
+
+def _stand_and_measure(
+    robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
+) -> Run:
+    """See ``_run``."""
+    _wait_for_others(shared, index, index * config.start_limit, time.sleep)
+    folder = shared / str(index)
+    folder.mkdir()
+    files = {name: folder / f"{name}.npz" for name in ("bridge", "laws")}
+    parameters: dict[str, dict[str, object]] = {
+        "robot_driver": {
+            "latency_file": str(files["bridge"]),
+            "seed": seed,
+            "sensor_rate": scenario.rate,
+            "speed": scenario.speed,
+        },
+        "supervisor": {"sensor_rate": scenario.rate},
+    }
+    specs = process_specs(merged=True)
+    if scenario.stages:
+        specs[specs.index(CONTROL)] = STAGED_CONTROL
+        parameters["state_estimator"] = {"latency_file": str(files["laws"])}
+    if scenario.own_core:
+        for name in REALTIME_NODES:
+            parameters[name] = {**parameters.get(name, {}), "realtime.own_core": True}
+    if index:  # two graphs of real-time processes would stop both for 50 ms every second
+        for name in REALTIME_NODES:
+            parameters[name] = {**parameters.get(name, {}), "realtime.priority": 0}
+    with ExitStack() as stack:
+        graph = stack.enter_context(
+            Graph(
+                robot, domain_id=domain, parameters=parameters, specs=specs, log=folder / "log", say=lambda text: None
+            )
+        )
+        graph.wait_standing(config.start_limit)
+        others = stack.enter_context(companions(scenario, domain, folder))
+        if others:
+            graph.spin(COMPANION_START)
+        if scenario.walk:
+            graph.call("mode/walk")
+        (shared / f"stands_{index}").touch()
+        _wait_for_others(shared, scenario.robots, scenario.robots * config.start_limit, graph.spin)
+        meter = UseMeter({**{name.rpartition(".")[2]: pid for name, pid in graph.pids.items()}, **others})
+        _drive(graph, scenario, config)
+        use = meter.read()
+    rows = [dict(np.load(files[name])) if files[name].exists() else {} for name in ("bridge", "laws")]
+    return Run(rows[0], rows[1], use)
+
+
+def _wait_for_others(shared: Path, count: int, timeout: float, spin: Callable[[float], None]) -> None:
+    """Wait, serving callbacks, until ``count`` graphs stand; ``PoiseError`` after ``timeout`` [s] or a failure."""
+    end = time.monotonic() + timeout
+    while (stand := len(list(shared.glob("stands_*")))) < count:
+        if (shared / FAILED).exists():
+            raise PoiseError((shared / FAILED).read_text(encoding="utf-8"))
+        if time.monotonic() > end:
+            raise PoiseError(f"{stand} of {count} graphs stand after {timeout:.0f} s")
+        spin(LOOK_PERIOD)
+
+
+def _drive(graph: Graph, scenario: Scenario, config: LatencyConfig) -> None:
+    """Let the robot stand, or walk on, for the time that is measured."""
+    duration = config.duration + config.warm_up
+    if not scenario.walk:
+        graph.spin(duration)
+        return
+    publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    velocity = Twist()
+    velocity.linear.x = config.walk_speed
+    end = time.monotonic() + duration
+    while time.monotonic() < end:
+        publisher.publish(velocity)
+        graph.spin(VELOCITY_PERIOD)

@@ -1,0 +1,25 @@
+"""Signals that prod a process of the graph: SIGUSR1 collects garbage, SIGUSR2 has its next callback raise."""
+
+from __future__ import annotations
+
+import gc
+import signal
+from typing import Any
+
+
+class Prodded(RuntimeError):
+    """Raised by a callback on SIGUSR2."""
+
+
+def _raise(*arguments: Any) -> None:
+    raise Prodded("this callback raises on SIGUSR2")
+
+
+def listen(owner: type, callback: str) -> None:
+    """Install the handlers of the two signals; ``callback`` of the class ``owner`` raises."""
+
+    def collect(number: int, frame: object) -> None:
+        gc.collect()  # without frozen objects; all objects would take 0.1 s
+
+    signal.signal(signal.SIGUSR1, collect)
+    signal.signal(signal.SIGUSR2, lambda number, frame: setattr(owner, callback, _raise))

@@ -1,0 +1,1 @@
+"""Time of the tick, its parts, the closed loop, the graph and the sweeps."""

@@ -1,0 +1,231 @@
+"""Time of the gait planner, of one step adjustment, and of the whole-body tick in single support.
+
+The robot walks in lockstep at one velocity, estimator and sensor noise included. The whole-body tick without the
+planner runs beside placo's dynamics solver and the bare Pinocchio calls at the same state (``tick_peers.py``) and is
+judged like the standing one (``tick.py``). placo empties the caches, so it runs in every other second, and only the
+ratio to it is taken from those. Pre-empted samples are left out and counted, and the garbage collector is off.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Bound, Positive, at_most, saved, settings
+from benchmarks.core.harness import Case, Report, percentiles
+from benchmarks.core.loops import advance, demand
+from benchmarks.core.timed_run import (
+    MICRO,
+    QUANTILES,
+    Stopwatch,
+    TickBounds,
+    TimedBenchmark,
+    blocks_growth,
+    collector_off,
+    plot_tails,
+    resident_growth,
+    tick_bounds,
+)
+from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
+from benchmarks.speed.tick_timing import STATUSES, solution_figures
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from controllers.balance import BalanceController
+from models.config import STRICT
+from models.errors import PoiseError
+from models.types import ControlResult, Reference, RobotState
+from planners.gait.adjustment import StepPlanner
+from planners.gait.planner import GaitPlanner
+from planners.gait.state import Rest
+
+SUBJECTS = ("gait", "adjustment", "tick", "placo", "pinocchio_calls")
+"""What is timed: the planner's tick; in it one step adjustment with its preview; the law's tick with its QP,
+without the planner; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls."""
+
+GAIT, ADJUSTMENT, TICK, PLACO, PINOCCHIO = range(len(SUBJECTS))
+
+ORDERS = tuple(permutations((TICK, PLACO, PINOCCHIO)))
+"""Orders that the ticks go through in turn: what ran before decides what the caches hold."""
+
+
+class TimedWalk:
+    """Times the ticks of a walk without changing it.
+
+    Attributes:
+        watch: Times of each of ``SUBJECTS``, one row a tick.
+        count: Ticks recorded.
+        adjusted: Whether the step was adjusted (ticks,).
+        single: Whether the tick was one of single support, for placo too (ticks,).
+        beside: Whether placo ran beside it (ticks,).
+        with_placo: Whether placo runs beside the next ticks.
+        residual: KKT residual of the QP (ticks,) [-].
+        status: Index into ``STATUSES`` (ticks,).
+        placo_failed: Ticks on which placo found no solution.
+    """
+
+    def __init__(self, planner: GaitPlanner, controller: BalanceController, ticks: int) -> None:
+        self._planner, self._controller = planner, controller
+        self._plan_step, self._adjust_step = self._planner.step, StepPlanner.adjust
+        self._track = self._controller.step
+        self._pinocchio = PinocchioCalls(self._planner.model)
+        self._placo = PlacoTick(self._planner.model, self._controller.whole_body.config)
+        self.watch = Stopwatch(ticks, len(SUBJECTS))
+        self.count = 0
+        self.adjusted, self.single = np.zeros(ticks, dtype=bool), np.zeros(ticks, dtype=bool)
+        self.beside, self.with_placo = np.zeros(ticks, dtype=bool), False
+        self.residual, self.status = np.zeros(ticks), np.zeros(ticks, dtype=np.int64)
+        self.placo_failed = 0
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Time what happens meanwhile."""
+
+        def adjust(plan: StepPlanner, *arguments: Any) -> Any:
+            self.adjusted[self.count] = True
+            return self.watch.measure(self.count, ADJUSTMENT, self._adjust_step, plan, *arguments)
+
+        with (
+            patch.object(StepPlanner, "adjust", adjust),
+            patch.object(self._planner, "step", self._plan),
+            patch.object(self._controller, "step", self._tick),
+        ):
+            yield
+
+    def _plan(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
+        reference: Reference = self.watch.measure(self.count, GAIT, self._plan_step, state, dt, rest)
+        return reference
+
+    def _tick(self, state: RobotState, dt: float) -> ControlResult:
+        """The law and its peers, in changing order. placo gets the references of the tick before."""
+        row, before = self.count, self._controller.reference.contacts
+        calls: dict[int, Callable[[], Any]] = {
+            TICK: lambda: self._track(state, dt),
+            PINOCCHIO: lambda: self._pinocchio.step(state.q, state.v),
+        }
+        if self.with_placo:
+            self._placo.prepare(state, self._controller)
+            calls[PLACO] = self._placo.step
+        order = [subject for subject in ORDERS[row % len(ORDERS)] if subject in calls]
+        done = {subject: self.watch.measure(row, subject, calls[subject]) for subject in order}
+        for times in (self.watch.wall, self.watch.cpu):
+            times[row, TICK] -= times[row, GAIT]  # the planner runs within the law's tick and counts by itself
+        result: ControlResult = done[TICK]
+        reference = self._controller.reference
+        self.single[row] = before == reference.contacts and before[0] != before[1]
+        self.beside[row] = self.with_placo
+        self.residual[row], self.status[row] = result.residual, STATUSES.index(result.status)
+        self.placo_failed += self.with_placo and not self._placo.success
+        self.count += 1
+        return result
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class GaitBenchConfig(TickBounds):
+    """The walk and its bounds; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
+
+    forward: float
+    warm_up: Positive
+    duration: Positive
+    gait_max: Positive
+    adjustment_max: Positive
+
+
+_config = partial(settings, GaitBenchConfig, "gait")
+
+
+def measure(robot: str, seed: int) -> Case:
+    """Time the ticks of one walk: ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
+    config = _config()
+    loop = ClosedLoop(robot=robot, seed=seed, record=False)
+    demand(loop, "walk")
+    loop.set_velocity(config.forward, 0.0, 0.0)
+    advance(loop, config.warm_up)
+    law = loop.controller
+    if not isinstance(law, BalanceController):
+        raise PoiseError(f"{robot}: the loop has another controller than the whole-body one")
+    timed = TimedWalk(loop.gait, law, round(config.duration / loop.plant.period) + 1)
+    with collector_off(), timed.recording():
+        for second in range(round(config.duration)):
+            timed.with_placo = second % 2 == 1
+            advance(loop, 1.0)
+    blocks: list[int] = []
+    settle = 2  # seconds
+
+    def walk_alone(time: float) -> None:
+        """Nothing beside the robot allocates now."""
+        for _ in range(round(time)):
+            advance(loop, 1.0)
+            blocks.append(sys.getallocatedblocks())
+
+    figures = summarise(timed)
+    figures["resident_growth_kib"] = resident_growth(walk_alone, settle, config.memory_time)
+    figures["allocated_blocks_growth"] = blocks_growth(blocks[settle:], loop.plant.period)
+    rows = _rows(timed)
+    quantiles = {
+        name: np.percentile(timed.watch.wall[rows[:, i], i] * MICRO, QUANTILES).tolist()
+        for i, name in enumerate(SUBJECTS)
+    }
+    return {"figures": figures, "quantiles": quantiles}
+
+
+def _rows(timed: TimedWalk) -> NDArray[np.bool_]:
+    """The ticks that count for each subject, pre-empted or not (ticks, 5)."""
+    rows = np.zeros(timed.watch.wall.shape, dtype=bool)
+    n = timed.count
+    alone, single = ~timed.beside[:n], timed.single[:n]
+    rows[:n, GAIT] = alone
+    rows[:n, ADJUSTMENT] = alone & timed.adjusted[:n]
+    rows[:n, TICK] = rows[:n, PINOCCHIO] = alone & single
+    rows[:n, PLACO] = ~alone & single
+    return rows
+
+
+def summarise(timed: TimedWalk) -> dict[str, float]:
+    """Figures of a recorded walk; ``ValueError`` when a kind of tick is missing."""
+    rows, wall, preempted = _rows(timed), timed.watch.wall * MICRO, timed.watch.preempted
+    figures: dict[str, float] = {}
+    kept = rows & ~preempted
+    for i, name in enumerate(SUBJECTS):
+        figures |= percentiles(wall[kept[:, i], i], f"{name}_us")
+        figures[f"{name}_ungated_us_p99"] = float(np.percentile(wall[rows[:, i], i], 99.0))
+    beside = rows[:, PLACO] & ~preempted[:, TICK]
+    figures["tick_beside_placo_us_p50"] = float(np.median(wall[beside, TICK]))
+    figures["ratio_to_placo"] = figures["tick_beside_placo_us_p50"] / figures["placo_us_p50"]
+    figures["ratio_to_pinocchio_calls"] = figures["tick_us_p50"] / figures["pinocchio_calls_us_p50"]
+    figures["p99_over_median"] = figures["tick_us_p99"] / figures["tick_us_p50"]
+    figures["pinocchio_calls_p99_over_median"] = figures["pinocchio_calls_us_p99"] / figures["pinocchio_calls_us_p50"]
+    figures["preempted_fraction"] = 1.0 - float(kept[:, GAIT].sum() / rows[:, GAIT].sum())
+    counted = {"ticks": rows[:, GAIT], "adjustments": rows[:, ADJUSTMENT], "ticks_single_support": rows[:, TICK]}
+    figures |= {name: float(chosen.sum()) for name, chosen in counted.items()}
+    figures |= solution_figures(timed.residual[: timed.count], timed.status[: timed.count])
+    figures["placo_failed"] = float(timed.placo_failed)
+    return figures
+
+
+class Gait(TimedBenchmark):
+    """See the module's text."""
+
+    measure = staticmethod(measure)
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Bounds of the planner, the adjustment and the tick."""
+        config = _config()
+        adjustment = {f"adjustment_us_{part}": config.adjustment_max for part in ("p50", "p99")}
+        return at_most({"gait_us_p99": config.gait_max, **adjustment}) | tick_bounds(config)
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw how long each subject takes at every percentile."""
+        figure = new_figure(7.0, 4.5)
+        plot_tails(figure.subplots(), SUBJECTS, report.cases)
+        figure.suptitle(f"{report.robot}: gait, and whole-body tick in single support", fontsize=10)
+        return [saved(figure, folder / f"gait-{report.robot}.png")]

@@ -1,0 +1,265 @@
+"""Sensor stamp to command received by the plant over real ROS 2, beside the ping-pong floor of the same run.
+
+Floor, graph, floor: each in real time, by default at 1 kHz. The bridge records on the monotonic clock when it is about
+to publish the sensors of a tick and when the command with their stamp arrives; the process of the laws records when
+each stage between ends (``latency_stages.py``). Missed are ticks without a command, and ticks that the bridge skipped
+because it was late. A command later than a tick takes effect one step later (``over_a_tick_fraction``).
+
+Bounds of the idle graph: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick, missed < 0.1 %. Other scenarios are
+measured when chosen and have no bound; their figures are prefixed, and the verdict on the machine judges them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.core.machine import Machine, advice, read_machine
+from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_of
+from benchmarks.graph import pingpong
+from benchmarks.graph.graph_run import Run, latency_config, run_graphs
+from benchmarks.speed.latency_stages import STAGES, answered, split, tails
+from bridge.driver.latency_probe import LatencyProbe
+from bridge.ros.environment import free_domain
+from bridge.ros.stage_probe import LEFT, RIGHT, cost
+from models.constants import NANOSECONDS
+from models.errors import PoiseError
+from models.types import Vector
+
+TICK = 0.001  # of physics and drivers [s]
+
+SUPPORTS = {"single": (LEFT, RIGHT), "double": (LEFT | RIGHT,)}
+"""Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of."""
+
+
+def _measure(robot: str, seed: int, scenario: str) -> Case:
+    """One case; a graph that does not come up, or does not last, is a result with the reason in ``failure``."""
+    config = latency_config()
+    given = config.scenarios[scenario]
+    period = 1.0 / (given.rate * given.speed)
+    length, skip = config.floor_duration + config.warm_up, round(config.warm_up / period)
+    domain = free_domain()
+    case: Case = {"scenario": scenario, "seed": seed, "load": os.getloadavg()[0]}
+    before = pingpong.measure(robot, length, domain, period)
+    try:
+        runs = run_graphs(robot, seed, given, config)
+    except PoiseError as error:
+        return case | {"failure": str(error)}
+    if (stood := _active_time(runs[0])) < config.duration:
+        return case | {"failure": f"the drivers were active for {stood:.1f} s of {config.duration:g} s"}
+    after = pingpong.measure(robot, length, domain, period)
+    floors = [_latencies(probe, skip) for probe in (before, after)]
+    first, *others = (_case(run, skip, period) for run in runs)
+    first["spreads"]["floor"] = spread(np.concatenate([floor[0] for floor in floors]))
+    return {
+        **case,
+        **first,
+        "floor_missed_fraction": float(np.mean([floor[1] for floor in floors])),
+        "others": [{"missed_fraction": other["missed_fraction"], **other["spreads"]["latency"]} for other in others],
+    }
+
+
+def _latencies(probe: LatencyProbe, skip: int) -> tuple[Vector, float]:
+    """Latency of every answered tick [us], and the missed fraction."""
+    rows = probe.rows()
+    ticks, _, missed = answered(rows, skip)
+    return (rows["received"][ticks] - rows["published"][ticks]) * 1e-3, missed
+
+
+def _active_time(run: Run) -> float:
+    """Time from the first tick to the last at which the drivers executed commands [s]."""
+    times = run.bridge["published"][run.bridge["active"]]
+    return float(np.ptp(times)) / NANOSECONDS if len(times) else 0.0
+
+
+def _case(run: Run, skip: int, tick: float) -> Case:
+    """Case of one graph; ``skip`` ticks at the beginning are left out, ``tick`` is the period of the sensors [s]."""
+    ticks, late, missed = answered(run.bridge, skip)
+    latency = (run.bridge["received"][ticks] - run.bridge["published"][ticks]) * 1e-3
+    samples = {"latency": latency, "late": late}
+    if run.laws:
+        whole = split(run.bridge, run.laws, skip, round(TICK * NANOSECONDS))
+        samples |= {f"stage_{stage}": whole.stages[:, i] for i, stage in enumerate(STAGES)}
+        shares = {name: np.isin(whole.contacts, feet) for name, feet in SUPPORTS.items()}
+        if all(share.any() for share in shares.values()):
+            for name, share in shares.items():
+                samples[name] = whole.total[share]
+                samples[f"{name}_stage_qp"] = samples["stage_qp"][share]
+    return {
+        "missed_fraction": missed,
+        "over_a_tick_fraction": float(np.mean(latency > tick * 1e6)) if latency.size else 0.0,
+        "cpu": {name: use.cpu for name, use in run.use.items()},
+        "memory": {name: use.memory for name, use in run.use.items()},
+        "spreads": {name: spread(values) for name, values in samples.items()},
+    }
+
+
+def summarise(cases: list[Case], tick: float) -> dict[str, float]:
+    """Figures of the cases of one scenario, one a seed; ``tick`` is the real-time period of the sensors [s]."""
+    config = latency_config()
+    stood = [case for case in cases if "failure" not in case]
+    figures = {"stood_fraction": len(stood) / len(cases)}
+    if not stood:
+        return figures
+    for name in dict.fromkeys(name for case in stood for name in case["spreads"]):
+        spreads = [case["spreads"][name] for case in stood if name in case["spreads"]]
+        figures |= tails(spreads, "" if name == "latency" else f"{name}_")
+    for name in ("missed_fraction", "floor_missed_fraction", "over_a_tick_fraction"):
+        figures[name] = float(np.mean([case[name] for case in stood]))
+    figures["tick_us"] = tick * 1e6
+    figures["p50_bound_us"] = config.p50_bound * figures["floor_p50_us"] + figures["tick_us"]
+    figures["p99_bound_us"] = config.p99_bound * figures["floor_p99_us"] + figures["tick_us"]
+    for part in ("p50", "p99"):
+        figures[f"ratio_to_floor_{part}"] = figures[f"{part}_us"] / figures[f"floor_{part}_us"]
+    for quantity, unit in (("cpu", "cores"), ("memory", "mib")):
+        for name in stood[0][quantity]:
+            values = [case[quantity][name] for case in stood if name in case[quantity]]
+            figures[f"{quantity}_{name}_{unit}"] = float(np.mean(values))
+    others = [other for case in stood for other in case["others"]]
+    if others:
+        figures |= tails(others, "others_")
+        figures["others_missed_fraction"] = max(other["missed_fraction"] for other in others)
+    return figures
+
+
+TIMES = ("p50_us", "p99_us")  # figures that are bounded by the floor of the same run
+
+
+def bounds_of_graph(figures: dict[str, float]) -> dict[str, Bound]:
+    """Bounds of one scenario's figures."""
+    limits: dict[str, float] = {name: figures[f"{name[:3]}_bound_us"] for name in TIMES if name in figures}
+    return at_least({"stood_fraction": 1.0}) | at_most({**limits, "missed_fraction": latency_config().missed_bound})
+
+
+def judge(figures: dict[str, float]) -> tuple[bool, list[str]]:
+    """Hold the figures of a scenario against the bounds; a line for each."""
+    held, lines = True, []
+    for name, bound in bounds_of_graph(figures).items():
+        if name in figures:
+            good = bound.holds(figures[name])
+            held &= good
+            lines.append(f"{'holds' if good else 'FAILS'}: {name} {figures[name]:.4g} {bound}")
+    return held, lines
+
+
+def verdict(held: dict[str, bool], machine: Machine) -> list[str]:
+    """Whether this machine keeps real time in each scenario, and what would help."""
+    good = [name for name, fine in held.items() if fine]
+    bad = [name for name in held if name not in good]
+    lines = [f"this machine keeps real time: {', '.join(good)}"] if good else []
+    lines += [f"this machine does NOT keep real time: {', '.join(bad)}"] if bad else []
+    return lines + [f"advice: {line}" for line in advice(machine)]
+
+
+def _names(cases: list[Case]) -> list[str]:
+    return list(dict.fromkeys(case.get("scenario", "idle") for case in cases))
+
+
+def _prefix(scenario: str) -> str:
+    return "" if scenario == "idle" else f"{scenario}_"
+
+
+def _of(report: Report, scenario: str) -> dict[str, float]:
+    """Figures of one scenario, by their names without it."""
+    prefix = _prefix(scenario)
+    return {name.removeprefix(prefix): value for name, value in report.figures.items() if name.startswith(prefix)}
+
+
+class Latency(Benchmark):
+    """See the module's text."""
+
+    alone = True
+    measure = staticmethod(_measure)
+
+    def cases(self, options: Options) -> list[Case]:
+        """Every seed of every chosen scenario."""
+        config = latency_config()
+        names = chosen("latency", options.scenarios, list(config.scenarios), config.usual)
+        return [
+            {"robot": options.robot, "seed": seed, "scenario": name} for name in names for seed in range(options.seeds)
+        ]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Those of each scenario, after its name unless that is 'idle', and the time of the stamps."""
+        figures: dict[str, float] = {}
+        for name in _names(cases):
+            scenario = latency_config().scenarios[name]
+            of = [case for case in cases if case.get("scenario", "idle") == name]
+            found = summarise(of, 1.0 / (scenario.rate * scenario.speed))
+            figures |= {f"{_prefix(name)}{key}": value for key, value in found.items()}
+        return figures | {"stamps_us": cost() * 1e6}
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Those of the usual scenarios that were measured."""
+        return {
+            f"{_prefix(name)}{key}": bound
+            for name in _names(report.cases)
+            if name in latency_config().usual
+            for key, bound in bounds_of_graph(_of(report, name)).items()
+        }
+
+    def notes(self, report: Report) -> list[str]:
+        """Bounds of every scenario, failures, and whether this machine keeps real time."""
+        notes, held_by = [], {}
+        for name in _names(report.cases):
+            speed = latency_config().scenarios[name].speed
+            held, lines = judge(_of(report, name))
+            held_by[name if speed == 1.0 else f"{name} at {speed:g} of real time"] = held
+            of = [case for case in report.cases if case.get("scenario", "idle") == name]
+            lines += [f"seed {case['seed']}: {case['failure']}" for case in of if "failure" in case]
+            notes += [f"{name}: {line}" for line in lines]
+        return notes + verdict(held_by, read_machine())
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the distributions of latency and floor, and the stages."""
+        matplotlib.use("Agg")
+        from matplotlib import pyplot
+
+        names = _names(report.cases)
+        figure, axes = pyplot.subplots(figsize=(8, 4.5))
+        _draw_tail(axes, report.cases, "floor", "ping-pong floor", color="0.5")
+        for name in names:
+            of = [case for case in report.cases if case.get("scenario", "idle") == name]
+            _draw_tail(axes, of, "latency", "sensor to command" if names == ["idle"] else name)
+        axes.set(
+            xscale="log", yscale="log", xlabel="time [us]", ylabel="share of ticks that took longer", ylim=(1e-4, 1)
+        )
+        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.legend(fontsize=8)
+        files = [folder / "latency.png"]
+        figure.savefig(files[0], dpi=120, bbox_inches="tight")
+        pyplot.close(figure)
+        staged = [name for name in names if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
+        if not staged:
+            return files
+        figure, pair = pyplot.subplots(1, 2, figsize=(10, 1.5 + 0.4 * len(staged)), sharey=True)
+        for axes, part in zip(pair, ("p50", "p99"), strict=True):
+            left = np.zeros(len(staged))
+            for stage in STAGES:
+                width = np.array([_stage(report, name, stage, part) for name in staged])
+                axes.barh(staged, width, left=left, label=stage.replace("_", " "))
+                left += width
+            axes.set_xlabel(f"{part} of each stage, added [us]")
+            axes.invert_yaxis()
+        pair[1].legend(fontsize=7, bbox_to_anchor=(1.0, 1.0), loc="upper left")
+        files.append(folder / "latency-stages.png")
+        figure.savefig(files[1], dpi=120, bbox_inches="tight")
+        pyplot.close(figure)
+        return files
+
+
+def _stage(report: Report, scenario: str, stage: str, part: str) -> float:
+    return report.figures.get(f"{_prefix(scenario)}stage_{stage}_{part}_us", math.nan)
+
+
+def _draw_tail(axes: Any, cases: list[Case], name: str, label: str, **style: Any) -> None:
+    spreads = [found for case in cases if (found := spread_of(case, name)) is not None]
+    if spreads:
+        axes.plot(percentiles_of(spreads), 1.0 - np.array(QUANTILES) / 100.0, label=label, **style)

@@ -1,0 +1,251 @@
+"""QPs of real ticks: poise's solver beside the back-ends of qpsolvers, time and residuals of every answer.
+
+The problems are recorded in the closed loop: standing, single support, and pushed while it waves. Every solver gets
+each of them in turn, in an order that changes, several times; the fastest time of a problem counts. Poise's solver
+starts from the active rows of the tick before, as in the tick; the others start cold, and their times include the
+Python of qpsolvers. Answers are certified alike (``certify``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import cycle
+from pathlib import Path
+from tempfile import gettempdir
+from time import perf_counter_ns
+from uuid import uuid4
+
+import numpy as np
+from scipy.optimize import nnls
+
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
+from benchmarks.core.timed_run import collector_off
+from benchmarks.speed.qp_records import RecordedQP, qp_config, record, write
+from bridge.plots import new_figure
+from controllers.qp.active_set import QP
+from controllers.qp.solve import INFINITE, TOLERANCE, QPSolver, backends, solver_options, to_qpsolvers
+from controllers.whole_body_config import SolverConfig, WholeBodyConfig
+from models.config import default_config
+from models.types import Vector
+
+OWN = "poise"  # the tick's own solver
+BACKENDS = ("daqp", "quadprog", "proxqp", "piqp", "osqp", "clarabel")  # measured back-ends of qpsolvers
+
+Solve = Callable[[], Vector | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Distance of an answer from the minimiser, relative to the size of what is compared.
+
+    Attributes:
+        primal: Largest violation of a row [-].
+        dual: Largest entry of the gradient of the Lagrangian, with the best multipliers of the right sign [-].
+        gap: Duality gap with these multipliers [-].
+    """
+
+    primal: float
+    dual: float
+    gap: float
+
+
+def certify(qp: QP, z: Vector | None, tolerances: Sequence[float]) -> Certificate:
+    """Certify an answer (nz,) of any solver: multipliers of its active rows come from least squares.
+
+    A row within one of ``tolerances`` of its bound, relative to its size, is active [-]; the tolerance with the best
+    certificate counts, since interior-point methods end a little before their rows.
+    """
+    if z is None or not np.isfinite(z).all():
+        return Certificate(math.inf, math.inf, math.inf)
+    return min((_proof(qp, z, tolerance) for tolerance in tolerances), key=lambda proof: max(proof.dual, proof.gap))
+
+
+def _proof(qp: QP, z: Vector, tolerance: float) -> Certificate:
+    """The certificate with one idea of which rows are active."""
+    rows = qp.matrix
+    values = rows @ z
+    size = 1.0 + np.abs(values)
+    below, above = (qp.lower - values) / size, (values - qp.upper) / size
+    slack = max(tolerance, 2.0 * float(max(below.max(), above.max(), 0.0)))
+    low, high = (below > -slack) & (qp.lower > -INFINITE), (above > -slack) & (qp.upper < INFINITE)
+    normals = np.vstack([-rows[low], rows[high]])  # (active, nz), outward
+    gradient = qp.hessian @ z + qp.gradient
+    scale = 1.0 + float(np.abs(qp.gradient).max())
+    if len(normals):
+        multipliers, _ = nnls(normals.T, -gradient, maxiter=50 * len(normals))
+        pull = normals.T @ multipliers
+        bounds = np.concatenate([-qp.lower[low], qp.upper[high]])
+        complementary = float(multipliers @ (bounds - normals @ z))
+    else:
+        pull, complementary = np.zeros_like(z), 0.0
+    residual = gradient + pull
+    objective = 0.5 * float(z @ qp.hessian @ z) + float(qp.gradient @ z)
+    # Primal minus dual objective of these multipliers: what complementarity and stationarity leave.
+    gap = abs(float(residual @ z)) + abs(complementary)
+    return Certificate(
+        primal=float(max(below.max(), above.max(), 0.0)),
+        dual=float(np.abs(residual).max()) / scale,
+        gap=gap / (1.0 + abs(objective)),
+    )
+
+
+def own_solver() -> QPSolver:
+    """The tick's solver, as configured."""
+    config = _solver_config()
+    return QPSolver(config.residual_max, config.iterations_max, config.soft_rho)
+
+
+@cache
+def _solver_config() -> SolverConfig:
+    return default_config(WholeBodyConfig, "controllers", "whole_body").solver
+
+
+def available() -> tuple[list[str], list[str]]:
+    """Back-ends of qpsolvers that are installed, and those of ``BACKENDS`` that are missing."""
+    installed = backends()
+    return [name for name in BACKENDS if name in installed], [name for name in BACKENDS if name not in installed]
+
+
+def through_qpsolvers(qp: QP, backend: str) -> Solve:
+    """A problem as ``solver.backend`` gives it to qpsolvers; the call that solves it excludes the conversion."""
+    import qpsolvers
+
+    problem, _, _ = to_qpsolvers(qp, backend)
+    options = solver_options(backend, TOLERANCE * _solver_config().residual_max)
+
+    def solve() -> Vector | None:
+        solution = qpsolvers.solve_problem(problem, solver=backend, **options)
+        return None if not solution.found or solution.x is None else np.asarray(solution.x)
+
+    return solve
+
+
+def timed(solve: Solve) -> tuple[Vector | None, float]:
+    """Solve once; returns the answer and the time it took [us]. A back-end that raises has no answer."""
+    start = perf_counter_ns()
+    try:
+        z = solve()
+    except (ValueError, RuntimeError, ArithmeticError):
+        z = None
+    return z, (perf_counter_ns() - start) * 1e-3
+
+
+def _problems_file(robot: str) -> Path:
+    """File of the problems of the last seed; a new one for every run."""
+    return Path(gettempdir()) / f"qps-{robot}-{uuid4().hex}.npz"
+
+
+def _measure(file: Path, robot: str, seed: int, solvers: list[str]) -> Case:
+    """Record the problems of a seed, and solve them."""
+    problems = record(robot, seed, qp_config())
+    write(file, problems)
+    return {"robot": robot, "seed": seed, "answers": solve_all(problems, solvers, seed)}
+
+
+def solve_all(problems: list[RecordedQP], names: list[str], seed: int) -> list[Case]:
+    """Solve all problems with all solvers; ``times`` [us], ``primal``, ``dual``, ``gap`` by solver and scenario."""
+    config, own = qp_config(), own_solver()
+    shape = len(problems), len(names)
+    times = np.full(shape, math.inf)
+    answers: dict[tuple[int, int], np.ndarray | None] = {}
+    turns = cycle(range(len(names)))
+    with collector_off():
+        for repeat in range(config.repeats):
+            own.reset()
+            for index, problem in enumerate(problems):
+                first = next(turns)
+                for k in range(len(names)):
+                    which = (first + k) % len(names)
+                    solve = _solve(names[which], problem, own)
+                    z, time = timed(solve)
+                    times[index, which] = min(times[index, which], time)
+                    if repeat == 0:
+                        answers[index, which] = z
+    cases: list[Case] = []
+    for which, name in enumerate(names):
+        for scenario in dict.fromkeys(problem.scenario for problem in problems):
+            of = [index for index, problem in enumerate(problems) if problem.scenario == scenario]
+            proofs = [certify(problems[index].qp, answers[index, which], config.active_tolerances) for index in of]
+            case: Case = {"solver": name, "scenario": scenario, "seed": seed, "times": times[of, which]}
+            for part in ("primal", "dual", "gap"):
+                case[part] = np.array([getattr(proof, part) for proof in proofs])
+            cases.append(case)
+    return cases
+
+
+def _solve(name: str, problem: RecordedQP, own: QPSolver) -> Solve:
+    if name != OWN:
+        return through_qpsolvers(problem.qp, name)
+    return lambda: own.solve(problem.qp).z
+
+
+def summarise(cases: list[Case], names: list[str]) -> dict[str, float]:
+    """Figures by solver: ``<solver>[_<scenario>]_us_p50`` ..., ``_solved``, ``_ratio``, residuals."""
+    limit = qp_config().residual_max
+    figures: dict[str, float] = {}
+    for name in names:
+        of = [case for case in cases if case["solver"] == name]
+        figures |= percentiles(np.concatenate([case["times"] for case in of]), f"{name}_us")
+        for scenario in dict.fromkeys(case["scenario"] for case in of):
+            chosen = [case["times"] for case in of if case["scenario"] == scenario]
+            figures |= percentiles(np.concatenate(chosen), f"{name}_{scenario}_us")
+        pooled = {part: np.concatenate([case[part] for case in of]) for part in ("primal", "dual", "gap")}
+        solved = np.max([pooled[part] for part in pooled], axis=0) <= limit
+        figures[f"{name}_solved"] = float(solved.mean())
+        for part, values in pooled.items():
+            figures[f"{name}_{part}_max"] = float(values.max())
+        figures[f"{name}_ratio"] = figures[f"{name}_us_p50"] / figures[f"{OWN}_us_p50"]
+    return figures
+
+
+class QPBenchmark(Benchmark):
+    """See the module's text. A report holds one case a solver, scenario and seed."""
+
+    alone = True
+
+    def cases(self, options: Options) -> list[Case]:
+        """One a seed, with the solvers that are installed."""
+        solvers = [OWN, *available()[0]]
+        return [{"robot": options.robot, "seed": seed, "solvers": solvers} for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Times by solver and scenario, worst residuals, share of problems solved, and ratio to poise's median."""
+        return summarise(cases, list(dict.fromkeys(case["solver"] for case in cases)))
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """The own solver solves every problem."""
+        return at_least({f"{OWN}_solved": 1.0})
+
+    def run(self, options: Options) -> Report:
+        """Record and solve, once a seed."""
+        load, file = LoadMeter(), _problems_file(options.robot)
+        measure = partial(_measure, file)
+        runs = run_cases(measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
+        cases: list[Case] = [case for run in runs for case in run["answers"]]
+        report = self.report(options, cases, self.figures(cases), load)
+        if file.is_file():  # not where every case was there already
+            report.notes.append(f"problems: {file}")
+        if missing := available()[1]:
+            report.notes.append(f"left out, not installed: {', '.join(missing)} (the extra 'bench' has them)")
+        return report
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw time against the worse of the residuals, one colour a solver."""
+        figure = new_figure(8.0, 4.5)
+        axes = figure.add_subplot(1, 1, 1)
+        for name in dict.fromkeys(case["solver"] for case in report.cases):
+            of = [case for case in report.cases if case["solver"] == name]
+            times = np.concatenate([np.asarray(case["times"]) for case in of])
+            residual = np.concatenate([np.maximum(case["primal"], case["dual"]) for case in of])
+            # 1e-16: exact answers. What has no answer is infinite, or not a number from a report, and is not drawn.
+            axes.loglog(times, np.maximum(residual, 1e-16), ".", markersize=3, label=name)
+        axes.axhline(qp_config().residual_max, color="0.5", linewidth=0.8, linestyle="--")
+        axes.set(xlabel="time [us]", ylabel="larger of primal and dual residual")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+        axes.set_title(f"{report.robot}: QPs of real ticks", fontsize=10)
+        return [saved(figure, folder / f"qp-{report.robot}.png")]

@@ -1,0 +1,146 @@
+"""Speed-up by more workers: the same cases over one worker and over several, and the cost of a case.
+
+A case is a walk of the terrain benchmark. Each count of workers gets a new cluster, whose processes load the robot and
+its compiled code before the measurement. It passes when all cases return bitwise equal over any number of workers;
+there is no bound on the time.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Count, saved, settings
+from benchmarks.core.executors import worker_processes
+from benchmarks.core.harness import Case, LoadMeter, Options, Report, Sweep, run_cases
+from benchmarks.core.results import worded
+from benchmarks.stability.terrain import walk
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT
+
+HOUR = 3600.0  # [s]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class ScalingConfig:
+    """The sweep; the unit of every value stands in ``benchmarks/config/scaling.yaml``."""
+
+    workers: Annotated[tuple[Count, ...], Field(min_length=1)]
+    cases: Count
+    scenario: str
+    warm_up: Annotated[float, Field(gt=0.0)]
+    planned: Count
+
+
+_config = partial(settings, ScalingConfig, "scaling")
+
+
+def warm_up(robot: str, seed: int) -> Case:
+    """Let a worker load what a case needs."""
+    ClosedLoop(robot, seed=seed).run(_config().warm_up)
+    return {}
+
+
+def measure(robot: str, seed: int, scenario: str) -> Case:
+    """One walk of the terrain benchmark, and ``seconds`` that it took here [s]."""
+    began = time.monotonic()
+    outcome = walk(robot, seed, scenario)
+    return {"outcome": outcome, "seconds": time.monotonic() - began}
+
+
+def _round(options: Options, inputs: list[Case], workers: int) -> list[Case]:
+    """Every case over so many workers, with the ``wall`` time of all of them [s]."""
+    with worker_processes(workers) as executor:
+        given = replace(options, sweep=Sweep(executor))
+        first = [{"robot": options.robot, "seed": seed} for seed in range(workers)]
+        run_cases(warm_up, first, bench="scaling, warm-up", options=given)
+        began = time.monotonic()
+        results = run_cases(measure, inputs, bench=f"scaling, workers: {workers}", options=given)
+        wall = time.monotonic() - began
+    return [{"workers": workers, "wall": wall, **case} for case in results]
+
+
+def summarise(results: list[Case], planned: int) -> dict[str, float]:
+    """Figures of all rounds, from ``workers``, ``wall`` and ``seconds`` [s] of every case.
+
+    Returns:
+        ``case_s``: median cost of a case with the fewest workers; ``overhead_s``: excess of its round a case; of each
+        count of workers ``wall_<n>_s``, ``speedup_<n>`` and ``efficiency_<n>`` over the fewest, and
+        ``planned_<n>_hours`` of ``planned`` cases.
+    """
+    counts = sorted({case["workers"] for case in results})
+    rounds = {count: [case for case in results if case["workers"] == count] for count in counts}
+    base, fewest = rounds[counts[0]], counts[0]
+    spent = sum(case["seconds"] for case in base)
+    figures = {
+        "case_s": float(np.median([case["seconds"] for case in base])),
+        "overhead_s": (fewest * base[0]["wall"] - spent) / len(base),
+        "planned_cases": float(planned),
+    }
+    for count, cases in rounds.items():
+        wall = cases[0]["wall"]
+        speedup = base[0]["wall"] / wall
+        figures |= {
+            f"wall_{count}_s": wall,
+            f"speedup_{count}": speedup,
+            f"efficiency_{count}": speedup * fewest / count,
+            f"planned_{count}_hours": planned * wall / len(cases) / HOUR,
+        }
+    return figures
+
+
+def same(results: list[Case]) -> bool:
+    """Whether every case came out the same over any number of workers."""
+    outcomes: dict[int, list[Any]] = {}
+    for case in results:
+        outcomes.setdefault(case["seed"], []).append(worded(case["outcome"]))  # NaN is not the same as itself
+    return all(outcome == found[0] for found in outcomes.values() for outcome in found)
+
+
+class Scaling(Benchmark):
+    """See the module's text; workers and sweep of the options do not count."""
+
+    def cases(self, options: Options) -> list[Case]:
+        """Each seed adds as many walks as are configured."""
+        config = _config()
+        count = config.cases * options.seeds
+        return [{"robot": options.robot, "seed": seed, "scenario": config.scenario} for seed in range(count)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """See ``summarise``."""
+        return summarise(cases, _config().planned)
+
+    def passed(self, report: Report) -> bool:
+        """Whether every case came out the same over any number of workers."""
+        return same(report.cases)
+
+    def notes(self, report: Report) -> list[str]:
+        """That in words."""
+        outcome = "are the same" if same(report.cases) else "DIFFER"
+        return [f"cases {outcome} over {', '.join(map(str, _config().workers))} workers"]
+
+    def run(self, options: Options) -> Report:
+        """Measure the cases over every count of workers."""
+        load = LoadMeter()
+        results = [case for workers in _config().workers for case in _round(options, self.cases(options), workers)]
+        return self.report(options, results, self.figures(results), load)
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the speed-up over the number of workers."""
+        counts = sorted({case["workers"] for case in report.cases})
+        figure = new_figure(5.0, 4.0)
+        axes = figure.add_subplot()
+        axes.plot(counts, [count / counts[0] for count in counts], "k:", linewidth=0.8, label="ideal")
+        axes.plot(counts, [report.figures[f"speedup_{count}"] for count in counts], "o-", label=report.robot)
+        axes.set_xticks(counts)
+        axes.set(xlabel="workers", ylabel="speed-up [-]")
+        axes.legend(fontsize=8)
+        return [saved(figure, folder / f"scaling-{report.robot}.png")]

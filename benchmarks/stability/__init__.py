@@ -1,0 +1,1 @@
+"""What the robot survives and how well it stands, walks and estimates."""

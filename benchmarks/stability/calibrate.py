@@ -1,0 +1,231 @@
+"""Injected sensor errors: how much of them the calibrations leave, and how the robot stands with and without."""
+
+from __future__ import annotations
+
+import math
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pinocchio as pin
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
+from benchmarks.core.harness import Case, Options, Report
+from bridge.closed_loop import ClosedLoop
+from bridge.plants.sensor_errors import SensorErrors
+from bridge.plots import new_figure
+from controllers.calibration.closed_chain import ChainTerms
+from models.calibration import Calibration
+from models.config import STRICT
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import Mode, Vector
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class CalibrateConfig:
+    """What is injected and what may be left; the unit of every value stands in ``benchmarks/config/calibrate.yaml``."""
+
+    gyro_bias: Positive
+    encoder_offset: Positive
+    force_offset: Positive
+    share: Positive
+    settle: Positive
+    duration: Positive
+    period: Positive
+    factor: Annotated[float, Field(ge=1.0)]
+    com_drift_slack: Positive
+    com_speed_slack: Positive
+    joint_speed_slack: Positive
+    tilt_error_slack: Positive
+    velocity_error_slack: Positive
+
+
+QUANTITIES = ("com_drift", "com_speed", "joint_speed", "tilt_error", "velocity_error")
+"""How well a robot stands: largest distance of the CoM from where it was [m], RMS of its horizontal speed [m/s], mean
+joint speed [rad/s], RMS errors of estimated tilt [rad] and base velocity [m/s]."""
+
+UNITS = {"com_drift": "m", "com_speed": "m_s", "joint_speed": "rad_s", "tilt_error": "rad", "velocity_error": "m_s"}
+
+WAYS = ("jig", "floor")  # encoders are calibrated in a jig, all of them, or by the closed chain through both soles
+
+
+_config = partial(settings, CalibrateConfig, "calibrate")
+
+
+@cache
+def _robot(name: str) -> RobotModel:
+    return RobotModel.load(name)
+
+
+def _errors(robot: RobotModel, way: str, seed: int) -> SensorErrors:
+    """Errors of the configured sizes and of signs that follow from the seed."""
+    config, signs = _config(), np.random.default_rng(seed)
+    encoders = config.encoder_offset * signs.choice([-1.0, 1.0], robot.nj)
+    if way == "floor":
+        encoders[np.setdiff1d(np.arange(robot.nj), ChainTerms(robot).joints)] = 0.0
+    return SensorErrors(
+        gyro_bias=config.gyro_bias * signs.choice([-1.0, 1.0], 3),
+        encoder_offsets=encoders,
+        force_offsets=config.force_offset * signs.choice([-1.0, 1.0], (2, 3)),
+    )
+
+
+def _tilt_error(estimated: Vector, true: Vector) -> float:
+    """Angle between the verticals that two base orientations (4,), xyzw, see [rad]."""
+    ups = [pin.Quaternion(q).toRotationMatrix()[2] for q in (estimated, true)]
+    return float(np.linalg.norm(np.cross(*ups)))
+
+
+def _stand(robot: RobotModel, seed: int, errors: SensorErrors | None, calibration: Calibration | None) -> Case:
+    """How a robot stands; NaN throughout when it cannot."""
+    config = _config()
+    nothing = dict.fromkeys(QUANTITIES, math.nan)
+    try:
+        loop = ClosedLoop(robot, seed=seed, sensor_errors=errors, calibration=calibration, record=False)
+        loop.run(config.settle)
+    except PoiseError:
+        return nothing
+    start, rows, before = loop.plant.com, [], loop.plant.com
+    for _ in range(round(config.duration / config.period)):
+        loop.run(config.period)
+        truth, state, com = loop.truth, loop.state, loop.plant.com
+        rows.append(
+            (
+                np.linalg.norm((com - start)[:2]),
+                np.linalg.norm((com - before)[:2]) / config.period,
+                np.abs(truth.v[6:]).mean(),
+                _tilt_error(state.q[3:7], truth.q[3:7]),
+                np.linalg.norm(state.v[:3] - truth.v[:3]),
+            )
+        )
+        before = com
+    if loop.fallen or loop.mode is not Mode.STAND:
+        return nothing
+    values = np.array(rows)
+    rms = np.sqrt(np.mean(values**2, axis=0))
+    figures = (values[:, 0].max(), rms[1], values[:, 2].mean(), rms[3], rms[4])
+    return dict(zip(QUANTITIES, map(float, figures), strict=True))
+
+
+def _left(loop: ClosedLoop, way: str) -> Case:
+    """What the loop's calibration leaves of the errors, as shares of what was injected."""
+    config, robot, found, bias = _config(), loop.robot, loop.calibration, loop.plant.noise.bias
+    if found is None:
+        return dict.fromkeys(("gyro_left", "encoder_left", "force_left"), math.nan)
+    nj, joints = robot.nj, np.arange(robot.nj) if way == "jig" else ChainTerms(robot).joints
+    forces = (found.wrench_offsets - bias[-12:].reshape(2, 6))[:, :3]
+    return {
+        "gyro_left": float(np.abs(found.gyro_bias - bias[3 * nj : 3 * nj + 3]).max() / config.gyro_bias),
+        "encoder_left": float(np.abs(found.encoder_offsets - bias[:nj])[joints].max() / config.encoder_offset),
+        "force_left": float(np.abs(forces).max() / config.force_offset),
+    }
+
+
+def _step(loop: ClosedLoop, what: str) -> str:
+    """Calibrate something, or stand up anew when nothing is named; why not, empty when all went well."""
+    if what:
+        reply = loop.calibrate(what)
+        return "" if reply.accepted else reply.reason
+    loop.reset()
+    return ""
+
+
+def calibrate(robot: str, way: str, seed: int) -> Case:
+    """Inject errors, calibrate by one of ``WAYS``, and let the robot stand without errors, with them, and calibrated.
+
+    Returns:
+        ``gyro_left``, ``encoder_left``, ``force_left`` [-], every one of ``QUANTITIES`` with the endings ``_clean``,
+        ``_uncalibrated`` and ``_calibrated``, ``reason`` of a failure, and ``ok``.
+    """
+    config, model = _config(), _robot(robot)
+    errors = _errors(model, way, seed)
+    loop = ClosedLoop(model, seed=seed, sensor_errors=errors, start="hang", record=False)
+    steps = ["imu", "feet", "joints"] if way == "jig" else ["imu", "feet", "", "feet", "joints", "", "joints"]
+    reasons = []
+    for what in steps:
+        try:
+            reason = _step(loop, what)
+        except PoiseError as error:
+            reason = str(error)
+        if reason:
+            reasons.append(f"{what or 'start'}: {reason}")
+            break
+    left = _left(loop, way)
+    reasons += [f"{name} {value:.3f}" for name, value in left.items() if not value <= config.share]
+    clean = _stand(model, seed, None, None)
+    spoilt = _stand(model, seed, errors, None)
+    mended = _stand(model, seed, errors, loop.calibration)
+    for name in QUANTITIES:
+        limit = config.factor * clean[name] + getattr(config, f"{name}_slack")
+        if not mended[name] <= limit:
+            reasons.append(f"{name} {mended[name]:.4g}, more than {limit:.4g}")
+    stood = {"clean": clean, "uncalibrated": spoilt, "calibrated": mended}
+    scores = {f"{name}_{how}": scores[name] for how, scores in stood.items() for name in QUANTITIES}
+    return {**left, **scores, "reason": "; ".join(reasons), "ok": not reasons}
+
+
+def _worst(values: list[float]) -> float:
+    """Largest value; NaN where one is missing."""
+    return float(np.max(values))
+
+
+class Calibrate(Benchmark):
+    """Calibrate in both ways for every seed."""
+
+    measure = staticmethod(calibrate)
+
+    def cases(self, options: Options) -> list[Case]:
+        """Both ways of every seed."""
+        return [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Largest share left of each error, worst of each quantity, and falls of uncalibrated robots."""
+        figures: dict[str, float] = {}
+        for way in WAYS:
+            mine = [case for case in cases if case["way"] == way]
+            for error in ("gyro", "encoder", "force"):
+                figures[f"{way}_{error}_left_max"] = _worst([case[f"{error}_left"] for case in mine])
+        for name in QUANTITIES:
+            for how in ("clean", "uncalibrated", "calibrated"):
+                values = [case[f"{name}_{how}"] for case in cases]
+                figures[f"{name}_{how}_max_{UNITS[name]}"] = (
+                    float(np.nanmax(values)) if how == "uncalibrated" and not np.isnan(values).all() else _worst(values)
+                )
+        figures["uncalibrated_falls"] = float(sum(math.isnan(case["com_drift_uncalibrated"]) for case in cases))
+        figures["failed"], figures["total"] = float(sum(not case["ok"] for case in cases)), float(len(cases))
+        return figures
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """No failure, and the share that may be left of each error."""
+        left = {name: _config().share for name in report.figures if name.endswith("_left_max")}
+        return at_most({"failed": 0.0, **left})
+
+    def notes(self, report: Report) -> list[str]:
+        """The first cases that failed."""
+        failed = [case for case in report.cases if not case["ok"]]
+        return [f"seed {case['seed']}, {case['way']}: {case['reason']}" for case in failed[:10]]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        """By way."""
+        return case["way"], bool(case["ok"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw how the robot stands, as parts of what it does without errors."""
+        figure = new_figure(8.0, 3.5)
+        axes: Any = figure.add_subplot()
+        for offset, how in ((-0.1, "uncalibrated"), (0.1, "calibrated")):
+            for index, name in enumerate(QUANTITIES):
+                ratios = [case[f"{name}_{how}"] / case[f"{name}_clean"] for case in report.cases]
+                color = "C3" if how == "uncalibrated" else "C0"
+                axes.plot([index + offset] * len(ratios), ratios, "o", color=color, label=how if index == 0 else None)
+        axes.axhline(1.0, color="k", linewidth=0.8, linestyle="--")
+        axes.set_yscale("log")
+        axes.set_xticks(range(len(QUANTITIES)), [name.replace("_", " ") for name in QUANTITIES])
+        axes.set_ylabel("over that without errors [-]")
+        axes.set_title(f"{report.robot}: standing with injected sensor errors", fontsize=10)
+        axes.legend(fontsize=8)
+        return [saved(figure, folder / f"calibrate-{report.robot}.png")]

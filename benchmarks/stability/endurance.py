@@ -1,0 +1,240 @@
+"""An hour of random commands and pushes: no falls, no latched faults, no memory growth.
+
+Texts, velocities, pushes and invalid commands come at random moments; refused ones count too. After a fall or a latched
+fault the robot starts over, and the hour goes on.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.core.loops import TorqueSteps
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT
+from models.errors import CommandError
+from models.types import Mode, Vector
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+Kind = Literal["velocity", "word", "push", "nonsense"]  # what may be done to the robot
+
+KIB_PER_MIB = 1024.0
+
+LONG_TEXT = "x" * 1_000_000
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class EnduranceConfig:
+    """The hour; the unit of every value stands in ``benchmarks/config/endurance.yaml``."""
+
+    duration: Positive
+    pause: tuple[Positive, Positive]
+    velocity_share: Share
+    push_time: Positive
+    push_stand: Positive
+    push_walk: Positive
+    warm_up: Positive
+    sample: Positive
+    memory_limit: Positive
+    torque_step_limit: Positive
+    shares: dict[Kind, Share]
+    words: list[str]
+
+
+_config = partial(settings, EnduranceConfig, "endurance")
+
+
+class _Crowd:
+    """Everybody who commands and pushes the robot."""
+
+    def __init__(self, loop: ClosedLoop, seed: int) -> None:
+        self._loop, self._rng = loop, np.random.default_rng([seed, 3600])
+        limits = loop.gait.config.velocity
+        self._fastest = _config().velocity_share * np.array([limits.forward, limits.lateral, limits.turn])
+        self._slowest = -_config().velocity_share * np.array([limits.backward, limits.lateral, limits.turn])
+        self._acts: dict[Kind, Callable[[], bool]] = {
+            "velocity": self._velocity,
+            "word": self._word,
+            "push": self._push,
+            "nonsense": self._nonsense,
+        }
+        self.done: Counter[str] = Counter()
+        self.last = ""
+
+    def pause(self) -> float:
+        """Until the next one does something [s]."""
+        return float(self._rng.uniform(*_config().pause))
+
+    def act(self) -> None:
+        """One of them does something."""
+        shares = _config().shares
+        kinds = list(shares)
+        kind = kinds[int(self._rng.choice(len(kinds), p=list(shares.values())))]
+        self.done[kind] += 1
+        if not self._acts[kind]():
+            self.done["refused"] += 1
+
+    def _velocity(self) -> bool:
+        return self._walk(self._rng.uniform(self._slowest, self._fastest))
+
+    def _word(self) -> bool:
+        return self._say(str(self._rng.choice(_config().words)))
+
+    def _push(self) -> bool:
+        loop, given = self._loop, _config()
+        most = given.push_walk if loop.mode is Mode.WALK else given.push_stand
+        angle, size = self._rng.uniform(0.0, 2.0 * math.pi), self._rng.uniform(0.0, most)
+        force = loop.robot.mass * size / given.push_time
+        self.last = f"push of {size:.2f} m/s towards {math.degrees(angle):.0f} degrees"
+        loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), given.push_time)
+        return True
+
+    def _nonsense(self) -> bool:
+        kind = self._rng.integers(3)
+        return self._walk(np.full(3, np.nan)) if kind == 0 else self._say("fly" if kind == 1 else LONG_TEXT)
+
+    def _say(self, word: str) -> bool:
+        self.last = word[:16]
+        return self._loop.command(word).accepted
+
+    def _walk(self, velocity: Vector) -> bool:
+        self.last = f"velocity {np.round(velocity, 2)}"
+        try:
+            self._loop.set_velocity(*velocity)
+        except CommandError:
+            return False
+        return True
+
+
+class _Hour:
+    """One robot, and what becomes of it."""
+
+    def __init__(self, robot: str, seed: int) -> None:
+        self._loop, self._seed = ClosedLoop(robot, seed=seed, record=False), seed
+        self._crowd, self._steps = _Crowd(self._loop, seed), TorqueSteps(self._loop)
+        self._memory: list[tuple[float, float, int]] = []  # time [s], peak of the process [MiB], blocks of Python
+        self._modes: Counter[str] = Counter()
+        self._ends: list[str] = []
+        self._distance = 0.0
+
+    def run(self) -> Case:
+        """All of it."""
+        given, loop = _config(), self._loop
+        ticks, period = round(given.duration / loop.plant.period), loop.plant.period
+        act_at = look_at = 0
+        place = loop.truth.q[:2].copy()
+        began = time.perf_counter()
+        with self._steps.watch():
+            for tick in range(ticks):
+                if tick >= act_at:
+                    self._crowd.act()
+                    act_at = tick + round(self._crowd.pause() / period)
+                loop.step()
+                self._modes[loop.mode.value] += 1
+                if loop.fallen or loop.faults:
+                    self._start_over(tick * period)
+                    place = loop.truth.q[:2].copy()
+                if tick >= look_at:
+                    look_at += round(given.sample / period)
+                    self._distance += float(np.linalg.norm(loop.truth.q[:2] - place))
+                    place = loop.truth.q[:2].copy()
+                    self._look(tick * period)
+        return self._outcome(ticks, ticks * period / (time.perf_counter() - began))
+
+    def _start_over(self, t: float) -> None:
+        reason = self._loop.fall_reason or self._loop.faults[0]
+        self._ends.append(f"at {t:.1f} s, after {self._crowd.last}: {reason}")
+        self._loop.reset(self._seed + len(self._ends))
+        self._steps.forget()
+
+    def _look(self, t: float) -> None:
+        peak = getrusage(RUSAGE_SELF).ru_maxrss / KIB_PER_MIB
+        self._loop.events.clear()  # not evaluated here
+        self._memory.append((t, peak, sys.getallocatedblocks()))
+
+    def _outcome(self, ticks: int, speed: float) -> Case:
+        given, done = _config(), self._crowd.done
+        late = [row for row in self._memory if row[0] >= given.warm_up] or self._memory[-1:]
+        growth = late[-1][1] - late[0][1]
+        return {
+            **{kind: done[kind] for kind in (*given.shares, "refused")},
+            "ends": self._ends,
+            "modes": {mode: count / ticks for mode, count in self._modes.items()},
+            "distance": self._distance,
+            "memory": self._memory,
+            "memory_growth": growth,
+            "torque_step": self._steps.largest,
+            "real_time_factor": speed,
+            "ok": not self._ends and growth <= given.memory_limit and self._steps.within(given.torque_step_limit),
+        }
+
+
+def hour(robot: str, seed: int) -> Case:
+    """Run one robot through the hour.
+
+    Returns:
+        How often each kind of act was done and ``refused``; ``ends``, one sentence for each fall or latched fault; the
+        share of time in each mode [-]; ``distance``, sampled every ``sample`` [m]; ``memory`` over time ([s], peak
+        [MiB], blocks) and its growth [MiB]; ``torque_step`` [-]; and ``ok``.
+    """
+    return _Hour(robot, seed).run()
+
+
+class Endurance(Benchmark):
+    """An hour for every seed."""
+
+    measure = staticmethod(hour)
+
+    def cases(self, options: Options) -> list[Case]:
+        """One a seed."""
+        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Sums over the hours, and the worst of memory, torque step and speed."""
+        return {
+            "hours": len(cases) * _config().duration / 3600.0,
+            "falls_and_faults": float(sum(len(case["ends"]) for case in cases)),
+            **{kind: float(sum(case[kind] for case in cases)) for kind in (*_config().shares, "refused")},
+            "distance_m": sum(case["distance"] for case in cases),
+            "memory_growth_mib": max(case["memory_growth"] for case in cases),
+            "torque_step_max": max(case["torque_step"] for case in cases),
+            "real_time_factor": min(case["real_time_factor"] for case in cases),
+        }
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """No fall, and limits of memory and torque step."""
+        given = _config()
+        limits = {"memory_growth_mib": given.memory_limit, "torque_step_max": given.torque_step_limit}
+        return at_most({"falls_and_faults": 0.0, **limits})
+
+    def notes(self, report: Report) -> list[str]:
+        """Every fall and latched fault."""
+        return [f"seed {case['seed']} {end}" for case in report.cases for end in case["ends"]]
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the memory over time."""
+        figure = new_figure(7.0, 4.0)
+        peak, blocks = figure.subplots(2, 1, sharex=True)
+        for case in report.cases:
+            rows = np.array(case["memory"])
+            peak.plot(rows[:, 0] / 60.0, rows[:, 1], label=f"seed {case['seed']}")
+            blocks.plot(rows[:, 0] / 60.0, rows[:, 2])
+        peak.set_ylabel("peak memory [MiB]")
+        peak.legend(fontsize=8)
+        blocks.set(ylabel="Python blocks", xlabel="simulated time [min]")
+        return [saved(figure, folder / f"endurance-{report.robot}.png")]

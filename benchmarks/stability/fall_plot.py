@@ -1,0 +1,146 @@
+"""The picture that explains a failed trial, the same for every benchmark; see ``last_moments`` for its numbers."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from benchmarks.core.harness import Case, Report
+from benchmarks.stability.fall_signals import LEG_JOINTS
+from bridge.plots import COLOURS, new_figure
+from models.types import Matrix, SolveStatus
+
+PASSED, FAILED, GOAL = "#1b6ca8", "#c0392b", "#2e8b57"
+"""Colours of trials, and of what they fail or aim at, in every benchmark's pictures."""
+
+_FEET = (("left", "#7b4fa3"), ("right", "#c98a1b"))
+_MOST_LOAD = 3.0  # larger loads, over the weight, are impacts and leave the picture [-]
+_BORNE = 0.05  # share of the weight from which on a sole is drawn as bearing [-]
+
+_SIGNALS = (
+    "t", "dcm", "cop", "dcm_seen", "cmp", "soles_low", "soles_high", "aims",
+    "loads", "planned_loads", "heights", "tilts", "base_tilt", "base_height",
+)  # fmt: skip
+"""What ``moments_since`` gives as lists of numbers by time."""
+
+
+def draw_failures(report: Report, folder: Path) -> list[Path]:
+    """Draw the first failure of each scenario; failed cases have ``moments`` (``last_moments``) and a ``reason``."""
+    first = {case["scenario"]: case for case in reversed(report.cases) if case.get("moments")}
+    files = []
+    for name in sorted(first):
+        case = first[name]
+        title = f"{report.bench}, {report.who}, {name}, seed {case['seed']}: {case['reason'] or 'did not fall'}"
+        files.append(draw_fall(case["moments"], title, folder / f"{report.bench}-{report.robot}-{name}.png"))
+    return files
+
+
+def draw_fall(moments: Case, title: str, file: Path) -> Path:
+    """Draw balance, feet, base, joint limits and QP of ``last_moments`` against time."""
+    signals = {name: np.array(values, dtype=float) for name, values in moments.items() if name in _SIGNALS}
+    figure = new_figure(15.0, 10.0)
+    grid = figure.add_gridspec(5, 2, height_ratios=[1.7, 1.7, 1.0, 1.0, 1.0])
+    left = [figure.add_subplot(grid[i, 0]) for i in range(5)]
+    right = [figure.add_subplot(grid[i, 1]) for i in range(5)]
+    for k, way in enumerate(("forward", "left")):
+        _draw_balance(left[k], signals, k)
+        left[k].set_ylabel(f"{way} of the CoM [m]", fontsize=8)
+    _draw_feet(left[2], signals, "loads", "force / weight [-]")
+    left[2].set_ylim(-0.1, min(float(signals["loads"].max()) + 0.1, _MOST_LOAD))
+    _draw_feet(left[3], signals, "heights", "height of the sole\nin the world [m]")
+    _draw_feet(left[4], signals, "tilts", "tilt of the sole [deg]")
+    t = signals["t"]
+    _draw_lines(right[0], t, moments["torques"], "torque / limit [-]")
+    right[0].axhline(1.0, color="k", linewidth=0.7, linestyle=":", label="limit")
+    right[0].set_ylim(0.0, 1.1)
+    _draw_lines(right[1], t, moments["margins"], "joint to its nearest stop [deg]")
+    right[1].axhline(0.0, color="k", linewidth=0.7, linestyle=":", label="stop")
+    tilt = signals["base_tilt"]
+    _draw_lines(right[2], t, {"to the front": tilt[:, 0], "to the left": tilt[:, 1]}, "tilt of the base [deg]")
+    _draw_lines(right[3], t, {"base": signals["base_height"]}, "base over the\nlower sole [m]")
+    _draw_status(right[4], t, moments)
+    _finish(left, right, moments)
+    events = [f"{i + 1}: {t:.2f} s {text}" for i, (t, text) in enumerate(moments["events"])]
+    figure.suptitle("\n".join([title, *(textwrap.shorten(event, 160) for event in events)]), fontsize=9)
+    figure.savefig(file, dpi=100)
+    return file
+
+
+def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
+    """DCM, CoP and commanded CMP against the edges of the soles; one that bears is filled."""
+    t, low, high = signals["t"], signals["soles_low"], signals["soles_high"]
+    for foot, (name, colour) in enumerate(_FEET):
+        bears = signals["loads"][:, foot] > _BORNE
+        edges = low[:, foot, k], high[:, foot, k]
+        axes.fill_between(t, *edges, where=bears, color=colour, alpha=0.25, linewidth=0.0, label=f"{name} sole, bears")
+        for edge in edges:
+            axes.plot(t, edge, color=colour, linewidth=0.5)
+        axes.plot(t, signals["aims"][:, foot, k], color=colour, linestyle="--", label=f"{name} foothold aimed at")
+    axes.plot(t, signals["dcm"][:, k], color=COLOURS["DCM"], linewidth=1.6, label="DCM")
+    axes.plot(t, signals["dcm_seen"][:, k], color=COLOURS["DCM"], linewidth=0.8, linestyle=":", label="DCM, estimated")
+    axes.plot(t, signals["cop"][:, k], color=COLOURS["ZMP"], linewidth=1.4, label="CoP")
+    axes.plot(t, signals["cmp"][:, k], color="0.2", linewidth=0.8, linestyle=":", label="CMP, commanded")
+    # The range is that of the soles: a DCM far outside it adds nothing.
+    axes.set_ylim(float(low[:, :, k].min()) - 0.15, float(high[:, :, k].max()) + 0.15)
+
+
+def _draw_feet(axes: Axes, signals: Mapping[str, Matrix], name: str, label: str) -> None:
+    """A signal of both feet, and what was planned where there is a plan."""
+    planned = signals.get(f"planned_{name}")
+    for foot, (side, colour) in enumerate(_FEET):
+        axes.plot(signals["t"], signals[name][:, foot], color=colour, linewidth=1.1, label=f"{side} foot")
+        if planned is not None:
+            axes.plot(signals["t"], planned[:, foot], color=colour, linewidth=0.8, linestyle=":", label="... planned")
+    axes.set_ylabel(label, fontsize=8)
+
+
+def _draw_lines(axes: Axes, t: Matrix, lines: Mapping[str, Any], label: str) -> None:
+    """Signals by name; of joints first those of the legs, then dashed the rest."""
+    for i, (name, values) in enumerate(lines.items()):
+        style = "-" if i < LEG_JOINTS else "--"
+        axes.plot(t, np.array(values, dtype=float), style, linewidth=1.1, label=name.removesuffix("_joint"))
+    axes.set_ylabel(label, fontsize=8)
+
+
+def _draw_status(axes: Axes, t: Matrix, moments: Case) -> None:
+    """How the QP was solved, the better the higher, and in which mode the robot was."""
+    levels = [status.value for status in reversed(SolveStatus)]
+    axes.step(t, [levels.index(status) for status in moments["status"]], where="post", color="k", linewidth=1.0)
+    axes.set_yticks(range(len(levels)), [level.replace("_", " ") for level in levels], fontsize=7)
+    axes.set_ylim(-0.5, len(levels) - 0.5)
+    axes.set_ylabel("QP solution", fontsize=8)
+    modes = moments["mode"]
+    for i in [i for i in range(len(modes)) if i == 0 or modes[i] != modes[i - 1]]:
+        late = t[i] > 0.2 * t[0] + 0.8 * t[-1]  # no room to its right
+        axes.text(t[i], -0.3, f" mode {modes[i]} ", fontsize=7, color="0.3", ha="right" if late else "left")
+
+
+def _finish(left: list[Axes], right: list[Axes], moments: Case) -> None:
+    """Events, legends beside the data, grids and the common time."""
+    for axes in (*left, *right):
+        for t, _ in moments["events"]:
+            axes.axvline(t, color="0.55", linewidth=0.9, zorder=0)
+        axes.set_xlim(moments["t"][0], moments["t"][-1])
+        axes.grid(alpha=0.3)
+        axes.tick_params(labelsize=8)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
+    for axes in (left[0], right[0]):
+        for t, label in _event_labels(moments).items():
+            axes.annotate(label, (t, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2),
+                          textcoords="offset points", fontsize=8, ha="center")  # fmt: skip
+    for axes in (left[-1], right[-1]):
+        axes.set_xlabel("time [s]")
+
+
+def _event_labels(moments: Case) -> dict[float, str]:
+    """Which events happened at each time, by their places in the title: '1, 2'."""
+    found: dict[float, str] = {}
+    for i, (t, _) in enumerate(moments["events"]):
+        found[t] = f"{found[t]}, {i + 1}" if t in found else f"{i + 1}"
+    return found

@@ -1,0 +1,231 @@
+"""A minute of quiet standing, start included, and motions while pushed: every seed must hold every bound."""
+
+from __future__ import annotations
+
+import math
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, at_most, saved, settings
+from benchmarks.core.harness import Case, Options, Report
+from benchmarks.stability.push import PushConfig, bound_at_rest, stance
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT
+from models.types import Mode
+
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class StandConfig:
+    """The standing test; the unit of every value stands in ``benchmarks/config/stand.yaml``."""
+
+    duration: Positive
+    start_time: Positive
+    chunk: Positive
+    com_drift_limit: Positive
+    foot_slide_limit: Positive
+    joint_speed_limit: Positive
+    base_drop_limit: Positive
+    torque_step_limit: Positive
+    motions: tuple[str, ...]
+    push_ratio: Positive
+    push_window: tuple[Fraction, Fraction]
+    recover_time: Positive
+
+
+_config = partial(settings, StandConfig, "stand")
+
+
+def _limits() -> dict[str, float]:
+    """Limit of each bounded quantity of a case."""
+    config = _config()
+    return {
+        "com_drift": config.com_drift_limit,
+        "foot_slide": config.foot_slide_limit,
+        "joint_speed": config.joint_speed_limit,
+        "base_drop": config.base_drop_limit,
+        "torque_step": config.torque_step_limit,
+    }
+
+
+_push_config = partial(settings, PushConfig, "push")
+
+
+@cache
+def _loop(robot: str, record: bool) -> ClosedLoop:
+    """One closed loop for every case of this process, logged in every tick or not at all."""
+    return ClosedLoop(robot=robot, record=record, record_period_s=0.001)
+
+
+def stand(robot: str, seed: int) -> Case:
+    """Release a robot and let it stand.
+
+    Returns:
+        ``stood`` (it did not fall), ``com_drift``, ``foot_slide``, ``base_drop`` [m], ``joint_speed`` [rad/s],
+        ``torque_step`` [-], and ``ok`` when all bounds hold.
+    """
+    config, loop = _config(), _loop(robot, True)
+    loop.reset(seed)
+    model, log = loop.robot, loop.log
+    released = next(t for t, text in loop.events if text == "released")
+    at_release = loop.truth
+    com = stance(model, at_release).com
+    drift = drop = step = speed_sum = 0.0
+    samples, tau = 0, log.tau[:1].copy()
+    while loop.t < released + config.duration - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
+        loop.run(config.chunk)
+        after = log.t >= released
+        drift = max(drift, float(np.linalg.norm(log.true_com[after, :2] - com[:2], axis=1).max()))
+        speed = np.abs(log.true_v[after, 6:])
+        speed_sum, samples = speed_sum + float(speed.sum()), samples + speed.size
+        if log.t[0] <= released + config.start_time:
+            drop = max(drop, float(at_release.q[2] - log.true_q[after, 2].min()))
+            steps = np.abs(np.diff(np.vstack([tau, log.tau]), axis=0))
+            step = max(step, float((steps / (model.tau_rate_max * loop.plant.period)).max()))
+        tau = log.tau[-1:].copy()
+        log.clear()
+    joint_speed, slide = speed_sum / samples, float(loop.foot_slip.max())
+    found = {
+        "com_drift": drift,
+        "foot_slide": slide,
+        "base_drop": drop,
+        "joint_speed": joint_speed,
+        "torque_step": step,
+    }
+    ok = not loop.fallen and all(found[name] < limit for name, limit in _limits().items())
+    return {"stood": not loop.fallen, **found, "ok": ok}
+
+
+def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
+    """Push a robot while it executes a motion; the seed also draws the moment, ``angle`` is the heading in W [rad].
+
+    Returns:
+        ``force`` [N], ``push_at`` [s] after the motion began, ``foot_moved``, ``com_error`` [m], ``reason`` of a
+        failure, and ``ok`` when the motion ended, no foot moved, nothing fell and the robot is at rest again.
+    """
+    config, push, loop = _config(), _push_config(), _loop(robot, False)
+    direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+    loop.reset(seed)
+    loop.run(push.settle_time - push.rest_time)
+    force = config.push_ratio * bound_at_rest(loop, direction, push)[0] * direction
+    before = stance(loop.robot, loop.truth)
+
+    # The same motion without the push gives its duration, so that the push falls into it.
+    duration = _motion_duration(robot, motion)
+    push_at = float(np.random.default_rng(seed).uniform(*config.push_window)) * duration
+    reply = loop.command(motion)
+    loop.run(push_at)
+    pushed_in_motion = loop.mode is Mode.MOTION
+    loop.apply_push(force, push.duration, push.body)
+    ended = reply.accepted and loop.wait_motion()
+    loop.run(push.duration + config.recover_time)
+    now = stance(loop.robot, loop.truth)
+    foot = float(np.linalg.norm(now.soles - before.soles, axis=1).max())
+    error = float(np.linalg.norm(now.com[:2] - before.com[:2]))
+    reasons = [
+        (not reply.accepted, reply.reason),
+        (loop.fallen, loop.fall_reason),
+        (not ended, f"the motion did not end: mode {loop.mode.value} {'; '.join(loop.faults)}"),
+        (not pushed_in_motion, "the push missed the motion"),
+        (foot > push.foot_tolerance, f"a foot moved {foot:.3f} m"),
+        (error > push.com_tolerance, f"the CoM stayed {error:.3f} m away"),
+        (float(np.linalg.norm(now.com_velocity)) > push.speed_tolerance, "not at rest at the end"),
+    ]
+    reason = next((text for failed, text in reasons if failed), "")
+    return {
+        "force": float(np.linalg.norm(force)),
+        "push_at": push_at,
+        "foot_moved": foot,
+        "com_error": error,
+        "reason": reason,
+        "ok": not reason,
+    }
+
+
+@cache
+def _motion_duration(robot: str, name: str) -> float:
+    """How long a motion takes from the standing posture [s]."""
+    from planners.motion import MotionPlanner
+
+    model = _loop(robot, False).robot
+    return float(MotionPlanner(model).plan(name, start_q=model.posture("stand")).times[-1])
+
+
+def _measure(kind: str, **inputs: Any) -> Case:
+    return stand(**inputs) if kind == "stand" else motion(**inputs)
+
+
+FIGURES = {
+    "com_drift": "com_drift_max_m",
+    "foot_slide": "foot_slide_max_m",
+    "joint_speed": "joint_speed_mean_max_rad_s",
+    "base_drop": "base_drop_max_m",
+    "torque_step": "torque_step_max",
+}
+"""Figure of the worst seed, by quantity."""
+
+
+class Stand(Benchmark):
+    """Stand for a minute and execute each motion while pushed, once a seed; the push turns by 45 degrees a seed."""
+
+    measure = staticmethod(_measure)
+
+    def cases(self, options: Options) -> list[Case]:
+        """Standing, then each motion."""
+        turn, seeds = 2.0 * math.pi / _push_config().directions, range(options.seeds)
+        cases: list[Case] = [{"kind": "stand", "robot": options.robot, "seed": seed} for seed in seeds]
+        for name in _config().motions:
+            for seed in seeds:
+                angle = turn * (seed % _push_config().directions)
+                cases.append({"kind": "motion", "robot": options.robot, "seed": seed, "motion": name, "angle": angle})
+        return cases
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """``stood`` and ``motions_survived`` with their totals, and the worst of each bounded quantity."""
+        stood = [case for case in cases if case["kind"] == "stand"]
+        moved = [case for case in cases if case["kind"] == "motion"]
+        return {
+            "stood": float(sum(case["ok"] for case in stood)),
+            "stand_total": float(len(stood)),
+            "motions_survived": float(sum(case["ok"] for case in moved)),
+            "motions_total": float(len(moved)),
+            **{figure: max(case[name] for case in stood) for name, figure in FIGURES.items()},
+            "motion_com_error_max_m": max(case["com_error"] for case in moved),
+        }
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Every seed stands and survives its motions, within the limits."""
+        totals = {"stood": "stand_total", "motions_survived": "motions_total"}
+        return at_least({name: report.figures[total] for name, total in totals.items()}) | at_most(
+            {FIGURES[name]: limit for name, limit in _limits().items()}
+        )
+
+    def notes(self, report: Report) -> list[str]:
+        """The first cases that failed."""
+        return [f"failed: {case}" for case in report.cases if not case["ok"]][:10]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        """By motion."""
+        return case.get("motion", "quiet"), bool(case["ok"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the bounded quantities of every seed in parts of their limits."""
+        config = _config()
+        figure = new_figure(8.0, 3.5)
+        axes = figure.add_subplot()
+        stood = [case for case in report.cases if case["kind"] == "stand"]
+        for name, limit in _limits().items():
+            axes.plot([case["seed"] for case in stood], [case[name] / limit for case in stood], "o", label=name)
+        axes.axhline(1.0, color="k", linewidth=0.8, linestyle="--")
+        axes.set(xlabel="seed", ylabel="part of the limit [-]")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"{report.robot}: {config.duration:.0f} s of standing", fontsize=10)
+        axes.legend(fontsize=8)
+        return [saved(figure, folder / f"stand-{report.robot}.png")]

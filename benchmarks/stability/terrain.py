@@ -1,0 +1,186 @@
+"""Blind walking on uneven, slippery and soft ground, with a payload and with late commands: who gets through."""
+
+from __future__ import annotations
+
+import math
+from functools import cache, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, settings
+from benchmarks.core.contender_loop import AnyLoop, ContenderLoop
+from benchmarks.core.harness import Case, Options, Report, chosen
+from benchmarks.stability.fall_plot import FAILED, PASSED, draw_failures
+from benchmarks.stability.fall_signals import last_moments
+from bridge.closed_loop import ClosedLoop
+from bridge.plots import new_figure
+from models.config import STRICT
+from models.heading import heading
+from models.robot_model import RobotModel
+from models.terrain import FLAT, terrain_named
+
+NonNegative = Annotated[float, Field(ge=0.0)]
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Condition:
+    """What makes a walk hard.
+
+    Attributes:
+        terrain: Name of the ground, see ``models/config/terrain.yaml``; random tiles get the seed of the case.
+        friction: Coulomb coefficient [-]; the robot's when None.
+        payload: Unknown mass at the torso, as a share of the robot's [-].
+        delay: Added to that of sensors and commands [s].
+    """
+
+    terrain: str = FLAT
+    friction: Positive | None = None
+    payload: NonNegative = 0.0
+    delay: NonNegative = 0.0
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class TerrainConfig:
+    """The test; the unit of every value stands in ``benchmarks/config/terrain.yaml``."""
+
+    speed: Positive
+    duration: Positive
+    distance_share: Share
+    required_share: Share
+    record_period: Positive
+    shown: Positive
+    conditions: dict[str, Condition]
+    goals: dict[str, Condition]
+
+
+_config = partial(settings, TerrainConfig, "terrain")
+
+
+@cache
+def _robot(name: str) -> RobotModel:
+    return RobotModel.load(name)
+
+
+def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
+    """Walk straight ahead under one condition.
+
+    Returns:
+        ``fell``, ``reason``, ``time`` until the end or the fall [s], ``distance`` along the initial heading [m],
+        ``survived``, ``trips`` (feet that were caught), ``foot_slip`` [m], and of a failed walk its last ``moments``.
+    """
+    config = _config()
+    condition = {**config.conditions, **config.goals}[scenario]
+    model = _robot(robot)
+    latency = model.profile.sensors.latency
+    conditions: dict[str, Any] = {
+        "seed": seed,
+        "terrain": terrain_named(condition.terrain, seed=seed),
+        "friction": condition.friction,
+        "payload_kg": condition.payload * model.mass,
+        "delay_s": latency.sensors + latency.commands + condition.delay,
+        "record_period_s": config.record_period,
+    }
+    loop: AnyLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
+    loop.command("walk")
+    loop.set_velocity(config.speed, 0.0, 0.0)
+    (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
+    start = loop.t
+    while loop.t - start < config.duration and not loop.fallen:
+        loop.run(0.1)
+    moved = loop.truth.q[:2] - (x, y)
+    distance = float(moved @ (math.cos(yaw), math.sin(yaw)))
+    survived = not loop.fallen and distance >= config.distance_share * config.speed * config.duration
+    outcome: Case = {
+        "fell": loop.fallen,
+        "reason": loop.fall_reason or "; ".join(loop.faults),
+        "time": loop.t - start,
+        "distance": distance,
+        "survived": survived,
+        "trips": 0 if isinstance(loop, ContenderLoop) else loop.gait.trips,
+        "foot_slip": float(loop.foot_slip.max()),
+    }
+    if survived or isinstance(loop, ContenderLoop):  # a contender's log lacks what the moments show
+        return outcome
+    return {**outcome, "moments": last_moments(loop, config.shown)}
+
+
+class Terrain(Benchmark):
+    """The conditions that have a bound, or those chosen, once a seed."""
+
+    measure = staticmethod(walk)
+
+    def cases(self, options: Options) -> list[Case]:
+        """Every seed of every condition."""
+        config = _config()
+        names = chosen("terrain", options.scenarios, [*config.conditions, *config.goals], list(config.conditions))
+        return [
+            {"robot": options.robot, "seed": seed, "scenario": name, "contender": options.contender}
+            for name in names
+            for seed in range(options.seeds)
+        ]
+
+    def figures(self, cases: list[Case]) -> dict[str, float]:
+        """Of each condition ``survived_`` of ``total_`` walks and the mean ``distance_`` [m]."""
+        figures = {}
+        for name in dict.fromkeys(case["scenario"] for case in cases):
+            of = [case for case in cases if case["scenario"] == name]
+            figures[f"survived_{name}"] = float(sum(case["survived"] for case in of))
+            figures[f"total_{name}"] = float(len(of))
+            figures[f"distance_{name}_m"] = float(np.mean([case["distance"] for case in of]))
+        return figures
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        """Least number of walks that survive each condition with a bound."""
+        config = _config()
+        totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.conditions}
+        return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
+
+    def notes(self, report: Report) -> list[str]:
+        """Conditions whose bound does not hold, and every walk that did not survive."""
+        bounds = self.bounds(report)
+        lines = [
+            f"{name.removeprefix('survived_')}: {report.figures[name]:.0f} of "
+            f"{report.figures[name.replace('survived_', 'total_')]:.0f} survived"
+            for name, bound in bounds.items()
+            if name in report.figures and not bound.holds(report.figures[name])
+        ]
+        return lines + [
+            f"{case['scenario']}, seed {case['seed']}: {case['reason'] or 'too slow'} after {case['time']:.1f} s, "
+            f"{case['distance']:.2f} m"
+            for case in report.cases
+            if not case["survived"]
+        ]
+
+    def survived(self, case: Case) -> tuple[str, bool]:
+        """By condition."""
+        return case["scenario"], bool(case["survived"])
+
+    def plots(self, report: Report, folder: Path) -> list[Path]:
+        """Draw the distance of every walk, and the first failure of each condition."""
+        config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
+        figure = new_figure(3.5 + 0.9 * len(names), 3.6)
+        axes = figure.add_subplot(1, 1, 1)
+        for survived, colour in ((True, PASSED), (False, FAILED)):
+            chosen = [case for case in report.cases if case["survived"] == survived]
+            places = [
+                names.index(case["scenario"]) + 0.3 * ((case["seed"] + 0.5) / report.seeds - 0.5) for case in chosen
+            ]
+            label = "survived" if survived else "did not survive"
+            axes.plot(places, [case["distance"] for case in chosen], "o", markersize=4, color=colour, label=label)
+        commanded = config.speed * config.duration
+        axes.axhline(commanded, color="k", linewidth=0.8, label="commanded")
+        axes.axhline(config.distance_share * commanded, color="k", linewidth=0.8, linestyle="--", label="required")
+        axes.set_xticks(range(len(names)), names, fontsize=8, rotation=20)
+        axes.set_ylabel(f"distance in {config.duration:.0f} s [m]")
+        axes.set_xlim(-0.5, len(names) - 0.5)
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
+        files = [folder / f"terrain-{report.robot}.png"]
+        figure.savefig(files[0], dpi=110)
+        return files + draw_failures(report, folder)

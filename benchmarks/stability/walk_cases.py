@@ -1,0 +1,304 @@
+"""The walking test: settings, measures of a walk by the true state, and how each kind of case is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
+
+from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.contender_loop import AnyLoop, ContenderLoop
+from benchmarks.core.harness import Case
+from benchmarks.core.loops import demand
+from benchmarks.stability.fall_signals import last_moments
+from bridge.closed_loop import ClosedLoop
+from models.config import STRICT
+from models.constants import GRAVITY
+from models.errors import ConfigError
+from models.heading import heading, turned
+from models.robot_model import RobotModel
+from models.types import Matrix, Mode, Vector
+from planners.gait.config import VelocityConfig, load_gait_config
+
+Velocity = tuple[float, float, float]  # forward [m/s], left [m/s], turn [rad/s], in the body's frame
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """A measured walk.
+
+    Attributes:
+        velocities: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s].
+        distance: Length of the path [m].
+        energy: Mechanical work of the joints, braking counted as positive [J].
+    """
+
+    velocities: Matrix
+    distance: float
+    energy: float
+
+    @property
+    def mean(self) -> Vector:
+        """Mean velocity (3,) [m/s, m/s, rad/s]; zero when it fell before the first chunk."""
+        if not len(self.velocities):
+            return np.zeros(3)
+        mean: Vector = self.velocities.mean(axis=0)
+        return mean
+
+
+def watch(loop: AnyLoop, duration: float, chunk: float) -> Walked:
+    """Measure a walk for ``duration`` [s] or until a fall, every ``chunk`` [s]; the loop's log gives the power."""
+    velocities, distance, energy = [], 0.0, 0.0
+    end = loop.t + duration
+    before = loop.truth.q[:7].copy()
+    while loop.t < end - 1e-9 and not loop.fallen:  # 1e-9: rounding of the simulated time
+        rows = len(loop.log)
+        loop.run(chunk)
+        now = loop.truth.q[:7].copy()
+        first, last = heading(*before[3:]), heading(*now[3:])
+        turn = (last - first + math.pi) % (2.0 * math.pi) - math.pi
+        moved = now[:2] - before[:2]
+        velocities.append(np.array([*turned(moved, -(first + 0.5 * turn)), turn]) / chunk)
+        distance += math.hypot(*moved)
+        power = np.abs(loop.log.tau[rows:] * loop.log.true_v[rows:, 6:]).sum(axis=1)  # (n,)
+        energy += float(power.mean()) * chunk
+        before = now
+    return Walked(np.array(velocities).reshape(-1, 3), distance, energy)
+
+
+def speed_error(mean: Vector, command: Velocity) -> float:
+    """Distance of a mean velocity from the command, relative to the command [-].
+
+    Metres per second and radians per second are added as they are: a command is either straight or a turn.
+    """
+    return float(np.linalg.norm(mean - np.array(command)) / np.linalg.norm(command))
+
+
+def tracking_error(velocities: Matrix, commands: Matrix, count: int) -> float:
+    """RMS of the velocity, averaged over ``count`` chunks, off the command averaged likewise; linear only [m/s]."""
+    if len(velocities) < count:
+        return math.nan
+    kernel = np.ones(count) / count
+    errors = [np.convolve(velocities[:, i] - commands[:, i], kernel, mode="valid") for i in range(2)]
+    return float(np.sqrt(np.mean(errors[0] ** 2 + errors[1] ** 2)))
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class RobotWalk:
+    """Scenarios of one robot; see ``benchmarks/config/walk.yaml``."""
+
+    scenarios: dict[str, Velocity]
+    random: bool
+    top_speeds: tuple[Positive, ...]
+    required_top_speed: Positive
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every scenario that can be chosen."""
+        return (*self.scenarios, *(("random",) if self.random else ()), "stop", "top")
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class WalkConfig:
+    """The walking test; the unit of every value stands in ``benchmarks/config/walk.yaml``."""
+
+    duration: Positive
+    start_time: Positive
+    window: Positive
+    chunk: Positive
+    record_period: Positive
+    shown: Positive
+    random_period: Positive
+    random_share: Annotated[float, Field(gt=0.0, le=1.0)]
+    speed_error_limit: Positive
+    top_duration: Positive
+    top_tolerance: Positive
+    stop_speed: Positive
+    stop_after: Positive
+    stop_limit: Positive
+    stop_steps: Annotated[int, Field(ge=1)]
+    stand_time: Positive
+    stand_drift_limit: Positive
+    robots: dict[str, RobotWalk]
+
+
+walk_config = partial(settings, WalkConfig, "walk")
+
+
+def robot_walk(name: str) -> RobotWalk:
+    """Scenarios of a robot; ``ConfigError`` when it has none."""
+    robots = walk_config().robots
+    if name not in robots:
+        raise ConfigError(f"bench walk: no scenarios for '{name}'; known: {', '.join(robots)}")
+    return robots[name]
+
+
+@cache
+def _contested(robot: str, contender: str) -> ContenderLoop:
+    """One loop for every case of a contender in this process."""
+    return ContenderLoop(contender, robot, record_period_s=walk_config().record_period)
+
+
+@cache
+def _loop(robot: str) -> ClosedLoop:
+    """One closed loop for every case of this process; its gait takes the fastest of the top speeds."""
+    model = RobotModel.load(robot)
+    gait = load_gait_config(model)
+    forward = max(gait.velocity.forward, *robot_walk(robot).top_speeds)
+    gait = replace(gait, velocity=replace(gait.velocity, forward=forward))
+    return ClosedLoop(model, record=True, record_period_s=walk_config().record_period, gait=gait)
+
+
+@cache
+def _limits(robot: str) -> VelocityConfig:
+    return load_gait_config(RobotModel.load(robot)).velocity
+
+
+def _scores(loop: AnyLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
+    window = max(round(config.window / config.chunk), 1)
+    weight = loop.robot.mass * GRAVITY
+    return {
+        "fell": loop.fallen,
+        "reason": _reason(loop),
+        "velocity": walked.mean.tolist(),
+        "tracking_error": tracking_error(walked.velocities, commands, window),
+        "cost_of_transport": walked.energy / (weight * walked.distance) if walked.distance > 0.1 else math.nan,
+        "foot_slip": float(loop.foot_slip.max()),
+        "moments": _moments(loop, loop.fallen),
+    }
+
+
+def _reason(loop: AnyLoop) -> str:
+    what = loop.fall_reason or "; ".join(loop.faults)
+    return f"{what} at {loop.t:.1f} s" if what else ""
+
+
+def _moments(loop: AnyLoop, failed: bool) -> Case:
+    """What explains a failed walk; empty for one that did not fail, and for a contender, whose log has too little."""
+    return last_moments(loop, walk_config().shown) if failed and not isinstance(loop, ContenderLoop) else {}
+
+
+def _run(loop: AnyLoop, duration: float) -> None:
+    """Run for a time [s], or until the robot has fallen."""
+    chunk = walk_config().chunk
+    for _ in range(round(duration / chunk)):
+        if not loop.fallen:
+            loop.run(chunk)
+
+
+L = TypeVar("L", bound=AnyLoop)
+
+
+def _begin(loop: L, seed: int, command: Velocity, config: WalkConfig) -> L:
+    """Start a walk at a velocity and run it for ``start_time``; ``PoiseError`` when the robot would not walk."""
+    loop.reset(seed)
+    demand(loop, "walk")
+    loop.set_velocity(*command)
+    _run(loop, config.start_time)
+    return loop
+
+
+def steady(robot: str, seed: int, command: Velocity, duration: float, contender: str = "") -> Case:
+    """Hold one velocity; ``PoiseError`` when the robot would not walk.
+
+    Returns:
+        ``fell``, ``reason``, ``velocity`` (3,) [m/s, m/s, rad/s], ``speed_error`` [-], ``tracking_error`` [m/s],
+        ``cost_of_transport`` [-], ``foot_slip`` [m], ``moments``: the last ones when it fell.
+    """
+    config = walk_config()
+    loop: AnyLoop = _contested(robot, contender) if contender else _loop(robot)
+    loop = _begin(loop, seed, command, config)
+    walked = watch(loop, duration - config.start_time, config.chunk)
+    commands = np.tile(command, (len(walked.velocities), 1))
+    return {**_scores(loop, walked, commands, config), "speed_error": speed_error(walked.mean, command)}
+
+
+def random_walk(robot: str, seed: int) -> Case:
+    """A new velocity every ``random_period``; scores and errors as of ``steady``, without ``speed_error``."""
+    config, loop = walk_config(), _loop(robot)
+    loop.reset(seed)
+    demand(loop, "walk")
+    limits = _limits(robot)
+    low = config.random_share * np.array([-limits.backward, -limits.lateral, -limits.turn])
+    high = config.random_share * np.array([limits.forward, limits.lateral, limits.turn])
+    rng = np.random.default_rng(seed)
+    parts, commands = [], []
+    for _ in range(max(round(config.duration / config.random_period), 1)):
+        command = rng.uniform(low, high)
+        loop.set_velocity(*command)
+        parts.append(watch(loop, config.random_period, config.chunk))
+        commands.append(np.tile(command, (len(parts[-1].velocities), 1)))
+        if loop.fallen or loop.mode is not Mode.WALK:
+            break
+    walked = Walked(
+        np.vstack([part.velocities for part in parts]),
+        sum(part.distance for part in parts),
+        sum(part.energy for part in parts),
+    )
+    return _scores(loop, walked, np.vstack(commands), config)
+
+
+def stop(robot: str, seed: int) -> Case:
+    """Stop from a walk, then stand; ``PoiseError`` when the robot would not walk.
+
+    Returns:
+        ``fell``, ``reason``, ``steps`` after the command, ``stood`` in time, ``drift`` [m] of the base while standing,
+        ``ok``, ``moments``: the last ones when it is not.
+    """
+    config = walk_config()
+    loop = _begin(_loop(robot), seed, (config.stop_speed, 0.0, 0.0), config)
+    _run(loop, max(config.stop_after - config.start_time, 0.0))
+    steps = loop.gait.steps
+    loop.command("stop")
+    _run(loop, config.stop_limit)
+    steps = loop.gait.steps - steps
+    stood = loop.mode is Mode.STAND
+    place, drift = loop.truth.q[:2].copy(), 0.0
+    for _ in range(round(config.stand_time)):
+        _run(loop, 1.0)
+        drift = max(drift, float(np.linalg.norm(loop.truth.q[:2] - place)))
+    ok = stood and steps <= config.stop_steps and drift < config.stand_drift_limit and not loop.fallen
+    return {
+        "fell": loop.fallen,
+        "reason": _reason(loop),
+        "steps": steps,
+        "stood": stood,
+        "drift": drift,
+        "ok": ok,
+        "moments": _moments(loop, not ok),
+    }
+
+
+def top_speed(robot: str, seed: int, contender: str = "") -> Case:
+    """Try decreasing speeds until one is held: falls end a try early, so the fast ones cost little.
+
+    Returns:
+        ``top_speed``: mean of the highest speed held, 0 when none [m/s]; ``reason``, ``moments``: how the next higher
+        one failed.
+    """
+    config, reason = walk_config(), ""
+    tested = {"contender": contender} if contender else {}
+    moments: Case = {}
+    for speed in sorted(robot_walk(robot).top_speeds, reverse=True):
+        case = steady(robot, seed, (speed, 0.0, 0.0), config.top_duration, **tested)
+        mean = float(case["velocity"][0])
+        if not case["fell"] and mean >= (1.0 - config.top_tolerance) * speed:
+            return {"top_speed": mean, "reason": reason, "moments": moments}
+        reason = f"{speed:g} m/s: {case['reason'] or f'mean {mean:.2f} m/s'}"
+        moments = case["moments"] or ({} if contender else _moments(_loop(robot), True))
+    return {"top_speed": 0.0, "reason": reason, "moments": moments}
+
+
+MEASURES: dict[str, Callable[..., Case]] = {"steady": steady, "random": random_walk, "stop": stop, "top": top_speed}
+
+
+def measure(kind: str, **inputs: Any) -> Case:
+    """Measure one case; its scenario's name is not an input."""
+    inputs.pop("scenario")
+    return MEASURES[kind](**inputs)

@@ -1,0 +1,158 @@
+"""The robot for the actions: status topics, services of the supervisor, and waiting."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from bridge.actions.config import ActionsConfig
+from models.errors import CommandError, MessageError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.interfaces import interface
+from models.nodes.messages import JointStateCodec
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.status import MotionState, MotionStatus, RouteStatus
+from models.types import CommandReply, Mode, Vector
+
+MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
+"""Modes in which an action may go on."""
+
+
+class RobotClient:
+    """Subscriptions and service clients that the actions of one node share.
+
+    The executor of ``node`` must await coroutines. ``motion`` and ``route`` are the status since ``begin``, ``stops``
+    the requests to end the motion. Raises ``MessageError`` when the types of the services are not built.
+    """
+
+    def __init__(self, node: PoiseNode, config: ActionsConfig) -> None:
+        self.config = config
+        self.mode = ""
+        self.motion: deque[MotionStatus] = deque(maxlen=config.words)
+        self.route: deque[RouteStatus] = deque(maxlen=config.words)
+        self.stops = 0
+        self._joints, self._odom = b"", b""
+        self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
+        self._model = node.model
+        self._before: Vector | None = None
+        self._quiet = 0
+        self._waiting: list[Future] = []
+        self._types = {
+            name: interface("poise_interfaces", "srv", kind)
+            for name, kind in (("set_mode", "SetMode"), ("command", "Command"))
+        }
+        self._clients = {name: node.create_client(kind, name) for name, kind in self._types.items()}
+        for client in self._clients.values():
+            node.own(node.destroy_client, client)
+        node.listen(String, topics.MODE, self._on_mode, LATCHED)
+        node.listen_status(MotionStatus, topics.MOTION_STATUS, self.motion.append)
+        node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
+        node.listen_status(RouteStatus, topics.ROUTE_STATUS, self.route.append)
+        node.listen(JointState, topics.POSTURE, self._on_joints, SENSOR, raw=True)
+        node.listen(Odometry, topics.ODOM, self._on_odom, SENSOR, raw=True)
+        node.own(node.destroy_timer, node.every(config.period, self._look))
+
+    @property
+    def motion_begun(self) -> bool:
+        """Whether a motion has been running since ``begin``."""
+        return any(status.state is MotionState.RUNNING for status in self.motion)
+
+    def begin(self) -> None:
+        """Clear what was received."""
+        self.motion.clear()
+        self.route.clear()
+        self.stops = 0
+
+    async def command(self, text: str) -> CommandReply:
+        """Send a text command and return the supervisor's reply; ``CommandError`` when it does not answer."""
+        return await self._ask("command", text=text)
+
+    async def set_mode(self, mode: Mode) -> CommandReply:
+        """Request a mode; ``CommandError`` when the supervisor does not answer."""
+        return await self._ask("set_mode", mode=mode.value)
+
+    async def turn(self) -> None:
+        """Wait for the next poll."""
+        future: Future = Future()
+        self._waiting.append(future)
+        await future
+
+    async def until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait at most ``timeout`` [s] for a condition; returns whether it was met."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            await self.turn()
+        return True
+
+    @property
+    def stopped(self) -> str:
+        """Why no action can go on; empty otherwise."""
+        return "" if self.mode in MOVING else f"mode '{self.mode or 'unknown'}'"
+
+    @property
+    def posture(self) -> Vector | None:
+        """Reference posture of the controller (nj,) [rad]; None before the first, or when it cannot be read."""
+        found: Vector | None = self._decoded(self._codec, self._joints)
+        return found
+
+    def distance(self, x: float, y: float) -> float:
+        """Horizontal distance from the base to a point in ``odom`` [m]; NaN before the first odometry."""
+        pose = self._decoded(self._odometry, self._odom)
+        return math.nan if pose is None else math.hypot(x - pose[0], y - pose[1])
+
+    def _decoded(self, codec: Any, data: bytes) -> Any:
+        try:
+            return codec.decode(data)[1] if data else None
+        except MessageError:
+            return None
+
+    async def _ask(self, service: str, **request: str) -> CommandReply:
+        client, longest = self._clients[service], self.config.answer_timeout
+        if not await self.until(client.service_is_ready, longest):
+            raise CommandError(f"service {service} is absent: is a supervisor there, and built with its types?")
+        future = client.call_async(self._types[service].Request(**request))
+        if not await self.until(future.done, longest):
+            raise CommandError(f"service {service} did not answer within {longest:g} s")
+        answer = future.result()
+        return CommandReply(bool(answer.success), str(answer.message))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the reference posture was constant for the last ``config.quiet`` polls."""
+        return self._quiet >= self.config.quiet
+
+    def _look(self) -> None:
+        if not self._waiting:
+            return
+        posture, before = self.posture, self._before
+        same = posture is not None and before is not None and float(np.abs(posture - before).max()) < self.config.moved
+        self._quiet = self._quiet + 1 if same else 0
+        self._before = posture
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            future.set_result(None)
+
+    def _on_mode(self, message: String) -> None:
+        self.mode = message.data
+
+    def _on_request(self, message: String) -> None:
+        self.stops += message.data == topics.STOP_MOTION
+
+    def _on_joints(self, data: bytes) -> None:
+        self._joints = data
+
+    def _on_odom(self, data: bytes) -> None:
+        self._odom = data

@@ -1,0 +1,69 @@
+"""Shared functions of the commands of ``poise``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from models.types import CommandReply
+
+Network = Annotated[bool, typer.Option(help="The robot may run on another machine.")]
+Namespace = Annotated[str, typer.Option(help="Namespace of the robot, such as robot_1.")]
+
+
+def console(**options: Any) -> Console:
+    """Console of rich, which is imported only by commands that print."""
+    from rich.console import Console
+
+    return Console(**options)
+
+
+def need_ros() -> None:
+    """Exit with advice when rclpy is missing."""
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
+        console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
+        raise typer.Exit(2) from error
+
+
+def need(module: str, extra: str) -> None:
+    """Exit with advice when a module is missing; ``extra`` is the extra of ``poise`` that installs it."""
+    if find_spec(module) is None:
+        advice = f"pip install 'poise[{extra}]'"
+        console(stderr=True).print(f"'{module}' is not installed: {advice}", markup=False)
+        raise typer.Exit(2)
+
+
+def print_reply(reply: CommandReply) -> int:
+    """Print the answer of the robot; returns the exit status."""
+    console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
+    if reply.details:
+        from rich.markup import escape
+        from rich.table import Table
+
+        table = Table("quantity", "value")
+        for name, value in reply.details.items():
+            table.add_row(escape(name), f"{value:.6g}")
+        console().print(table)
+    return 0 if reply.accepted else 1
+
+
+@contextmanager
+def report_errors() -> Iterator[None]:
+    """Print an error of poise as one line and end with status 2."""
+    from models.errors import PoiseError
+
+    try:
+        yield
+    except PoiseError as error:
+        console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
+        raise typer.Exit(2) from error

@@ -1,0 +1,1 @@
+"""``poise demo``: its course, its measures and its report."""

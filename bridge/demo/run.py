@@ -1,0 +1,191 @@
+"""``poise demo``: a real-time run over ROS 2 of stand, wave, squat, push and walk, with a report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from bridge.demo.config import DemoConfig
+from bridge.demo.report import Check, judge, judge_speed, judge_walk, print_report, write_report
+from bridge.demo.stage import WALK, SquareWalk, Stage
+from bridge.launch.graph import Graph
+from bridge.plots import plot_run
+from bridge.plots.walk import plot_walk
+from bridge.recording import Recording
+from bridge.render import render_filmstrip
+from bridge.stability import stability_figures
+from models.config import default_config
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.status import subscribe_status
+from models.robot_model import RobotModel
+from models.status import ControlStatus, MotionState, MotionStatus
+from models.types import Mode
+
+
+class Demo:
+    """The scenario, played on a running graph and recorded; ``say`` takes one line about each step."""
+
+    def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
+        self._stage = Stage(graph, model, config, say)
+        self._walk = SquareWalk(self._stage)
+        self._motions: list[MotionStatus] = []
+        subscribe_status(graph.node, MotionStatus, topics.MOTION_STATUS, self._motions.append)
+        subscribe_status(graph.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)
+        self._ticks: list[tuple[float, float]] = []
+        self._real_time_factor = float("nan")
+
+    def play(self) -> None:
+        """Play the whole scenario; ``PoiseError`` names a step that fails."""
+        stage, config = self._stage, self._stage.config
+        stage.graph.wait_standing(config.start_limit)
+        stage.watch(lambda: stage.observer.ready, config.pause, "no ground truth or no estimate arrived")
+        began = time.monotonic(), stage.observer.stamp
+        stage.say(f"standing; quiet for {config.quiet_time:.0f} s")
+        stage.pause(config.quiet_time)
+        for name in config.motions:
+            self._move(name)
+            stage.pause(config.pause)
+        stage.push(config.push_force, "push")
+        stage.pause(config.recover_time)
+        self._walk.play()
+        self._real_time_factor = (stage.observer.stamp - began[1]) / (time.monotonic() - began[0])
+        if stage.graph.mode != Mode.STAND.value:
+            raise PoiseError(f"the robot does not stand at the end: mode '{stage.graph.mode}'")
+
+    def recording(self) -> Recording:
+        """The run so far."""
+        return self._stage.observer.recording(self._stage.events)
+
+    def close(self) -> None:
+        """Stop observing."""
+        self._stage.observer.close()
+
+    def _on_control(self, status: ControlStatus) -> None:
+        """Record the tick time of the controller."""
+        if np.isfinite(status.tick_median_us):
+            self._ticks.append((status.tick_median_us, status.tick_tail_us))
+
+    def speed_figures(self) -> dict[str, float]:
+        """``tick_us_p50`` and ``tick_us_p99`` of the controller, and ``real_time_factor``.
+
+        The controller reports percentiles of its last seconds: these are the median of the medians and the worst tail.
+        """
+        figures = {"real_time_factor": self._real_time_factor}
+        if self._ticks:
+            medians, tails = np.array(self._ticks).T
+            figures |= {"tick_us_p50": float(np.median(medians)), "tick_us_p99": float(tails.max())}
+        return figures
+
+    def _move(self, name: str) -> None:
+        """Send a motion's name and observe it to its end."""
+        stage = self._stage
+        limit = stage.config.motion_limit
+        self._motions.clear()
+        stage.note(name)
+        stage.graph.send(name)
+
+        def ended() -> bool:
+            for motion in self._motions:
+                if motion.state is MotionState.REFUSED:
+                    raise PoiseError(f"{name} {motion}")
+            done = any(motion.state is MotionState.DONE for motion in self._motions)
+            return done and stage.graph.mode == Mode.STAND.value
+
+        stage.watch(ended, limit, f"{name} did not end within {limit:.0f} s")
+        stage.events.append((stage.observer.stamp, f"{name} done"))
+
+
+def latency_figures(file: Path) -> dict[str, float]:
+    """Timing of the run from the file of the parameter ``latency_file`` of ``robot_driver``.
+
+    Returns ``latency_us_p50``, ``..._p99``, ``..._max`` from publishing a tick's sensors to receiving its command, and
+    ``missed_percent`` of the ticks that began a whole period late; empty without the file.
+    """
+    if not file.is_file():
+        return {}
+    with np.load(file) as rows:
+        published, received, skipped, active = (rows[name] for name in ("published", "received", "skipped", "active"))
+    answered = active & (received > 0)
+    if not answered.any():
+        return {}
+    latency = 1e-3 * (received[answered] - published[answered])
+    p50, p99 = np.percentile(latency, [50.0, 99.0])
+    lost = int(skipped[active].sum())
+    return {
+        "latency_us_p50": float(p50),
+        "latency_us_p99": float(p99),
+        "latency_us_max": float(latency.max()),
+        "missed_percent": 100.0 * lost / (int(active.sum()) + lost),
+    }
+
+
+def demo(robot: str = "g1", out: Path = Path("out")) -> int:
+    """Run the demonstration on a profile, with all files in ``out``; returns 0 when every check passed, otherwise 1."""
+    console = Console()
+    config = default_config(DemoConfig, "bridge", "demo")
+    begin = time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.monotonic() - begin:6.1f} s[/dim]  {text}", highlight=False)
+
+    out.mkdir(parents=True, exist_ok=True)
+    latency_file = (out / "latency.npz").resolve()
+    latency_file.unlink(missing_ok=True)
+    fifo: dict[str, object] = {"realtime.priority": config.realtime_priority}
+    parameters = {name: dict(fifo) for name in ("robot_driver", "state_estimator", "balance_controller")}
+    parameters["robot_driver"] |= {"latency_file": str(latency_file), "push.duration": config.push_duration}
+    failure, recording = "", None
+    fast: dict[str, float] = {}
+    model = RobotModel.load(robot)
+    say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")
+    graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
+    try:
+        with graph:
+            played = Demo(graph, model, config, say)
+            try:
+                played.play()
+            except PoiseError as error:
+                failure = str(error)
+            finally:
+                fast = played.speed_figures()
+                try:
+                    recording = played.recording()
+                except PoiseError as error:
+                    failure = failure or str(error)
+                played.close()
+    except PoiseError as error:
+        failure = failure or str(error)
+    crashed = {module: code for module, code in graph.exit_codes.items() if code != 0}
+    if crashed and not failure:
+        failure = "processes that did not end cleanly: " + ", ".join(
+            f"{name} ({code})" for name, code in crashed.items()
+        )
+    checks = [Check("scenario", not failure, failure or "played to its end")]
+    stable: dict[str, float] = {}
+    fast |= latency_figures(latency_file)
+    if recording is not None:
+        standing, walking = recording.split(WALK)
+        more, stability = judge(model, standing, config)
+        stable = stability_figures(stability, config.pause)
+        recording.save(out / "recording.npz")
+        plots = plot_run(model, standing, stability, out / "plots")
+        if walking is not None:
+            walked, far = judge_walk(model, walking, config)
+            more, stable = [*more, *walked], stable | far
+            plots.append(plot_walk(model, walking, out / "plots"))
+        else:
+            more.append(Check(WALK, False, "did not happen"))
+        checks += [*more, judge_speed(fast, config)]
+        say("plots: " + ", ".join(str(file) for file in plots))
+        problem = render_filmstrip(out / "recording.npz", out / "filmstrip.png", robot)
+        say(problem or f"film strip: {out / 'filmstrip.png'}")
+    passed = all(check.passed for check in checks)
+    print_report(console, model.name, checks, stable, fast)
+    write_report(out / "report.json", model.name, checks, stable, fast, passed)
+    say(f"report: {out / 'report.json'}")
+    return 0 if passed else 1

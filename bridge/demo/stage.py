@@ -1,0 +1,148 @@
+"""Steps of ``poise demo`` on a running graph, and its walk along a square."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from std_msgs.msg import Float64
+
+from bridge.demo.config import DemoConfig
+from bridge.launch.graph import Graph
+from bridge.ros.observer import Observer
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.qos import EVENT, SENSOR
+from models.nodes.status import subscribe_status
+from models.robot_model import RobotModel
+from models.status import MotionState, MotionStatus, RouteState, RouteStatus
+from models.types import Mode
+from planners.gait.footsteps import Foothold
+from planners.nodes.footstep_messages import pose_message
+
+
+class Stage:
+    """A running graph, observed; ``say`` takes one line about each step, ``events`` are stamps [s] and texts."""
+
+    def __init__(self, graph: Graph, model: RobotModel, config: DemoConfig, say: Callable[[str], object]) -> None:
+        self.graph, self.model, self.config, self.say = graph, model, config, say
+        self.observer = Observer(model)
+        self.events: list[tuple[float, str]] = []
+        self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+
+    def watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
+        """Observe until a condition is met; ``PoiseError`` after ``timeout`` [s] or when the robot gives up."""
+        end = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > end:
+                raise PoiseError(f"{otherwise}: mode '{self.graph.mode}', drivers '{self.graph.driver_state}'")
+            if self.graph.mode in (Mode.DAMP.value, Mode.OFF.value):
+                raise PoiseError(f"the robot gave up: mode '{self.graph.mode}'; the log says why")
+            self.graph.spin(self.config.poll_period)
+            self.observer.poll()
+
+    def pause(self, duration: float) -> None:
+        """Observe for a time [s]."""
+        end = time.monotonic() + duration
+        self.watch(lambda: time.monotonic() >= end, duration + 1.0, "the clock stands still")
+
+    def note(self, text: str) -> None:
+        """Print an event and store it with the recording."""
+        self.events.append((self.observer.stamp, text))
+        self.say(text)
+
+    def push(self, force: tuple[float, float, float], text: str) -> None:
+        """Push the pelvis with a force in W [N] for ``push_duration``."""
+        message = WrenchStamped()
+        message.header.frame_id = "base_link"
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        self.note(f"{text} {np.linalg.norm(force) * self.config.push_duration:.0f} N.s")
+        self._push.publish(message)
+
+    def forward(self, strength: float) -> tuple[float, float, float]:
+        """A force along the robot's heading, backward when negative [N]."""
+        yaw = self.observer.place[2]
+        return strength * math.cos(yaw), strength * math.sin(yaw), 0.0
+
+
+CORNERS = ((1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
+"""Corners of the square in the order in which they are walked to, in sides."""
+
+PUSH_SIDE = 2
+"""Side of the square on which it is pushed."""
+
+WALK, WAVE, PUSH, STOP = "walk", "walking wave", "walking push", "stop"
+"""First words of the events that the report looks for."""
+
+
+class SquareWalk:
+    """Walks a square on ``goal_pose``."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+        node = stage.graph.node
+        self._goals = node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
+        self._routes: list[RouteStatus] = []
+        self._walking = False
+        self._playing = False
+        self._waved = False
+        subscribe_status(node, RouteStatus, topics.ROUTE_STATUS, self._routes.append)
+        subscribe_status(node, MotionStatus, topics.MOTION_STATUS, self._on_motion)
+        self._margin = node.create_subscription(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+
+    def play(self) -> None:
+        """Walk the square and stand; ``PoiseError`` when a goal is refused or not reached, or the robot gives up."""
+        stage, config = self._stage, self._stage.config
+        start = Foothold(*stage.observer.place)
+        stage.note(f"{WALK} a square of {config.square_side:g} m")
+        stage.graph.send("walk")
+        self._playing = True
+        stage.watch(lambda: self._walking, config.start_limit, "it does not begin to walk")
+        stage.graph.node.destroy_subscription(self._margin)  # at 50 Hz they would delay the other messages
+        stage.graph.send("wave")
+        for side, (along, left) in enumerate(CORNERS):
+            corner = start.moved(config.square_side * along, config.square_side * left)
+            self._go(side, Foothold(*corner, start.yaw + 0.5 * math.pi * (side + 1)))
+        stage.watch(lambda: self._waved, config.motion_limit, "the wave did not end")
+        stage.note(STOP)
+        stage.graph.send("stop")
+        stage.watch(lambda: stage.graph.mode == Mode.STAND.value, config.walk_limit, "it does not stop")
+        stage.pause(config.recover_time)
+
+    def _go(self, side: int, goal: Foothold) -> None:
+        """One side of the square and the turn at its end."""
+        stage, config = self._stage, self._stage.config
+        self._routes.clear()
+        stage.note(f"side {side + 1}")
+        self._goals.publish(pose_message(goal, topics.ODOM_FRAME))
+        stage.watch(lambda: bool(self._routes), config.pause + 5.0, "no answer to a goal")
+        if side == PUSH_SIDE:
+            stage.pause(config.walk_push_after)
+            force = config.walk_push * stage.model.mass / config.push_duration
+            stage.push(stage.forward(force), PUSH)
+        stage.watch(
+            lambda: self._routes[-1].state is not RouteState.RUNNING,
+            config.walk_limit,
+            f"corner {side + 1} not reached",
+        )
+        if self._routes[-1].state is not RouteState.DONE:
+            raise PoiseError(f"corner {side + 1}: {self._routes[-1]}")
+
+    def _on_motion(self, status: MotionStatus) -> None:
+        """Take the start of the wave from its status: planning takes some seconds on a loaded machine."""
+        if not self._playing:
+            return
+        self._waved = status.state is MotionState.DONE
+        if status.state is MotionState.RUNNING:
+            self._stage.note(WAVE)
+        elif self._waved:
+            self._stage.events.append((self._stage.observer.stamp, f"{WAVE} done"))
+        else:
+            raise PoiseError(f"{WAVE}: {status}")
+
+    def _on_margin(self, message: Float64) -> None:
+        """The gait planner publishes its margin once it controls the robot."""
+        self._walking = True

@@ -1,0 +1,1 @@
+"""The driver program: a plant and its joint drivers behind the topics of a robot."""

@@ -1,0 +1,201 @@
+"""Plant and joint servo in step: modes and commands in, commands of the drives out; no ROS."""
+
+from __future__ import annotations
+
+from bridge.loop_config import LoopConfig
+from bridge.plants.base import Plant, SimulatedPlant
+from bridge.plants.start_up import ReleaseGate, hanging_command
+from controllers.joint_servo import JointServo, ServoState
+from controllers.motor_driver import MotorDriverConfig, follow_mode
+from controllers.samples import mean_sample
+from controllers.supervisor import ACTIVE_MODES
+from models.calibration import correct_encoders, encoder_command
+from models.config import default_config
+from models.errors import CommandError
+from models.robot_model import RobotModel
+from models.types import JointCommand, JointTrajectory, Mode, SensorData, Vector
+
+HELD, HANGING = "held", "hanging"
+"""Driver states of a robot held on the floor or in the air; the others are of ``ServoState``."""
+
+
+class Drivers:
+    """The joint drivers of any plant. A tick is ``read``, then ``act``.
+
+    The drives are without torque until a mode with motion arms them. They damp when the plant has had no new sample for
+    ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``.
+
+    Attributes:
+        servo: The law of the drivers.
+        encoder_offsets: Subtracted from the encoders (nj,) [rad]; optional. To be changed at the start only: joints
+            whose reading jumps are pulled.
+        stale: Time since the last new sample [s].
+        interruptions: Number of times that commands ceased while the robot was held.
+    """
+
+    def __init__(self, plant: Plant, model: RobotModel) -> None:
+        self.plant, self.servo = plant, JointServo(model)
+        self.encoder_offsets: Vector | None = None
+        self.stale = 0.0
+        self.interruptions = 0
+        self._stale_max = default_config(MotorDriverConfig, "controllers", "motor_driver").sensor_timeout
+        self._mode = Mode.OFF
+        self._sample: SensorData | None = None  # of this tick
+        self._t = -1.0
+
+    @property
+    def t(self) -> float:
+        """Stamp of the newest sample [s]."""
+        return self._t
+
+    @property
+    def state(self) -> str:
+        """State of the servo: ``active``, ``damped`` or ``off``."""
+        return self.servo.state.value
+
+    @property
+    def awaits_command(self) -> bool:
+        """Whether the drivers would execute a command of the controller."""
+        return self._mode in ACTIVE_MODES and self.servo.state is ServoState.ACTIVE
+
+    def read(self) -> SensorData:
+        """The sample of this tick with corrected encoders."""
+        if self._sample is None:
+            raw = self.plant.read()
+            self._sample = raw if self.encoder_offsets is None else correct_encoders(raw, self.encoder_offsets)
+            self.stale = 0.0 if self._sample.t > self._t else self.stale + self.plant.period
+            self._t = self._sample.t
+        return self._sample
+
+    def act(self) -> None:
+        """Last part of a tick: the drives track the newest command."""
+        sensors = self.read()
+        if self.stale > self._stale_max and self.servo.state is ServoState.ACTIVE:
+            self.servo.damp()
+        command = self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
+        self.plant.write(command if self.encoder_offsets is None else encoder_command(command, self.encoder_offsets))
+        self._sample = None
+
+    def set_mode(self, mode: Mode) -> None:
+        """Apply the supervisor's mode; ``CommandError`` for off while the drivers are active: the robot would drop."""
+        follow_mode(self.servo, self._mode, mode)
+        self._mode = mode
+
+    def command(self, command: JointCommand | JointTrajectory) -> bool:
+        """Pass a set-point or a trajectory to the drivers if the mode allows motion; returns whether it is in force.
+
+        Raises ``JointNameError`` for an unknown or duplicate joint of a trajectory, ``TrajectoryError`` when it is
+        refused.
+        """
+        if not self.awaits_command:
+            return False
+        if isinstance(command, JointTrajectory):
+            return self.servo.command_trajectory(command, self.t)
+        return self.servo.command(command, self.t)
+
+
+class SimulatedDrivers(Drivers):
+    """The drivers of a simulated robot, which is held at the start until its feet bear its weight.
+
+    Held, the drivers compensate gravity. When the mode allows motion and commands arrive, they execute these; when both
+    feet bear the weight, the base is released. If the commands cease before that, the drivers compensate gravity again
+    and the next command starts over. Hanging, no command moves the robot. ``config`` has times and tolerances of the
+    start.
+    """
+
+    def __init__(self, plant: SimulatedPlant, model: RobotModel, config: LoopConfig) -> None:
+        super().__init__(plant, model)
+        self.plant: SimulatedPlant = plant
+        self._model, self._config = model, config
+        self._at_rest = hanging_command(model)
+        self.reset()
+
+    def reset(self, *, hanging: bool = False) -> None:
+        """Reset to the start: standing posture, held on the floor or hanging above it, no mode."""
+        self.plant.reset()
+        self._hanging = hanging
+        if hanging:
+            self.plant.hoist(self._config.hoist_height)
+        self.servo.arm()
+        self._mode = Mode.OFF
+        self._sample, self._t = None, -1.0
+        self._commanded = False
+        self._gate: ReleaseGate | None = None
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.plant.t
+
+    @property
+    def state(self) -> str:
+        """``held``, ``hanging``, or the state of the servo."""
+        if not self.plant.held:
+            return super().state
+        return HANGING if self._hanging else HELD
+
+    @property
+    def movable(self) -> bool:
+        """Whether the crane may lift the robot: held with no mode, hanging, or off."""
+        return self._mode is Mode.OFF and (self.plant.held or self.servo.state is ServoState.OFF)
+
+    def set_mode(self, mode: Mode) -> None:
+        """As ``Drivers``, but a held robot stays held under gravity compensation.
+
+        Raises ``CommandError`` for off while the drivers are active, and for a mode with motion while the robot hangs.
+        """
+        if self._hanging and mode in ACTIVE_MODES:
+            raise CommandError(f"mode '{mode.value}' refused: the robot hangs in the air")
+        if not self.plant.held:
+            super().set_mode(mode)
+        self._mode = mode
+        if mode in ACTIVE_MODES:
+            return
+        self._commanded, self._gate = False, None
+        if self.plant.held:
+            self.servo.blend()
+
+    def command(self, command: JointCommand | JointTrajectory) -> bool:
+        """As ``Drivers``; the first command of a held robot begins the transfer of its weight to the feet."""
+        held = self.plant.held
+        if held and self.awaits_command and not self._commanded:
+            self.servo.blend()
+        accepted = super().command(command)
+        if accepted and held and self._gate is None:
+            self._gate = ReleaseGate(self._model, self._config)
+        self._commanded |= accepted
+        return accepted
+
+    def settle(self) -> SensorData:
+        """Let a robot at its start come to rest, without commands; returns the mean of the last samples."""
+        period, samples = self.plant.period, []
+        count, averaged = round(self._config.hang_time / period), round(self._config.average_time / period)
+        for tick in range(count):
+            self.step()
+            if tick >= count - averaged:
+                samples.append(self.read())
+        return mean_sample(samples)
+
+    def step(self) -> None:
+        """One tick: drivers, physics, and the hold."""
+        self.act()
+        self.plant.step()
+        self.after_physics()
+
+    def act(self) -> None:
+        """As ``Drivers``; the joints of a held robot without commands are gravity-compensated."""
+        if self.plant.held:
+            if self._commanded and self.servo.overdue(self.t):
+                # the commands ceased before the release: compensate gravity, and do not latch damping
+                self.interruptions += 1
+                self._commanded, self._gate = False, None
+                self.servo.blend()
+            if not self._commanded:
+                self.servo.command(self._at_rest, self.t)
+        super().act()
+
+    def after_physics(self) -> None:
+        """The end of a tick: release the base once the feet bear the weight."""
+        if self._gate is not None and self._gate.update(self.plant.load, self.plant.period):
+            self.plant.release()
+            self._gate = None

@@ -1,0 +1,72 @@
+"""Parameters of the node ``robot_driver``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from models.config import STRICT, parse_yaml, read_yaml
+from models.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class FaultParameters:
+    """Faults of a simulated plant."""
+
+    plan: Annotated[str, Field(description="Faults from the release on: a file, a scenario, or YAML; empty for none")]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class DriverConfig:
+    """Schema of ``bridge/config/robot_driver.yaml``."""
+
+    plant: Annotated[
+        str, Field(description="The robot: mujoco, a name among the entry points of poise.plants, or module:Class")
+    ]
+    plant_options: Annotated[
+        str, Field(description="Arguments of a plant other than mujoco: YAML in braces, or a file; empty for none")
+    ]
+    rate: Annotated[float, Field(ge=100.0, le=2000.0, description="Rate of the simulated drivers [Hz]")]
+    sensor_rate: Annotated[
+        float, Field(ge=0.0, le=2000.0, description="Rate of the sensors' topics; 0: in every tick [Hz]")
+    ]
+    slow_rate: Annotated[float, Field(ge=1.0, le=1000.0, description="Rate of /clock and /ground_truth/odom [Hz]")]
+    max_command_age: Annotated[
+        float,
+        Field(ge=0.001, le=1.0, description="Age of the sensors a command answers above which it is refused [s]"),
+    ]
+    latency_file: Annotated[str, Field(description="Where to write the latencies; empty for none")]
+    lockstep: Annotated[
+        bool,
+        Field(
+            description="The plant waits for the command of each tick; sensors are then reliable "
+            "(for deterministic tests)"
+        ),
+    ]
+    speed: Annotated[float, Field(ge=0.01, le=1.0, description="Simulated over real time, without lockstep")]
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of the simulated sensors' noise")]
+    sensor_noise: Annotated[bool, Field(description="Noise, bias and quantisation of the profile")]
+    sensor_errors: Annotated[
+        str, Field(description="Further errors of the simulated sensors: a file, or YAML; empty for none")
+    ]
+    faults: FaultParameters
+    terrain: Annotated[str, Field(description="Ground: a name of models/config/terrain.yaml, or flat")]
+    payload: Annotated[float, Field(ge=0.0, le=100.0, description="Simulated mass that is not in the model [kg]")]
+    place: Annotated[
+        tuple[float, float, float],
+        Field(description="Start of the robot in a world of several: x [m], y [m], heading [rad]"),
+    ]
+
+
+def read_options(text: str) -> dict[str, Any]:
+    """Options of a plant from YAML in braces or a file; ``ConfigError`` when unreadable or a key is no name."""
+    if not text.strip():
+        return {}
+    options = parse_yaml(text, "plant_options") if text.lstrip().startswith("{") else read_yaml(Path(text))
+    for key in options:
+        if not isinstance(key, str):
+            raise ConfigError(f"plant_options: {key!r} is not the name of an argument")
+    return options

@@ -1,0 +1,101 @@
+"""Paces a plant: absolute deadlines in real time, or one command per tick in lockstep."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from rclpy.utilities import ok
+
+from bridge.driver.pacing import Pacer
+from models.nodes.spin import Stop
+
+IDLE_SPIN = 0.02
+"""Longest wait for a callback while no tick is due [s]."""
+
+ASK_AGAIN_NS = 20_000_000
+"""Lockstep: time without an answer after which the tick's sensors are published again [ns]."""
+
+
+class Paced(Protocol):
+    """Node that ``run_plant`` drives, with a real ``period`` [s] and at least ``callbacks_min`` callbacks per tick."""
+
+    lockstep: bool
+    period: float
+    callbacks_min: int
+
+    @property
+    def running(self) -> bool:
+        """Whether the plant's time advances."""
+        ...
+
+    @property
+    def answered(self) -> bool:
+        """Whether the drivers have the command of this tick."""
+        ...
+
+    @property
+    def free_running(self) -> bool:
+        """Lockstep: whether the plant steps without an answer, because no command is due."""
+        ...
+
+    def publish_tick(self, late: float) -> None:
+        """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
+        ...
+
+    def step(self) -> None:
+        """Advance by one tick."""
+        ...
+
+    def overrun(self, ticks: int) -> None:
+        """Count skipped ticks, possibly none."""
+        ...
+
+    def idle(self) -> None:
+        """Publish a sign of life; called regularly while the plant's time stands still."""
+        ...
+
+
+def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
+    """Serve callbacks and drive the first node until a signal.
+
+    In real time tick k begins at t0 + k T on the monotonic clock. Its sensors are published, callbacks are served until
+    the next deadline, then the plant gets the newest command. Lost whole periods are counted and skipped: simulated
+    time then falls behind and never catches up.
+    """
+    node: Paced = nodes[0]
+    pacer: Pacer | None = None
+    skipped = 0
+    late = 0.0
+    while ok() and not stop.requested:
+        if not node.running:
+            executor.spin_once(timeout_sec=IDLE_SPIN)
+            node.idle()
+            pacer = None
+            continue
+        if pacer is None:
+            pacer = Pacer(node.period, sleep=lambda seconds: executor.spin_once(timeout_sec=seconds))
+            skipped = 0
+        node.publish_tick(late)
+        for _ in range(node.callbacks_min):
+            executor.spin_once(timeout_sec=0.0)
+        if node.lockstep and not node.free_running:
+            _await_answer(executor, node, stop)
+        else:
+            late = pacer.wait()
+            node.overrun(pacer.statistics.skipped - skipped)
+            skipped = pacer.statistics.skipped
+        if node.running and not stop.requested:
+            node.step()
+
+
+def _await_answer(executor: Any, node: Paced, stop: Stop) -> None:
+    """Serve callbacks until the command of this tick has arrived; publish the sensors again when none comes."""
+    again = time.monotonic_ns() + ASK_AGAIN_NS
+    while ok() and not stop.requested and node.running and not node.answered and not node.free_running:
+        executor.spin_once(timeout_sec=ASK_AGAIN_NS * 1e-9)
+        if time.monotonic_ns() >= again and not node.answered:
+            again = time.monotonic_ns() + ASK_AGAIN_NS
+            node.publish_tick(0.0)
+            node.idle()

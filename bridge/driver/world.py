@@ -1,0 +1,145 @@
+"""Several simulated robots in one world and one process, as ``run_plant`` drives them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+from bridge.plants.world import MujocoWorld, Place
+from models.errors import ConfigError
+from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import set_stamp
+from models.nodes.qos import SENSOR
+
+if TYPE_CHECKING:
+    from bridge.nodes.robot_driver import RobotDriver
+
+SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate")
+"""Parameters that must be the same for every driver of a world."""
+
+
+def robot_name(node: Any) -> str:
+    """Name of a driver's robot in the world: its namespace."""
+    return str(node.get_namespace()).strip("/")
+
+
+class DriverWorld:
+    """One world and one time for several drivers, each with the topics of its robot in a namespace.
+
+    The world is built when the first driver is configured. A robot whose driver is inactive stands still; while one
+    settles after a reset, the others stand still. Time advances for all or, when one driver is paused, for none.
+    ``/clock`` without a namespace, for RViz and others that show all of them, has the same time as that of each robot.
+
+    In lockstep the world waits for the command of every robot whose drivers accept commands; a robot that is held
+    without a mode is not waited for once another one has a mode. The driver nodes add themselves to ``drivers``.
+    """
+
+    def __init__(self) -> None:
+        self.drivers: list[RobotDriver] = []
+        self.tick = 1
+        self._world: MujocoWorld | None = None
+
+    def open(self) -> None:
+        """Start publishing ``/clock``, after rclpy and the drivers exist."""
+        mute = [Parameter("start_type_description_service", value=False)]  # publishes only
+        self._node = rclpy.create_node("mujoco_world", start_parameter_services=False, parameter_overrides=mute)
+        self._clock = self._node.create_publisher(Clock, topics.CLOCK, SENSOR)
+
+    def close(self) -> None:
+        """Stop publishing."""
+        self._node.destroy_node()
+
+    @property
+    def world(self) -> MujocoWorld:
+        """The world, built at the first call; ``ConfigError`` when drivers disagree or robots touch at the start."""
+        if self._world is None:
+            first = self.drivers[0].config
+            for name in SHARED:
+                values = {getattr(driver.config, name) for driver in self.drivers}
+                if len(values) > 1:
+                    raise ConfigError(f"{name}: the robots of a world share it, and {values} were given")
+            self._world = MujocoWorld(
+                {robot_name(driver): driver.model for driver in self.drivers},
+                {robot_name(driver): Place(*driver.config.place) for driver in self.drivers},
+                payload_kg={robot_name(driver): driver.config.payload for driver in self.drivers},
+                terrain=first.terrain,
+                timestep=1.0 / first.rate,
+            )
+        return self._world
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether the plant waits for commands."""
+        return self.drivers[0].lockstep
+
+    @property
+    def period(self) -> float:
+        """Real time of a tick [s]."""
+        return self._moving[0].period
+
+    @property
+    def callbacks_min(self) -> int:
+        """Callbacks served in a tick, however late it is: a command for each."""
+        return len(self.drivers)
+
+    @property
+    def _moving(self) -> list[RobotDriver]:
+        return [driver for driver in self.drivers if driver.active]
+
+    @property
+    def running(self) -> bool:
+        """Whether simulated time advances."""
+        moving = self._moving
+        return bool(moving) and not any(driver.paused for driver in moving)
+
+    @property
+    def answered(self) -> bool:
+        """Whether all drivers that accept commands have that of this tick."""
+        asked = [driver for driver in self._moving if driver.drivers.awaits_command]
+        return bool(asked) and all(driver.answered for driver in asked)
+
+    @property
+    def free_running(self) -> bool:
+        """Whether no drivers accept commands although a robot is released."""
+        moving = self._moving
+        return not any(d.drivers.awaits_command for d in moving) and any(d.free_running for d in moving)
+
+    def publish_tick(self, late: float) -> None:
+        """Publish the sensors of this tick of all robots, which began ``late`` after its deadline [s]."""
+        for driver in self._moving:
+            driver.publish_tick(late)
+        if self.tick % self._moving[0].slow_ticks == 0:
+            self._publish_time()
+
+    def step(self) -> None:
+        """Advance by one tick, together."""
+        moving = self._moving
+        for driver in moving:
+            driver.drivers.act()
+        self.world.step([driver.simulation for driver in moving])
+        for driver in moving:
+            driver.after_physics()
+        self.tick += 1
+        for driver in self.drivers:
+            driver.tick = self.tick  # the stamps of inactive ones go on, too
+
+    def overrun(self, ticks: int) -> None:
+        """Count skipped ticks."""
+        for driver in self._moving:
+            driver.overrun(ticks)
+
+    def idle(self) -> None:
+        """Publish the time."""
+        for driver in self._moving:
+            driver.idle()
+        if self._moving:
+            self._publish_time()
+
+    def _publish_time(self) -> None:
+        message = Clock()
+        set_stamp(message.clock, round(self.tick * self.world.period * NANOSECONDS))
+        self._clock.publish(message)

@@ -1,0 +1,290 @@
+"""Starts the graph's processes, brings their nodes up in order, restarts crashed ones, and ends all."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from bridge.launch.run import run_until_signal, wait_for
+from bridge.ros.environment import graph_environment, join_graph
+from bridge.ros.layout import BRIDGE, activation_order, node_parameters, process_specs
+from bridge.ros.processes import (
+    ACTIVATE,
+    CONFIGURE,
+    GraphProcess,
+    Parameters,
+    ProcessSpec,
+    absolute_namespace,
+    change_state,
+    stop_all,
+)
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.interfaces import missing_types
+from models.nodes.qos import EVENT, LATCHED
+from models.nodes.spin import log_arguments, make_executor
+
+START_TIMEOUT = 300.0
+"""Longest wait for a node to answer while it starts; the first start compiles [s]."""
+
+SETTLE_TIME = 0.2
+"""Time for a service to discover its new client, which it needs before it can reply [s]."""
+
+RESTARTS_MAX = 5
+"""Restarts of one process after which the launcher gives up."""
+
+
+class Graph:
+    """The running graph, seen from the process that started it.
+
+    Use it as a context manager: entering starts the processes and activates the nodes, leaving ends them.
+
+    Args:
+        robot: Profile, by name or path.
+        lockstep: Whether the plant waits for the command of each tick.
+        merged: Whether estimator and controller share a process.
+        domain_id: ROS domain; that of the environment when None.
+        network: Whether other machines may join.
+        parameters: Further parameters by node.
+        specs: Processes in the order of their start; those of ``process_specs`` when None.
+        activation: Nodes in the order of their activation; that of ``activation_order`` when None.
+        calibration: Folder of the calibration files; temporary when None, because the user's are for another robot.
+        log: File for the processes' output; this process's output when None.
+        namespace: Of every node, topic and service; empty for none.
+        say: Prints one line about an event.
+        plant: Process of ``robot_driver`` that several graphs share; it is supervised, not run.
+
+    Attributes:
+        node: rclpy node of this process, for further topics and services.
+        mode: Last published mode; empty before the first.
+        driver_state: Last state of the joint drivers; empty before the first.
+        exit_codes: Exit code of each process by module, after leaving.
+    """
+
+    def __init__(
+        self,
+        robot: str = "g1",
+        *,
+        lockstep: bool = False,
+        merged: bool = True,
+        domain_id: int | None = None,
+        network: bool = False,
+        parameters: Parameters | None = None,
+        specs: Sequence[ProcessSpec] | None = None,
+        activation: Sequence[str] | None = None,
+        calibration: Path | None = None,
+        log: Path | None = None,
+        namespace: str = "",
+        say: Callable[[str], object] = print,
+        plant: GraphProcess | None = None,
+    ) -> None:
+        self._plant = plant
+        self._context = None if plant is None else Context()  # one for each of several graphs in a process
+        self._namespace = absolute_namespace(namespace)
+        self._folder = tempfile.TemporaryDirectory(prefix="poise_")
+        if calibration is None:
+            calibration = Path(self._folder.name) / "calibration"
+            calibration.mkdir()
+        self.mode = self.driver_state = ""
+        self.exit_codes: dict[str, int | None] = {}
+        self._say, self._log = say, log
+        self._domain_id, self._network = domain_id, network
+        self._specs = list(specs or process_specs(merged=merged))
+        self._activation = list(activation or activation_order(self._specs))
+        self._parameters = node_parameters(self._specs, robot, lockstep, calibration, parameters or {})
+        self._processes: list[GraphProcess] = []
+        self._output: IO[bytes] | None = None
+
+    def __enter__(self) -> Graph:
+        self.open()
+        try:
+            self.configure()
+            self.activate()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def open(self) -> None:
+        """Join the graph and start the processes, before ``configure``, ``activate`` and ``close``."""
+        join_graph(domain_id=self._domain_id, network=self._network)
+        rclpy.init(args=log_arguments(), context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("poise", namespace=self._namespace, context=self._context)
+        self._executor = make_executor(self._context)
+        self._executor.add_node(self.node)
+        self.node.create_subscription(String, topics.MODE, self._on_mode, LATCHED)
+        self.node.create_subscription(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
+        self._commands = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+        self._clients: dict[str, Any] = {}
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End every process and leave ROS."""
+        self.exit_codes.update(stop_all(self._processes[::-1]))
+        if self._output is not None:
+            self._output.close()
+        self._executor.remove_node(self.node)
+        self.node.destroy_node()
+        try_shutdown(context=self._context)
+        self._folder.cleanup()
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process id by module."""
+        return {process.spec.module: process.pid for process in self._processes}
+
+    def spin(self, duration: float) -> None:
+        """Serve callbacks and supervise for a time [s]; ``PoiseError`` when a process cannot be kept up."""
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self._tick(min(0.05, max(end - time.monotonic(), 0.0)))
+            for process in [each for each in self._processes if each.exit_code is not None]:
+                self._restart(process)
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
+        """Serve callbacks until a condition is met; ``PoiseError`` with ``what`` after ``timeout`` [s]."""
+        wait_for(self.spin, condition, timeout, what, lambda: f"mode '{self.mode}', drivers '{self.driver_state}'")
+
+    def wait_standing(self, timeout: float = 60.0) -> None:
+        """Wait until the robot stands without support; timeout in [s]."""
+        self.wait_for(lambda: self.standing, timeout, "standing")
+
+    @property
+    def standing(self) -> bool:
+        """Whether the robot stands without support."""
+        return self.mode == "stand" and self.driver_state == topics.ACTIVE
+
+    def send(self, text: str) -> None:
+        """Publish a text command on ``/humanoid_commands``."""
+        self._commands.publish(String(data=text))
+
+    def call(self, service: str, timeout: float = 5.0) -> tuple[bool, str]:
+        """Call a Trigger service; returns whether it accepted, and its answer. ``PoiseError`` after ``timeout`` [s]."""
+        if service not in self._clients:
+            client = self._clients[service] = self.node.create_client(Trigger, service)
+            self.wait_for(client.service_is_ready, timeout, f"offering {service}")
+            self.spin(SETTLE_TIME)
+        future = self._clients[service].call_async(Trigger.Request())
+        self.wait_for(future.done, timeout, f"answering {service}")
+        return bool(future.result().success), str(future.result().message)
+
+    def _start(self) -> None:
+        environment = graph_environment(domain_id=self._domain_id, network=self._network)
+        if self._log is not None:
+            self._log.parent.mkdir(parents=True, exist_ok=True)
+            self._output = self._log.open("ab")
+        self._processes = [
+            GraphProcess(s, self._parameters, environment, self._output, self._namespace, Path(self._folder.name))
+            for s in self._specs
+        ]
+        for process in self._processes:
+            process.start()
+
+    def configure(self) -> None:
+        """Configure all nodes at once; ``PoiseError`` names one that refuses or does not answer."""
+        self._change(self._activation, CONFIGURE)
+
+    def activate(self) -> None:
+        """Activate the nodes in order; errors as ``configure``."""
+        for name in self._activation:
+            self._change([name], ACTIVATE)
+        self._say(f"active: {', '.join(self._activation)}")
+
+    def bring_up_plant(self) -> None:
+        """Configure and activate the node of the shared plant after a restart of its process."""
+        for transition in (CONFIGURE, ACTIVATE):
+            self._change(BRIDGE.nodes, transition)
+
+    def _restart(self, process: GraphProcess) -> None:
+        """Restart a crashed process and bring its nodes up; the others go on."""
+        if not count_restart(process, self._say):
+            self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
+            self._processes.remove(process)
+            return
+        process.start()
+        for transition in (CONFIGURE, ACTIVATE):
+            self._change(process.spec.nodes, transition)
+        self._say(f"{', '.join(process.spec.nodes)} active again")
+
+    def _change(self, names: Sequence[str], transition: int) -> None:
+        processes = [*self._processes, *([] if self._plant is None else [self._plant])]
+        concerned = [process for process in processes if set(process.spec.nodes) & set(names)]
+
+        def spin() -> None:
+            self._tick()
+            for process in concerned:
+                if process.exit_code is not None:
+                    raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")
+
+        change_state(self.node, spin, names, transition, START_TIMEOUT)
+
+    def _tick(self, timeout: float = 0.05) -> None:
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def _on_mode(self, message: String) -> None:
+        self.mode = message.data
+        self._say(f"mode {self.mode}")
+
+    def _on_driver_state(self, message: String) -> None:
+        self.driver_state = message.data
+        self._say(f"drivers {self.driver_state}")
+
+
+def up(
+    robot: str = "g1",
+    *,
+    duration: float | None = None,
+    merged: bool = True,
+    actions: bool = False,
+    camera: bool = False,
+    quiet: bool = False,
+    **options: Any,
+) -> int:
+    """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
+
+    Actions and the camera run in separate processes; actions are left out without their types. Other arguments and
+    options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the graph
+    cannot be kept up.
+    """
+
+    def make(say: Callable[[str], object]) -> Graph:
+        specs = process_specs(merged=merged, actions=actions_possible(actions, say), camera=camera)
+        return Graph(robot, specs=specs, say=say, **options)
+
+    return run_until_signal(make, robot, duration=duration, quiet=quiet)
+
+
+def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:
+    """Whether actions are requested and their types exist; ``say`` takes what is missing otherwise."""
+    if requested and (missing := missing_types()):
+        say(f"no actions: {missing}")
+        return False
+    return requested
+
+
+def count_restart(process: GraphProcess, say: Callable[[str], object]) -> bool:
+    """Count the restart of a process that has ended; returns whether it may be restarted."""
+    process.restarts += 1
+    module, restarts = process.spec.module, process.restarts
+    say(f"{module} ended with code {process.exit_code}: restart {restarts} of {RESTARTS_MAX}")
+    if restarts > RESTARTS_MAX and not process.spec.optional:
+        raise PoiseError(f"{module} crashed {restarts} times")
+    return restarts <= RESTARTS_MAX

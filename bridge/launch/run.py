@@ -1,0 +1,92 @@
+"""Runs one graph or several until a signal, and reports events on the terminal."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+from rich.console import Console
+
+from bridge.ros.processes import CLEAN_EXITS
+from models.errors import PoiseError
+
+LOOK = 0.02
+"""Polling period of a condition [s]."""
+
+
+class Running(AbstractContextManager["Running"], Protocol):
+    """One running graph, or several."""
+
+    exit_codes: dict[str, int | None]
+
+    def spin(self, duration: float) -> None:
+        """Serve callbacks and supervise the processes for a time [s]."""
+        ...
+
+
+class _Interrupted(Exception):
+    """SIGINT or SIGTERM arrived."""
+
+
+def wait_for(
+    spin: Callable[[float], object],
+    condition: Callable[[], bool],
+    timeout: float,
+    what: str,
+    state: Callable[[], str],
+) -> None:
+    """Serve callbacks by ``spin`` until a condition, polled every ``LOOK`` seconds, is met.
+
+    Raises ``PoiseError`` after ``timeout`` [s], with ``what`` (as in "not standing") and the present ``state``.
+    """
+    end = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > end:
+            raise PoiseError(f"not {what} within {timeout:.0f} s: {state()}")
+        spin(LOOK)
+
+
+def run_until_signal(
+    make: Callable[[Callable[[str], object]], Running], name: str, *, duration: float | None, quiet: bool
+) -> int:
+    """Run a graph until SIGINT or SIGTERM, or for a ``duration`` [s].
+
+    ``make`` makes the graph from a function that prints one line about an event; ``name`` is for the output. Returns
+    the exit code: 0 after a signal or the end of ``duration``, 1 when the graph cannot be kept up.
+    """
+    console = Console(stderr=True, quiet=quiet)
+    begin = time.monotonic()
+
+    def say(text: str) -> None:
+        console.print(f"[dim]{time.monotonic() - begin:8.2f} s[/dim]  {text}", highlight=False, soft_wrap=True)
+
+    def on_signal(number: int, frame: Any) -> None:
+        for other in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(other, signal.SIG_IGN)  # the shutdown must not be interrupted
+        raise _Interrupted
+
+    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    exit_codes: Mapping[str, int | None] = {}
+    code = 0
+    try:
+        graph = make(say)
+        exit_codes = graph.exit_codes
+        with graph:
+            say(f"{name} is up; Ctrl-C ends it")
+            while duration is None or time.monotonic() - begin < duration:
+                graph.spin(0.2)
+    except _Interrupted:
+        say("ending")
+    except PoiseError as error:
+        console.print(f"[red]{error}[/red]", highlight=False)
+        code = 1
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    bad = {module: exit_code for module, exit_code in exit_codes.items() if exit_code not in CLEAN_EXITS}
+    for module, exit_code in bad.items():
+        say(f"{module} ended with code {exit_code}")
+    return 1 if bad else code

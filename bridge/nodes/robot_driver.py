@@ -1,0 +1,280 @@
+"""Node ``robot_driver``: a plant and its joint drivers behind the topics of a robot."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.utilities import remove_ros_args
+
+from bridge.driver.command_input import CommandInput
+from bridge.driver.drivers import Drivers, SimulatedDrivers
+from bridge.driver.latency_probe import LatencyProbe
+from bridge.driver.parameters import DriverConfig, read_options
+from bridge.driver.run_loop import run_plant
+from bridge.driver.sensor_topics import ScanTopic, SensorTopics
+from bridge.driver.services import SimulationServices
+from bridge.driver.status_topics import StatusTopics, TruthTopics
+from bridge.driver.world import DriverWorld, robot_name
+from bridge.loop_config import LoopConfig
+from bridge.plants.base import Plant, SimulatedPlant, make_plant
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.sensor_errors import read_sensor_errors
+from bridge.plants.world import ALONE, Place
+from bridge.ros.processes import absolute_namespace, namespace_rules
+from models.config import default_config
+from models.errors import ConfigError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.calibration_file import NO_FILE, CalibrationFile
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.parameters import declare_config
+from models.nodes.spin import Stop, run
+from models.types import SensorData
+
+MUJOCO = "mujoco"
+
+
+class RobotDriver(PoiseNode):
+    """Publishes the sensors of every tick and passes the newest command to the plant; ``run_plant`` paces it.
+
+    The stamps of a simulated plant count its ticks, through every reset, and it has services and topics for its world.
+    Any other plant is stamped by the clock of its samples, which ``/clock`` follows: it stops with them. ``world`` is
+    shared by several simulated robots, optional; ``slow_ticks`` are the ticks between two messages of ``clock`` and
+    ``ground_truth/odom``.
+    """
+
+    callbacks_min = 1
+
+    def __init__(self, world: DriverWorld | None = None, **kwargs: Any) -> None:
+        super().__init__("robot_driver", **kwargs)
+        self.config: DriverConfig = declare_config(self, default_config(DriverConfig, "bridge", "robot_driver"))
+        self.lockstep = self.config.lockstep
+        self.tick = 1
+        self.paused = False
+        self.drivers: Drivers
+        self._world = world
+        if world is not None:
+            world.drivers.append(self)
+        self._first: SensorData | None = None
+
+    def configure(self) -> None:
+        """Build the plant and the topics."""
+        config = self.config
+        plant = self._make_plant()
+        simulated = plant if isinstance(plant, SimulatedPlant) else None
+        for name in ("lockstep", "latency_file"):
+            if getattr(config, name) and simulated is None:
+                raise ConfigError(f"{name}: for simulated plants only, and '{config.plant}' is none")
+        self._simulated: SimulatedDrivers | None = None
+        if simulated is not None:
+            start = default_config(LoopConfig, "bridge", "closed_loop")
+            self.drivers = self._simulated = SimulatedDrivers(simulated, self.model, start)
+        else:
+            self.drivers = Drivers(plant, self.model)
+        self.period = plant.period / (1.0 if simulated is None else config.speed)
+        self._period_ns = round(plant.period * NANOSECONDS)
+        self._sensor_ticks = _ticks_between(config.sensor_rate, plant.period) if config.sensor_rate else 1
+        self.slow_ticks = max(round(1.0 / (config.slow_rate * plant.period)), 1)
+        self._probe = LatencyProbe() if config.latency_file else None
+        self._sensors = SensorTopics(self, simulated, reliable=self.lockstep)
+        self._status = StatusTopics(self, self.drivers)
+        max_age = round(config.max_command_age * NANOSECONDS)
+        self.commands = CommandInput(
+            self, self.drivers, self._period_ns, max_age, self._probe, self._status.publish_state
+        )
+        self._calibration = CalibrationFile(self, NO_FILE)
+        self._stamp = self._published = 0
+        self._scan: ScanTopic | None = None
+        if self._simulated is not None:
+            self._truth = TruthTopics(self, self._simulated.plant)
+            SimulationServices(self, self._simulated, self.restart, self._pause)
+        if isinstance(plant, MujocoPlant):
+            noise = float(config.sensor_noise)
+            self._scan = ScanTopic(self, plant, seed=config.seed, noise=noise, reliable=self.lockstep)
+
+    def _make_plant(self) -> Plant:
+        config = self.config
+        if config.plant != MUJOCO:
+            if self._world is not None:
+                raise ConfigError(f"plant: several robots share a world of '{MUJOCO}', not of '{config.plant}'")
+            return make_plant(config.plant, self.model, read_options(config.plant_options))
+        if self._world is None and any(config.place):
+            raise ConfigError("place: the only robot of a world begins at its origin")
+        Place(*config.place)  # refuses non-finite values
+        return MujocoPlant(
+            self.model,
+            seed=config.seed,
+            sensor_noise=config.sensor_noise,
+            payload_kg=config.payload,
+            terrain=config.terrain,
+            timestep=1.0 / config.rate,
+            sensor_errors=read_sensor_errors(config.sensor_errors),
+            faults=config.faults.plan,
+            world=None if self._world is None else self._world.world,
+            name=ALONE if self._world is None else robot_name(self),
+        )
+
+    @property
+    def simulation(self) -> Any:
+        """The simulated plant."""
+        return self.drivers.plant
+
+    def activate(self) -> None:
+        """Hold a simulated robot at its start and let it settle; leave any other one without torque."""
+        self.restart()
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; publishers are active from here on."""
+        result = super().on_activate(state)
+        self._status.publish_latched(self.model.urdf.read_text(encoding="utf-8"), self.stamp)
+        return result
+
+    def deactivate(self) -> None:
+        """Release the torque and write the measurements."""
+        self.drivers.plant.close()
+        if self._probe is not None:
+            self._probe.save(Path(self.config.latency_file))
+
+    def restart(self, hanging: bool = False) -> None:
+        """Apply the newest calibration; reset a simulated robot to its start, or hang it up. Stamps go on."""
+        offsets = self._calibration.read().encoder_offsets
+        self.drivers.encoder_offsets = offsets if offsets.any() else None
+        if self._simulated is not None:
+            self._simulated.reset(hanging=hanging)
+            settled = self._simulated.settle()
+            self._first = settled if self.lockstep else None
+        self._status.publish_start(self.stamp)
+
+    @property
+    def stamp(self) -> int:
+        """Stamp of this tick [ns]."""
+        return self._stamp if self._simulated is None else self.tick * self._period_ns
+
+    @property
+    def running(self) -> bool:
+        """Whether the plant's time advances."""
+        return self.active and not self.paused
+
+    @property
+    def answered(self) -> bool:
+        """Whether the drivers have the command of this tick, or none is due: no sensors published, or a fault."""
+        return self.commands.stamp == self.stamp or not self._sensing or self.simulation.faults.corrupted
+
+    @property
+    def _sensing(self) -> bool:
+        return self.tick % self._sensor_ticks == 0
+
+    @property
+    def free_running(self) -> bool:
+        """Whether the drivers accept no commands although the robot is released, or hangs."""
+        return self.drivers.state != topics.HELD and not self.drivers.awaits_command
+
+    def _pause(self, paused: bool) -> None:
+        self.paused = paused
+
+    def publish_tick(self, late: float) -> None:
+        """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
+        if self._simulated is None:
+            self._stamp = round(self.drivers.read().t * NANOSECONDS)
+            if self._stamp <= self._published:
+                self.counters["ticks without a new sample"] += 1
+                return
+            self._published = self._stamp
+        self.commands.now = self.stamp
+        if self._sensing:
+            self._publish_sensors(late)
+        if self._scan is not None:
+            self._scan.publish(self.tick, self.stamp)
+        if self.tick % self.slow_ticks == 0:
+            self._status.publish_time(self.stamp)
+            if self._simulated is not None:
+                self._truth.publish(self.stamp)
+
+    def _publish_sensors(self, late: float) -> None:
+        if self._probe is not None:
+            self._probe.publish(self.tick, late, self.drivers.state == topics.ACTIVE)
+        self._sensors.publish(self.stamp, self.drivers.read() if self._first is None else self._first)
+        if self._probe is not None:
+            self._probe.send(self.tick)
+
+    def step(self) -> None:
+        """Advance by one tick."""
+        self.drivers.act()
+        if self._simulated is not None:
+            self._simulated.plant.step()
+        self.after_physics()
+
+    def after_physics(self) -> None:
+        """Last part of a tick, after the world has advanced."""
+        if self._simulated is not None:
+            self._simulated.after_physics()
+        self._first = None
+        self.tick += 1
+        self._status.publish_state()
+
+    def overrun(self, ticks: int) -> None:
+        """Count skipped ticks."""
+        if ticks:
+            self.counters["ticks skipped"] += ticks
+            if self._probe is not None:
+                self._probe.skip(self.tick, ticks)
+
+    def idle(self) -> None:
+        """Publish the time."""
+        if self.active:
+            self._status.publish_time(self.stamp)
+
+    def before_diagnostics(self) -> None:
+        """Report the state of the drivers."""
+        if not self.active:
+            return
+        self.message = "paused" if self.paused else self.drivers.state
+        servo = self.drivers.servo
+        self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+        self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
+        self.values["starts interrupted"] = str(self.drivers.interruptions)
+        if self._simulated is not None:
+            self.values["faults injected"] = self._simulated.plant.faults.summary
+
+
+def _ticks_between(rate: float, period: float) -> int:
+    """Ticks (period [s]) between samples at a rate [Hz]; ``ConfigError`` unless the rate divides that of the ticks."""
+    ticks = round(1.0 / (rate * period))
+    if ticks < 1 or abs(ticks * rate * period - 1.0) > 1e-6:  # 1e-6: rounding of the quotient
+        raise ConfigError(f"sensor_rate: the tick rate {1.0 / period:.0f} Hz is no multiple of {rate:g} Hz")
+    return ticks
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node, or several in one world whose namespaces are the arguments of the command line."""
+    given = list(sys.argv if args is None else args)
+    names = remove_ros_args(given)[1:]
+    if not names:
+        sys.exit(run([RobotDriver], given, run_plant))
+    if len(set(names)) != len(names):
+        sys.exit("robot_driver: name each robot once: robot_driver robot_1 robot_2 --ros-args --params-file FILE")
+    try:
+        namespaces = [absolute_namespace(name) for name in names]
+    except PoiseError as error:
+        sys.exit(str(error))
+    world = DriverWorld()
+    rules = ["--ros-args", *namespace_rules()]
+    drivers = [partial(RobotDriver, world, namespace=each, cli_args=rules) for each in namespaces]
+
+    def loop(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
+        world.open()
+        try:
+            run_plant(executor, [world], stop)
+        finally:
+            world.close()
+
+    sys.exit(run(list(drivers), given, loop))
+
+
+if __name__ == "__main__":
+    main()

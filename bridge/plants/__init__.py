@@ -1,0 +1,1 @@
+"""Plants: robots behind one interface, simulated or real."""

@@ -1,0 +1,231 @@
+"""The effect of a fault: which channels it changes, and their values tick by tick."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.plants.fault_plan import Fault
+from models.constants import GRAVITY
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.types import FOOT_NAMES, Vector
+
+STAMPS, SCAN = "stamps", "scan"
+
+IMU, JOINT_STATES = "imu", "joint_states"
+FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)
+"""Sources of messages; targets of the same name."""
+
+Effect: TypeAlias = Callable[[int, Vector], tuple[Vector, bool]]
+"""Ticks since the beginning and true values (n,) -> values that come out (n,), and whether the message is missing.
+
+The true values may be kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """The channels of one target.
+
+    Attributes:
+        index: Channels (n,) of: the joint torques for motors, the readings of a scan for 'scan', positions, velocities
+            and torques of all joints and the stamp for 'joint_states' and 'stamps', and ``SensorNoise`` otherwise.
+        low, high: Full scale (n,).
+        blocks: Equal parts of ``index``, of which parameters concern the first; encoders have two, positions and
+            velocities, 'joint_states' three.
+        sources: Messages that are missing when the target is off.
+        derived: Whether a constant value implies zero velocities, as in an encoder.
+    """
+
+    index: NDArray[np.intp]
+    low: Vector
+    high: Vector
+    blocks: int = 1
+    sources: frozenset[str] = frozenset()
+    derived: bool = False
+
+    @property
+    def first(self) -> NDArray[np.bool_]:
+        """Which of the channels belong to the first block (n,)."""
+        return np.arange(len(self.index)) < len(self.index) // self.blocks
+
+    def spread(self, name: str, value: object) -> Vector:
+        """A parameter for all channels (n,), given once or for each of the first block; ``ConfigError`` otherwise."""
+        size = len(self.index) // self.blocks
+        given = np.asarray(value, dtype=np.float64)
+        if given.shape not in ((), (size,)):
+            raise ConfigError(f"{name}: {given.size} numbers, expected 1 or {size}")
+        return np.tile(np.broadcast_to(given, (size,)), self.blocks)
+
+
+_PARTS = {
+    "imu": (0, 6, frozenset({IMU})),
+    "imu.gyro": (0, 3, frozenset({IMU})),
+    "imu.accel": (3, 3, frozenset({IMU})),
+    "feet": (6, 12, frozenset(FEET)),
+    FEET[0]: (6, 6, frozenset({FEET[0]})),
+    FEET[1]: (12, 6, frozenset({FEET[1]})),
+}
+"""First channel behind the joints, number of channels, and messages of IMU and feet."""
+
+
+def channels_of(fault: Fault, model: RobotModel) -> Channels:
+    """The channels of a fault; ``ConfigError`` when the robot has no such joint, or no scanner."""
+    nj = model.nj
+    joints = np.arange(nj)
+    if fault.joint:
+        if fault.joint not in model.joint_names:
+            known = ", ".join(model.joint_names)
+            raise ConfigError(f"fault {fault}: {model.name}: unknown joint '{fault.joint}'; known: {known}")
+        joints = joints[[model.joint_index(fault.joint)]]
+    if fault.is_motor:
+        return Channels(joints, -model.tau_max[joints], model.tau_max[joints])
+    low, high = _full_scale(model)
+    group = fault.target.partition(":")[0]
+    if group == STAMPS:
+        return Channels(np.array([3 * nj]), np.zeros(1), np.zeros(1))
+    if group == SCAN:
+        scan = model.profile.sensors.scan
+        if scan is None:
+            raise ConfigError(f"fault of scan: {model.name}: the profile has no scanner")
+        least, most = np.full(scan.rays, scan.range_min), np.full(scan.rays, scan.range_max)
+        return Channels(np.arange(scan.rays), least, most, sources=frozenset({SCAN}))
+    if group in ("joint", "joints"):
+        index = np.concatenate([joints, nj + joints])
+        return Channels(index, low[index], high[index], blocks=2, derived=True)
+    if group == JOINT_STATES:
+        index = np.arange(3 * nj)
+        return Channels(index, low[index], high[index], blocks=3, sources=frozenset({JOINT_STATES}))
+    if group in ("torque", "torques"):
+        index, sources = 2 * nj + joints, frozenset[str]()
+    else:
+        at, size, sources = _PARTS[fault.target]
+        index = 3 * nj + at + np.arange(size)
+    return Channels(index, low[index], high[index], sources=sources)
+
+
+def _full_scale(model: RobotModel) -> tuple[Vector, Vector]:
+    """Least and greatest value of every channel of ``SensorNoise``."""
+    imu, feet = model.profile.sensors.imu, model.profile.sensors.feet
+    force = feet.force_range or 2.0 * model.mass * GRAVITY  # a suitable sensor bears a landing on one foot
+    torque = feet.torque_range or force * max(model.feet[0].rectangle)  # ... on the sole's edge
+    tail = np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)
+    high = np.concatenate([model.v_max, model.tau_max, tail])
+    return np.concatenate([model.q_lower, -high]), np.concatenate([model.q_upper, high])
+
+
+def effect_of(
+    fault: Fault, channels: Channels, before: Vector, period: float, grace: float, rng: np.random.Generator
+) -> Effect:
+    """The effect of a fault on its channels; ``ConfigError`` names a parameter that does not fit the target.
+
+    ``before`` are the values before the fault (n,); ``period`` is the tick [s]; ``grace`` is the number of ticks for
+    which the last value replaces a missing message, 0 where there is no message.
+    """
+    fill = 0.0 if fault.is_motor else math.nan
+    try:
+        match fault.kind:
+            case "off":
+                return _lost(lambda k: True, before, grace, fill)
+            case "intermittent":
+                return _lost(_interruptions(fault, period, rng), before, grace, fill)
+            case "slow":
+                # a register keeps its value; only messages can be missing
+                return _lost(_pauses(fault, period), before, grace if channels.sources else math.inf, fill)
+            case "delayed":
+                return _delayed(max(round((fault.delay or 0.0) / period), 1), before)
+            case "stuck":
+                return _constant(fault, channels, before)
+            case "wrong":
+                return _wrong(fault, channels, period)
+            case _:
+                return _bounded(fault, channels, rng)
+    except ConfigError as error:
+        raise ConfigError(f"fault {fault}: {error}") from error
+
+
+def _lost(lost: Callable[[int], bool], last: Vector, grace: float, fill: float) -> Effect:
+    """Lost values; the last one is repeated for ``grace`` ticks, then ``fill`` comes."""
+    last_k = -1
+
+    def effect(k: int, x: Vector) -> tuple[Vector, bool]:
+        nonlocal last, last_k
+        if lost(k):
+            return last if k - last_k <= grace else np.full(len(x), fill), True
+        last, last_k = x, k
+        return x, False
+
+    return effect
+
+
+def _interruptions(fault: Fault, period: float, rng: np.random.Generator) -> Callable[[int], bool]:
+    if fault.period is None:
+        probability = fault.probability or 0.0
+        return lambda k: bool(rng.random() < probability)
+    length = max(round(fault.period / period), 1)
+    lost = round((0.5 if fault.share is None else fault.share) * length)
+    return lambda k: k % length < lost
+
+
+def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
+    """Ticks without a new value at the rate; the first has one."""
+    per_tick = (fault.rate or 0.0) * period
+    if per_tick > 1.0 + 1e-9:
+        raise ConfigError(f"rate: {fault.rate} Hz is more than that of the ticks, {1.0 / period:g} Hz")
+    passed = -1
+
+    def lost(k: int) -> bool:
+        nonlocal passed
+        due, before = math.floor(k * per_tick + 1e-9), passed
+        passed = due
+        return due == before
+
+    return lost
+
+
+def _delayed(ticks: int, out: Vector) -> Effect:
+    """Values delayed by some ticks; that before the fault until the first one comes."""
+    line: deque[tuple[int, Vector]] = deque()
+
+    def effect(k: int, x: Vector) -> tuple[Vector, bool]:
+        nonlocal out
+        line.append((k, x))
+        while line and line[0][0] <= k - ticks:
+            out = line.popleft()[1]
+        return out, False
+
+    return effect
+
+
+def _constant(fault: Fault, channels: Channels, before: Vector) -> Effect:
+    held = before.copy() if fault.value is None else channels.spread("value", fault.value)
+    if fault.value is not None or channels.derived:
+        held[~channels.first & np.isfinite(held)] = 0.0
+    return lambda k, x: (held, False)
+
+
+def _wrong(fault: Fault, channels: Channels, period: float) -> Effect:
+    if fault.value is not None:
+        return _constant(fault, channels, np.zeros(len(channels.index)))
+    scale = channels.spread("scale", 1.0 if fault.scale is None else fault.scale)
+    offset = channels.spread("offset", fault.offset or 0.0) * channels.first
+    drift = channels.spread("drift", fault.drift or 0.0) * channels.first * period
+    return lambda k, x: (scale * x + offset + k * drift, False)
+
+
+def _bounded(fault: Fault, channels: Channels, rng: np.random.Generator) -> Effect:
+    """Random values, or the end of the range."""
+    scale = channels.spread("scale", 1.0 if fault.scale is None else fault.scale)
+    centre, half = 0.5 * (channels.high + channels.low), 0.5 * (channels.high - channels.low)
+    if fault.kind == "garbage":
+        return lambda k, x: (centre + scale * half * rng.uniform(-1.0, 1.0, len(x)), False)
+    low, high = centre - scale * half, centre + scale * half
+    if fault.scale is None:
+        return lambda k, x: (np.where(x >= centre, high, low), False)
+    return lambda k, x: (np.clip(x, low, high), False)

@@ -1,0 +1,257 @@
+"""Faults of the simulated sensors and motors: target, kind and times, and the YAML that lists them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from models.config import parse_yaml, read_yaml
+from models.errors import ConfigError
+
+Numbers: TypeAlias = float | Sequence[float]
+
+TARGETS = (
+    "imu", "imu.gyro", "imu.accel", "joints", "joint:NAME", "torques", "torque:NAME", "feet", "foot:left", "foot:right",
+    "joint_states", "stamps", "scan", "motors", "motor:NAME",
+)  # fmt: skip
+"""Valid targets; NAME is a joint."""
+
+PARAMETERS: Mapping[str, tuple[str, ...]] = {
+    "off": (),
+    "stuck": ("value",),
+    "garbage": ("scale",),
+    "wrong": ("value", "offset", "scale", "drift"),
+    "saturated": ("scale",),
+    "slow": ("rate",),
+    "delayed": ("delay",),
+    "intermittent": ("probability", "period", "share"),
+}
+"""Kinds of fault, each with its parameters."""
+
+STAMP_KINDS = ("stuck", "wrong", "delayed")
+"""Kinds for stamps."""
+
+START, RELEASE = "start", "release"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of a sensor or a motor; ``docs/faults.md`` has every target and kind.
+
+    ``value``, ``offset``, ``drift`` and ``scale`` are one number, or one for each axis or joint of the target, in the
+    units of ``SensorData``; those of encoders are positions.
+
+    Attributes:
+        target: One of ``TARGETS``.
+        kind: One of ``PARAMETERS``.
+        start: Begin after the injection [s].
+        end: End after the injection [s].
+        value: Replaces the true value.
+        offset: Added to the true value.
+        scale: Factor on the true value, or on the full scale [-].
+        drift: Rate at which the added value grows [1/s].
+        delay: Age of the values [s]; the value before the fault is repeated until the first one comes.
+        rate: Of new values [Hz].
+        probability: Share of the ticks that are lost, each drawn independently [-].
+        period: Time from one interruption to the next [s].
+        share: Share of the period, from its beginning, that is lost [-]; a half by default.
+
+    Raises:
+        ConfigError: Target or kind is unknown, or a parameter is missing, of another kind, or out of range; names it.
+    """
+
+    target: str
+    kind: str
+    start: float = 0.0
+    end: float = math.inf
+    value: Numbers | None = None
+    offset: Numbers | None = None
+    scale: Numbers | None = None
+    drift: Numbers | None = None
+    delay: float | None = None
+    rate: float | None = None
+    probability: float | None = None
+    period: float | None = None
+    share: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.pattern not in TARGETS:
+            raise ConfigError(f"fault: unknown target '{self.target}'; known: {', '.join(TARGETS)}")
+        if self.kind not in PARAMETERS:
+            raise ConfigError(f"fault of {self.target}: unknown kind '{self.kind}'; known: {', '.join(PARAMETERS)}")
+        if self.target == "stamps" and self.kind not in STAMP_KINDS:
+            raise ConfigError(f"fault of stamps: kind '{self.kind}' makes no sense; known: {', '.join(STAMP_KINDS)}")
+        own = PARAMETERS[self.kind]
+        for name in [field.name for field in fields(self)][2:]:
+            given = getattr(self, name)
+            if given is None:
+                continue
+            if name not in ("start", "end", *own):
+                raise self._refusal(name, f"not for this kind; known: {', '.join(('start', 'end', *own))}")
+            self._check(name, given)
+        self._check_times()
+        self._check_needed()
+
+    @property
+    def pattern(self) -> str:
+        """The target with NAME in place of a joint's name."""
+        group, colon, name = self.target.partition(":")
+        return f"{group}:NAME" if colon and group != "foot" and name else self.target
+
+    @property
+    def joint(self) -> str:
+        """Name of the target joint; empty for other targets."""
+        return self.target.partition(":")[2] if self.pattern.endswith(":NAME") else ""
+
+    @property
+    def is_motor(self) -> bool:
+        """Whether the fault is of a motor, not a sensor."""
+        return self.target.startswith("motor")
+
+    def __str__(self) -> str:
+        words = [f"{name} {getattr(self, name)}" for name in PARAMETERS[self.kind] if getattr(self, name) is not None]
+        when = [f"from {self.start:g} s"] if self.start else []
+        when += [f"until {self.end:g} s"] if self.end < math.inf else []
+        return f"{self.target} {self.kind}" + (f" ({', '.join(words + when)})" if words + when else "")
+
+    def _refusal(self, name: str, why: str) -> ConfigError:
+        return ConfigError(f"fault {self.target} {self.kind}: {name}: {why}")
+
+    def _check(self, name: str, given: Any) -> None:
+        """Check one parameter: numbers, in range."""
+        several = name in ("value", "offset", "scale", "drift")
+        items = list(given) if several and isinstance(given, Sequence) and not isinstance(given, str) else [given]
+        bounded = self.is_motor or self.target == "stamps"
+        for item in items:
+            if isinstance(item, bool) or not isinstance(item, int | float):
+                raise self._refusal(name, f"{item!r} is not a number")
+            finite = math.isfinite(item)
+            if not finite and not (name == "end" and item == math.inf) and (name != "value" or bounded):
+                raise self._refusal(name, f"{item} is not finite")
+            if name in ("probability", "share") and not 0.0 < item <= 1.0:
+                raise self._refusal(name, f"{item} is not in (0, 1]")
+            if name in ("delay", "rate", "period") and item <= 0.0:
+                raise self._refusal(name, f"{item} is not positive")
+        if self.kind in ("garbage", "saturated") and name == "scale" and any(item < 0.0 for item in items):
+            raise self._refusal(name, f"{given} is negative")
+
+    def _check_times(self) -> None:
+        if self.start < 0.0:
+            raise self._refusal("start", f"{self.start} s is before the injection")
+        if not self.start < self.end:
+            raise self._refusal("end", f"{self.end} s is not after the start at {self.start} s")
+
+    def _check_needed(self) -> None:
+        """Check required and mutually exclusive parameters of the kind."""
+        own = PARAMETERS[self.kind]
+        if self.kind in ("slow", "delayed") and getattr(self, own[0]) is None:
+            raise self._refusal(own[0], "missing")
+        if self.kind == "wrong":
+            changes = [name for name in own if getattr(self, name) is not None]
+            if not changes or (self.value is not None and len(changes) > 1):
+                raise self._refusal("value", "give either it, or some of offset, scale and drift")
+        if self.kind == "intermittent" and (self.probability is None) == (self.period is None):
+            raise self._refusal("probability", "give either it, or period")
+        if self.share is not None and self.period is None:
+            raise self._refusal("share", "of what? give period")
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """Faults injected together, at the 'release' of the robot, or at the 'start', before its sensors are averaged.
+
+    Raises ``ConfigError`` for any other ``since``.
+    """
+
+    faults: tuple[Fault, ...]
+    since: str = RELEASE
+
+    def __post_init__(self) -> None:
+        if self.since not in (START, RELEASE):
+            raise ConfigError(f"fault plan: since: unknown '{self.since}'; known: {START}, {RELEASE}")
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.faults)) or "no faults"
+
+
+Faults: TypeAlias = Fault | FaultPlan | Sequence[Fault] | str | Path
+"""All forms of a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario.
+
+Empty text stands for no faults."""
+
+
+def scenario_names() -> list[str]:
+    """Names of the packaged scenarios, ``bridge/config/faults/*.yaml``."""
+    return sorted(path.stem for path in _folder().glob("*.yaml"))
+
+
+def fault_plan(faults: Faults | None) -> FaultPlan:
+    """Make a plan from any form of ``Faults``.
+
+    YAML is a mapping ``{since: release, faults: [{target: imu, kind: off, end: 0.02}, ...]}``, or its list alone, or
+    one fault alone. Raises ``ConfigError`` with the cause and the valid names.
+    """
+    if faults is None:
+        return FaultPlan(())
+    if isinstance(faults, FaultPlan):
+        return faults
+    if isinstance(faults, Fault):
+        return FaultPlan((faults,))
+    if isinstance(faults, str | Path):
+        return _read(faults)
+    return FaultPlan(tuple(faults))
+
+
+def _folder() -> Path:
+    return Path(str(files("bridge"))) / "config" / "faults"
+
+
+def _read(given: str | Path) -> FaultPlan:
+    """A plan from YAML, a file or a name."""
+    text = str(given).strip()
+    if not text:
+        return FaultPlan(())
+    inline = isinstance(given, str) and (text[:1] in ("{", "[", "-") or "\n" in text or ": " in text)
+    if inline:
+        listed = {"[": "faults: ", "-": "faults:\n"}.get(text[0], "")
+        return _parse(parse_yaml(listed + text, "faults"), "faults")
+    if text in scenario_names():
+        return _parse(read_yaml(_folder() / f"{text}.yaml"), text)
+    if not Path(text).suffix and not Path(text).exists():
+        raise ConfigError(f"faults: unknown scenario '{text}'; known: {', '.join(scenario_names())}; or give a file")
+    return _parse(read_yaml(Path(text)), text)
+
+
+def _parse(data: dict[str, Any], source: str) -> FaultPlan:
+    if "target" in data or "kind" in data:
+        data = {"faults": [data]}
+    _refuse_unknown(data, ("since", "faults"), source)
+    listed = data.get("faults")
+    if not isinstance(listed, list):
+        raise ConfigError(f"{source}: faults: expected a list of faults")
+    return FaultPlan(tuple(_fault(item, f"{source}[{i}]") for i, item in enumerate(listed)), data.get("since", RELEASE))
+
+
+def _fault(item: object, source: str) -> Fault:
+    if not isinstance(item, dict):
+        raise ConfigError(f"{source}: expected a mapping of keys, found {type(item).__name__}")
+    _refuse_unknown(item, [field.name for field in fields(Fault)], source)
+    for key in ("target", "kind"):
+        if key not in item:
+            raise ConfigError(f"{source}: {key}: missing")
+    given: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in item.items()}
+    kind = "off" if given["kind"] is False else str(given["kind"])  # YAML takes an unquoted off for false
+    try:
+        return Fault(**{**given, "target": str(given["target"]), "kind": kind})
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from error
+
+
+def _refuse_unknown(data: Mapping[Any, object], known: Sequence[str], source: str) -> None:
+    for key in data:
+        if key not in known:
+            raise ConfigError(f"{source}: unknown key '{key}'; known: {', '.join(known)}")

@@ -1,0 +1,313 @@
+"""The simulated robot: MuJoCo as a plant."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bridge.plants.base import SimulatedPlant
+from bridge.plants.fault_plan import Faults
+from bridge.plants.fault_proxy import FaultProxy
+from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorNoise
+from bridge.plants.world import ALONE, MujocoWorld
+from controllers.joint_servo import drive_torque
+from models.errors import CommandError, ConfigError
+from models.mujoco_model import mujoco_to_pin
+from models.robot_model import RobotModel
+from models.scan import Scan
+from models.terrain import FLAT, Terrain
+from models.types import ContactState, JointCommand, Matrix, RobotState, SensorData, Vector
+
+
+class MujocoPlant(SimulatedPlant):
+    """Robot, sensors, drives and disturbances in a MuJoCo world.
+
+    A tick is ``read``, ``write``, ``step``. Positions, velocities and the gyro are those at the tick; accelerometer,
+    wrenches and torques are those that acted during the tick before it. The drives evaluate a command with the
+    measurements of the tick; in a tick of several physics steps they do so again before each, with the measurement
+    errors of the tick.
+
+    ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld until
+    ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``MujocoWorld.step``
+    several together.
+
+    Args:
+        model: Robot.
+        seed: Of the sensor noise.
+        sensor_noise: True for the noise of the robot's profile, False for exact values, or a factor on noise and
+            biases.
+        friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
+        payload_kg: Mass at the torso that is not in the laws' model [kg].
+        terrain: The ground, or its name in ``models/config/terrain.yaml``.
+        timestep: Length of a tick [s]; the physics makes equal steps of at most 1 ms in it.
+        visuals: Load meshes for pictures; no effect on the dynamics.
+        sensor_errors: Sensor errors in addition to those of profile and seed.
+        faults: Faults of sensors and motors from the start or the release on.
+        world: A world with a robot of this name, which then has friction, payload_kg, terrain, timestep and visuals; a
+            new world with this robot alone when None.
+        name: Of the robot in that world.
+
+    Attributes:
+        world: The world.
+        model: The compiled MuJoCo model.
+        data: Its state. For scoring and pictures only: no law may read it.
+        robot: The robot.
+        ground: Height of the ground; for scoring only.
+        obstacle: The box of a terrain that has one; ``reset`` puts it back in a world with one robot.
+        noise: Errors of the sensors; for scoring only.
+        mujoco: Indices of the robot in model and data.
+        faults: Injects faults into sensors and motors.
+
+    Raises:
+        ConfigError: An argument is out of range, or the world has no robot of this name, or another one.
+        RobotModelError: MuJoCo refuses the URDF.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        *,
+        seed: int = 0,
+        sensor_noise: bool | float = True,
+        friction: float | None = None,
+        payload_kg: float = 0.0,
+        terrain: str | Terrain = FLAT,
+        timestep: float = 0.001,
+        visuals: bool = False,
+        sensor_errors: SensorErrors | None = None,
+        faults: Faults | None = None,
+        world: MujocoWorld | None = None,
+        name: str = ALONE,
+    ) -> None:
+        self.robot = model
+        self.world = world or MujocoWorld.alone(
+            model, friction=friction, payload_kg=payload_kg, terrain=terrain, timestep=timestep, visuals=visuals
+        )
+        there, self.mujoco = self.world.robot(name)
+        if there is not model:
+            raise ConfigError(f"world: '{name}' is another {there.name} than the {model.name} given")
+        self.name = name
+        self.model, self.data = self.world.model, self.world.data
+        self.ground, self.obstacle = self.world.ground, self.world.obstacle
+        self._period = self.world.period
+        self.noise = SensorNoise(model, period=self._period, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
+        self.faults = FaultProxy(model, period=self._period, seed=seed, plan=faults)
+        self._index_channels()
+        self._read: SensorData | None = None
+        self._values: Vector | None = None  # channels of the newest sample
+        self._command: JointCommand | None = None  # of this tick
+        self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
+        self._tick = 0
+        self._at_tick: tuple[Vector, Vector] | None = None  # true joint positions and velocities
+        self._held = True
+        self._fixed: Vector | None = None  # qpos that a jig enforces
+        self.reset()
+
+    def _index_channels(self) -> None:
+        """Indices of the channels of ``SensorNoise`` in MuJoCo's arrays; views of those stay valid."""
+        mj, data = self.mujoco, self.data
+        feet = [mj.sole_force[0], mj.sole_torque[0], mj.sole_force[1], mj.sole_torque[1]]
+        self._sensor_index = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
+        self._joint_qpos, self._joint_qvel = mj.joint_qpos - mj.qpos.start, mj.joint_qvel - mj.qvel.start
+        self._qpos, self._qvel = data.qpos[mj.qpos], data.qvel[mj.qvel]  # of the robot
+        self._sensordata, self._force, self._ctrl = data.sensordata, data.actuator_force, data.ctrl
+
+    @property
+    def t(self) -> float:
+        """Simulated time since ``reset`` [s]."""
+        return self._tick * self.period
+
+    @property
+    def period(self) -> float:
+        """Length of a tick [s]."""
+        return self._period
+
+    @property
+    def held(self) -> bool:
+        """Whether the base is held by the weld."""
+        return self._held
+
+    def reset(self, seed: int | None = None) -> None:
+        """Standing posture, soles on the floor, base held, no torque, sensor noise from its start or of a new seed."""
+        self.world.put_back(self.name)
+        self._held = True
+        self._fixed = None
+        self._pushes.clear()
+        self._tick = 0
+        self.noise.reset(seed)
+        self.faults.reset(seed)
+        self._read = self._values = self._command = None
+
+    def hold(self) -> None:
+        """Hold the base where it is."""
+        self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
+        self._held = True
+
+    def release(self) -> None:
+        """Release the base."""
+        self.mujoco.release(self.data)
+        if self._held:
+            self.faults.release()
+        self._held = False
+
+    def hoist(self, height: float) -> None:
+        """Lift the held robot by a height [m], as a crane does before any motion."""
+        self._qpos[2] += height
+        self.data.mocap_pos[self.mujoco.hold_mocap, 2] += height
+        self._read = None
+        mujoco.mj_forward(self.model, self.data)
+
+    def clamp(self, joints: Vector | None) -> None:
+        """Clamp every joint at a true position (nj,) [rad] in a rigid jig that also holds the base; None opens it."""
+        self._fixed = None
+        if joints is not None:
+            self._qpos[self._joint_qpos] = joints
+            self._fixed = self._qpos.copy()
+            self._qvel[:] = 0.0
+            mujoco.mj_forward(self.model, self.data)
+        self._read = None
+
+    def read(self) -> SensorData:
+        """Measurements of this tick; the same for every call."""
+        if self._read is None:
+            nj, mj = self.robot.nj, self.mujoco
+            values = np.empty(self.noise.size)
+            # mode="clip" takes without a buffer; the indices are in range
+            self._qpos.take(self._joint_qpos, out=values[:nj], mode="clip")
+            self._qvel.take(self._joint_qvel, out=values[nj : 2 * nj], mode="clip")
+            self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
+            self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
+            np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
+            self._read = self.noise.measure(self.t, values)
+            if self.faults.active:
+                self.faults.sense(self._tick, values, self._values)
+            self._values = values
+        return self._read
+
+    def transmit(self, sensors: SensorData) -> SensorData | None:
+        """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
+        return self.faults.transmit(self._tick, sensors)
+
+    def transmit_scan(self, scan: Scan) -> Scan | None:
+        """A scan as the laws receive it; None when a fault suppresses it."""
+        return self.faults.transmit_scan(self._tick, scan) if self.faults.active else scan
+
+    def write(self, command: JointCommand) -> None:
+        """Set the command of the drives; MuJoCo clamps their torques to the limits."""
+        sensors = self.read()
+        self._command = command
+        tau = drive_torque(self.robot, command, sensors.q, sensors.v)
+        if self.faults.active:
+            tau = self.faults.drive(self._tick, tau, self._ctrl[self.mujoco.actuator])
+        self._ctrl[self.mujoco.actuator] = tau
+
+    def drive(self) -> None:
+        """For the world: update the drives for a further physics step of a tick; a faulty drive keeps its torque."""
+        if self._command is None or self._read is None or self._at_tick is None or self.faults.active:
+            return
+        q = self._read.q + (self._qpos[self._joint_qpos] - self._at_tick[0])
+        v = self._read.v + (self._qvel[self._joint_qvel] - self._at_tick[1])
+        self._ctrl[self.mujoco.actuator] = drive_torque(self.robot, self._command, q, v)
+
+    def step(self) -> None:
+        """Advance this robot by one tick; others in its world stand still meanwhile."""
+        self.world.step((self,))
+
+    def before_step(self) -> None:
+        """For the world: prepare the physics of a tick."""
+        if self._read is None:
+            self.read()  # the errors of the sensors depend on the last tick
+        if self.world.substeps > 1:
+            self._at_tick = self._qpos[self._joint_qpos], self._qvel[self._joint_qvel]
+        if self._pushes:
+            self._push()
+
+    def clamp_again(self) -> None:
+        """For the world: within a step, put the joints back where a jig holds them."""
+        if self._fixed is not None:
+            self._qpos[:] = self._fixed
+            self._qvel[:] = 0.0
+
+    def after_step(self) -> None:
+        """For the world: complete a tick."""
+        self._tick += 1
+        self.noise.advance()
+        self._read = None
+
+    def close(self) -> None:
+        """Release the torque."""
+        self._command = None
+        self._ctrl[self.mujoco.actuator] = 0.0
+
+    @property
+    def obstacle_centre(self) -> Vector | None:
+        """Middle of the obstacle in W (3,) [m]; None for a terrain without one."""
+        return self.obstacle.centre
+
+    def place_obstacle(self, x: float, y: float) -> None:
+        """Place the obstacle on the ground at a point of W [m]; ``CommandError`` for a terrain without one."""
+        self.obstacle.place(x, y)
+
+    def remove_obstacle(self) -> None:
+        """Move the obstacle out of the way; no effect for a terrain without one."""
+        self.obstacle.remove()
+
+    def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
+        """Push a body at its centre of mass from the next step on; overlapping pushes add up.
+
+        Args:
+            force: In W (3,) [N].
+            duration: [s], rounded to ticks, at least one.
+            body: Link of the URDF, or a REP-120 frame that stands for its link.
+
+        Raises:
+            CommandError: The body is unknown, or force or duration is invalid.
+        """
+        vector = np.asarray(force, dtype=np.float64)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise CommandError(f"push: force {force} is not three finite numbers")
+        if not 0.0 < duration < np.inf:
+            raise CommandError(f"push: duration {duration} s is not positive")
+        if body not in self.mujoco.bodies:
+            raise CommandError(f"push: unknown body '{body}'; known: {', '.join(sorted(self.mujoco.bodies))}")
+        last = self._tick + max(round(duration / self.period), 1)
+        self._pushes.append((last, self.mujoco.bodies[body], vector))
+
+    def _push(self) -> None:
+        """Apply the pushes of this step and remove expired ones."""
+        self.data.xfrc_applied[self.mujoco.own_bodies] = 0.0
+        self._pushes = [push for push in self._pushes if push[0] > self._tick]
+        for _, body, force in self._pushes:
+            self.data.xfrc_applied[body, :3] += force
+
+    @property
+    def wrenches(self) -> Matrix:
+        """Exact ground reaction on each foot, in its sole frame (2, 6) [N, N.m]."""
+        return self.mujoco.foot_wrenches(self.data)
+
+    @property
+    def load(self) -> float:
+        """Exact normal force on both soles [N]."""
+        return float(self.wrenches[:, 2].sum())
+
+    @property
+    def com(self) -> Vector:
+        """Exact CoM of robot and payload in W (3,) [m]."""
+        return np.array(self.data.subtree_com[self.mujoco.base_body])
+
+    @property
+    def truth(self) -> RobotState:
+        """Exact state; for scoring only."""
+        q, v = mujoco_to_pin(self.robot, self.mujoco, self._qpos, self._qvel)
+        left, right = self.wrenches
+        return RobotState(
+            t=self.t,
+            q=q,
+            v=v,
+            tau=self._force[self.mujoco.actuator],
+            contacts=(
+                ContactState(active=bool(left[2] > 0.0), wrench=left),
+                ContactState(active=bool(right[2] > 0.0), wrench=right),
+            ),
+        )

@@ -1,0 +1,222 @@
+"""Errors of the simulated sensors by the robot's profile."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from bridge.plants.sensor_errors import SensorErrors
+from models.compiled import njit
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+from models.types import Matrix, SensorData, Vector
+
+TAIL = 18
+"""Channels behind the joints: gyro (3), accelerometer (3), wrenches left and right (12)."""
+
+
+class SensorNoise:
+    """Turns exact values into measurements of the robot's sensors.
+
+    For each channel, with white noise w ~ N(0, 1) once a tick and age a ~ U(0, jitter) once a tick and unit::
+
+        x' = x(t - a),    y = round_r(clip(A x' + b + o + sigma w, -range, range)),    b += walk sqrt(tick) w'
+
+    - joint position: offset o drawn once per seed, rounded to the encoder's resolution r, no noise besides;
+    - joint velocity and torque: sigma from the profile;
+    - gyro and accelerometer: sigma = noise density / sqrt(tick), turn-on bias b drawn once per seed, which then walks,
+      A = (1 + diag(scale)) exp(misalignment)', both drawn once per seed, the rotation the same for both;
+    - foot wrenches: sigma and turn-on offset o from the profile; A = 1 + diag(gain) + crosstalk, whose element i, j is
+      a share drawn once per seed times range_i / range_j.
+
+    Encoders, IMU and feet have an age each; x(t - a) is interpolated between the last two ticks. Random
+    values depend only on the non-negative seed and on the number of calls of ``advance`` since ``reset``. ``scale``
+    multiplies all of them; with 0 the measurements are exact and not rounded. ``errors`` are added independent of it.
+    ``period`` is the tick [s].
+
+    Raises:
+        ConfigError: The seed is negative, ``scale`` is negative or not finite, or ``errors`` is unusable.
+        JointNameError: ``errors`` names an unknown joint.
+    """
+
+    def __init__(
+        self, model: RobotModel, *, period: float, seed: int, scale: float = 1.0, errors: SensorErrors | None = None
+    ) -> None:
+        if not 0.0 <= scale < np.inf:
+            raise ConfigError(f"sensor_noise: {scale} is not a finite, non-negative scale")
+        nj = self._nj = model.nj
+        self.scale = scale
+        self.size = 3 * nj + TAIL
+        """Channels: q, v, tau (3 nj), gyro (3), accel (3), wrenches left and right (12)."""
+        self._imu, self._tail = slice(3 * nj, 3 * nj + 6), slice(3 * nj, self.size)
+        sensors = model.profile.sensors
+        imu, encoders, feet = sensors.imu, sensors.encoders, sensors.feet
+        sigma, bias = np.zeros(self.size), np.zeros(self.size)
+        bias[:nj] = encoders.offset
+        sigma[nj : 2 * nj] = encoders.velocity_noise
+        sigma[2 * nj : 3 * nj] = encoders.torque_noise * model.tau_max
+        sigma[self._imu] = np.repeat([imu.gyro_noise_density, imu.accel_noise_density], 3) / np.sqrt(period)
+        bias[self._imu] = np.repeat([imu.gyro_bias, imu.accel_bias], 3)
+        sigma[3 * nj + 6 :] = np.tile(np.repeat([feet.force_noise, feet.torque_noise], 3), 2)
+        bias[3 * nj + 6 :] = np.tile(np.repeat([feet.force_offset, feet.torque_offset], 3), 2)
+        self._sigma, self._bias_sigma = scale * sigma, scale * bias
+        self._walk = scale * np.repeat([imu.gyro_bias_walk, imu.accel_bias_walk], 3) * np.sqrt(period)
+        force, torque = feet.force_range or np.inf, feet.torque_range or np.inf
+        self._range = np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)  # (18,)
+        force, torque = feet.force_resolution, feet.torque_resolution  # 0: not rounded
+        self._step = np.repeat([imu.gyro_resolution, imu.accel_resolution, force, torque, force, torque], 3)
+        self._resolution = encoders.resolution
+        self._jitter = scale * min(sensors.latency.jitter / period, 1.0)
+        self._given = errors or SensorErrors()
+        self._given_bias = self._added(model)
+        self._imu_spec, self._feet_spec = imu, feet
+        self._exact = scale == 0.0 and errors is None and feet.fitted
+        self._seed = seed
+        self._drawn = np.zeros(self.size + 6)
+        self._error, self._buffer = np.zeros(self.size), np.zeros(TAIL)
+        self._now, self._before = np.zeros(self.size), np.zeros(self.size)
+        self._ages = np.zeros(3)
+        self.reset()
+
+    def _added(self, model: RobotModel) -> Vector:
+        """The constant part of the given errors (size,)."""
+        given, added = self._given, np.zeros(self.size)
+        added[: self._nj] = given.offsets(model)
+        added[self._imu] = np.concatenate([given.array("gyro_bias", (3,)), given.array("accel_bias", (3,))])
+        wrenches = np.hstack([given.array("force_offsets", (2, 3)), given.array("torque_offsets", (2, 3))])  # (2, 6)
+        added[3 * self._nj + 6 :] = wrenches.ravel()
+        return added
+
+    def reset(self, seed: int | None = None) -> None:
+        """Start over: the same seed repeats the same errors; a new one replaces it."""
+        if seed is not None:
+            self._seed = seed
+        if self._seed < 0:
+            raise ConfigError(f"seed: {self._seed} is negative")
+        biases, white, constants, ages = np.random.SeedSequence(self._seed).spawn(4)
+        self._bias = self._bias_sigma * np.random.default_rng(biases).standard_normal(self.size) + self._given_bias
+        self._matrix = self._gains(np.random.default_rng(constants))
+        self._rng, self._age_rng = np.random.default_rng(white), np.random.default_rng(ages)
+        self._ticks = self._measured = 0
+        self.advance()
+
+    @property
+    def bias(self) -> Vector:
+        """Present constant error of every channel, drawn and given (size,); for scoring only."""
+        return self._bias.copy()
+
+    @property
+    def gains(self) -> Matrix:
+        """Gain matrix of the channels after the joints (18, 18); for scoring only."""
+        return self._matrix.copy()
+
+    def _gains(self, rng: np.random.Generator) -> Matrix:
+        """A of the IMU and of both feet, as one block-diagonal matrix (18, 18)."""
+        imu, feet, given, scale = self._imu_spec, self._feet_spec, self._given, self.scale
+        turn = scale * imu.misalignment * rng.standard_normal(3) + given.array("misalignment", (3,))
+        rotation = pin.exp3(turn).T
+        matrix = np.zeros((TAIL, TAIL))
+        for at, sigma, name in ((0, imu.gyro_scale, "gyro_scale"), (3, imu.accel_scale, "accel_scale")):
+            gains = 1.0 + scale * sigma * rng.standard_normal(3) + given.array(name, (3,))
+            matrix[at : at + 3, at : at + 3] = gains[:, None] * rotation
+        ranges = np.repeat([feet.force_range or 1.0, feet.torque_range or 1.0], 3)
+        given_gains = given.array("wrench_gains", (2, 6))
+        for foot in range(2):
+            block = scale * feet.crosstalk * rng.standard_normal((6, 6)) * ranges[:, None] / ranges
+            np.fill_diagonal(block, 1.0 + scale * feet.gain * rng.standard_normal(6) + given_gains[foot])
+            at = 6 + 6 * foot
+            matrix[at : at + 6, at : at + 6] = block
+        return matrix
+
+    def advance(self) -> None:
+        """Draw the noise of the next tick."""
+        self._ticks += 1
+        if self.scale > 0.0:
+            self._rng.standard_normal(out=self._drawn)
+            _draw_errors(self._drawn, self._sigma, self._walk, self._bias, self._error)
+            if self._jitter > 0.0:
+                self._age_rng.random(out=self._ages)
+
+    def measure(self, t: float, exact: NDArray[np.float64]) -> SensorData:
+        """Measurements of this tick at a stamp [s].
+
+        ``exact`` are the true values of all channels (size,); it is changed in place, and the arrays of the sample are
+        views of it.
+        """
+        nj = self._nj
+        if self._exact:
+            return unpack(t, exact, nj)
+        if self._jitter > 0.0:
+            self._delay(exact)
+        tail = exact[self._tail]
+        np.dot(self._matrix, tail, out=self._buffer)
+        tail[:] = self._buffer
+        if self.scale > 0.0:
+            _distort(exact, self._error, nj, self._resolution, self._step, self._range)
+        else:
+            exact += self._bias
+        sensors = unpack(t, exact, nj)
+        for fault in self._given.foot_faults:
+            fault.apply(t, sensors.wrenches)
+        if not self._feet_spec.fitted:
+            sensors.wrenches[:] = np.nan
+        return sensors
+
+    def _delay(self, exact: NDArray[np.float64]) -> None:
+        """Interpolate the values to a fraction of a tick earlier; the first sample has no past."""
+        if self._measured != self._ticks:
+            if self._measured == self._ticks - 1 and self._ticks > 1:
+                self._now, self._before = self._before, self._now
+            else:
+                self._before[:] = exact
+            self._now[:] = exact
+            self._measured = self._ticks
+        _age(exact, self._before, self._ages, self._jitter, self._nj)
+
+
+@njit("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])", cache=True)
+def _draw_errors(drawn: Vector, sigma: Vector, walk: Vector, bias: Vector, error: Vector) -> None:
+    """Biases (size,) and errors (size,) of one tick, from white noise of channels and walking biases (size + 6,)."""
+    size, first = error.shape[0], error.shape[0] - TAIL
+    for i in range(6):
+        bias[first + i] += drawn[size + i] * walk[i]
+    for i in range(size):
+        error[i] = sigma[i] * drawn[i] + bias[i]
+
+
+@njit("void(float64[::1], float64[::1], float64[::1], float64, int64)", cache=True)
+def _age(values: Vector, before: Vector, ages: Vector, jitter: float, nj: int) -> None:
+    """Make the values (size,) older, in place; ages of encoders, IMU and feet as shares of the jitter (3,)."""
+    for i in range(values.shape[0]):
+        unit = 0 if i < 3 * nj else (1 if i < 3 * nj + 6 else 2)
+        values[i] += jitter * ages[unit] * (before[i] - values[i])
+
+
+@njit("void(float64[::1], float64[::1], int64, float64, float64[::1], float64[::1])", cache=True)
+def _distort(values: Vector, error: Vector, nj: int, resolution: float, step: Vector, reach: Vector) -> None:
+    """Add the errors, round to ``resolution`` and ``step``, and limit the values (size,), in place."""
+    for i in range(values.shape[0]):
+        values[i] += error[i]
+    if resolution > 0.0:
+        for i in range(nj):
+            values[i] = np.rint(values[i] / resolution) * resolution
+    for i in range(TAIL):
+        value = values[3 * nj + i]
+        if step[i] > 0.0:
+            value = np.rint(value / step[i]) * step[i]
+        values[3 * nj + i] = max(min(value, reach[i]), -reach[i])
+
+
+def unpack(t: float, values: Vector, nj: int) -> SensorData:
+    """The channels of ``SensorNoise.size`` as a sample, without copying."""
+    i = 3 * nj
+    return SensorData(
+        t=t,
+        q=values[:nj],
+        v=values[nj : 2 * nj],
+        tau=values[2 * nj : i],
+        gyro=values[i : i + 3],
+        accel=values[i + 3 : i + 6],
+        wrenches=values[i + 6 : i + 18].reshape(2, 6),
+    )

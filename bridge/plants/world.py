@@ -1,0 +1,248 @@
+"""The MuJoCo world: ground, obstacle, and the robots that share it, each with its part of one state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from models.errors import CommandError, ConfigError
+from models.mujoco_model import MujocoModel, build_mujoco, build_mujoco_world, pin_to_mujoco
+from models.mujoco_spec import OBSTACLE, parked
+from models.robot_model import RobotModel
+from models.terrain import FLAT, Ground, Terrain, terrain_named
+from models.types import Vector
+
+if TYPE_CHECKING:
+    from bridge.plants.mujoco import MujocoPlant
+
+SPACING = 1.5
+"""Distance along y of robots without a place [m]."""
+
+STEP_MAX = 0.001
+"""Longest physics step; a longer tick is divided into equal steps [s]."""
+
+ALONE = ""
+"""Name of the only robot of a world."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Start of a robot: middle between its soles in W [m], and heading [rad]; ``ConfigError`` for NaN or infinity."""
+
+    x: float = 0.0
+    y: float = 0.0
+    heading: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.x, self.y, self.heading))):
+            raise ConfigError(f"place: ({self.x}, {self.y}) m, {self.heading} rad is not finite")
+
+
+class Obstacle:
+    """The box of a terrain that has one, which may be placed in the robot's path with effect from the next step."""
+
+    def __init__(self, terrain: Terrain, ground: Ground, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._terrain, self._ground, self._data = terrain, ground, data
+        self._mocap = -1 if terrain.obstacle is None else int(model.body(OBSTACLE).mocapid[0])
+
+    def place(self, x: float, y: float) -> None:
+        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box, for NaN or infinity."""
+        if self._terrain.obstacle is None:
+            raise CommandError("obstacle: this terrain has none; start with the terrain 'box' or 'wall'")
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise CommandError(f"obstacle: ({x}, {y}) m is not finite")
+        height = self._ground.height(x, y) + 0.5 * self._terrain.obstacle.size[2]
+        self._data.mocap_pos[self._mocap] = x, y, height
+
+    @property
+    def centre(self) -> Vector | None:
+        """Middle of the box in W (3,) [m]; None for a terrain without one."""
+        return None if self._mocap < 0 else np.array(self._data.mocap_pos[self._mocap])
+
+    def remove(self) -> None:
+        """Move the box out of the way; no effect for a terrain without one."""
+        if self._terrain.obstacle is not None:
+            self._data.mocap_pos[self._mocap] = parked(self._terrain.obstacle)
+
+
+class MujocoWorld:
+    """One MuJoCo model and state, stepped by the plants of its robots.
+
+    ``step`` moves the given robots. The others stand still as if no time passed: their positions and velocities are
+    restored after the physics. So each robot may be started or reset separately.
+
+    Args:
+        robots: The robots by name.
+        places: Start poses by name; side by side along y, ``SPACING`` apart, for those left out.
+        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
+        payload_kg: Mass at the torso that is not in the laws' model, by the robot's name [kg].
+        terrain: The ground, or its name in ``models/config/terrain.yaml``.
+        timestep: Length of a tick [s]; the physics makes equal steps of at most ``STEP_MAX`` in it.
+        visuals: Load meshes for pictures; no effect on the dynamics.
+
+    Attributes:
+        model: The compiled MuJoCo model.
+        data: Its state.
+        robots: Indices of each robot in them.
+        ground: Height of the ground.
+        obstacle: The box of a terrain that has one.
+        period: Length of a tick [s].
+        substeps: Physics steps in a tick.
+
+    Raises:
+        ConfigError: An argument is out of range, a place is of no robot, or two robots touch at the start.
+        RobotModelError: MuJoCo refuses a robot.
+    """
+
+    def __init__(
+        self,
+        robots: Mapping[str, RobotModel],
+        places: Mapping[str, Place] | None = None,
+        *,
+        friction: float | None = None,
+        payload_kg: Mapping[str, float] | None = None,
+        terrain: str | Terrain = FLAT,
+        timestep: float = 0.001,
+        visuals: bool = False,
+    ) -> None:
+        for name in (*(places or {}), *(payload_kg or {})):
+            if name not in robots:
+                raise ConfigError(f"world: unknown robot '{name}'; known: {', '.join(robots)}")
+        terrain = terrain_named(terrain)
+        built = build_mujoco_world(
+            robots,
+            timestep=physics_step(timestep),
+            visuals=visuals,
+            friction=friction,
+            payload_kg=payload_kg,
+            terrain=terrain,
+        )
+        beside = {name: Place(y=SPACING * number) for number, name in enumerate(robots)}
+        self._set_up(robots, built, beside | dict(places or {}), terrain, timestep)
+        for number, mj in enumerate(built.values()):
+            self.data.qpos[mj.qpos.start] = SPACING * 100.0 * number  # apart, until each is reset to its place
+        for name in robots:
+            try:
+                self.put_back(name)
+            except CommandError as error:
+                raise ConfigError(f"{error}: place them farther apart") from error
+
+    @classmethod
+    def alone(
+        cls,
+        robot: RobotModel,
+        *,
+        friction: float | None = None,
+        payload_kg: float = 0.0,
+        terrain: str | Terrain = FLAT,
+        timestep: float = 0.001,
+        visuals: bool = False,
+    ) -> MujocoWorld:
+        """The world of one robot, named ``ALONE``, that starts at the origin; arguments and errors as above."""
+        terrain = terrain_named(terrain)
+        built = build_mujoco(
+            robot,
+            timestep=physics_step(timestep),
+            visuals=visuals,
+            friction=friction,
+            payload_kg=payload_kg,
+            terrain=terrain,
+        )
+        world = cls.__new__(cls)
+        world._set_up({ALONE: robot}, {ALONE: built}, {ALONE: Place()}, terrain, timestep)
+        return world
+
+    def _set_up(
+        self,
+        models: Mapping[str, RobotModel],
+        robots: Mapping[str, MujocoModel],
+        places: Mapping[str, Place],
+        terrain: Terrain,
+        period: float,
+    ) -> None:
+        self.period, self.substeps = period, round(period / physics_step(period))
+        self._models, self.robots, self._places = models, robots, places
+        self.model = next(iter(robots.values())).model
+        self.data = mujoco.MjData(self.model)
+        self.ground = Ground(terrain)
+        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
+
+    def robot(self, name: str) -> tuple[RobotModel, MujocoModel]:
+        """A robot by name; ``ConfigError`` for an unknown one."""
+        if name not in self.robots:
+            raise ConfigError(f"world: unknown robot '{name}'; known: {', '.join(self.robots)}")
+        return self._models[name], self.robots[name]
+
+    def put_back(self, name: str) -> None:
+        """Reset a robot to its place: standing posture, soles on the ground, base held, no torque; others stay.
+
+        A single robot resets the whole world, obstacle included. Raises ``CommandError``, with no change, when another
+        robot is in its place.
+        """
+        robot, mj = self.robot(name)
+        data, q = self.data, self._start(name)
+        if len(self.robots) == 1:
+            mujoco.mj_resetData(self.model, data)
+        before = data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()
+        data.qpos[mj.qpos], data.qvel[mj.qvel] = pin_to_mujoco(robot, mj, q, np.zeros(robot.nv))
+        if len(self.robots) > 1:
+            mujoco.mj_fwdPosition(self.model, data)
+            if other := self.touching(name):
+                data.qpos[mj.qpos], data.qvel[mj.qvel] = before
+                mujoco.mj_forward(self.model, data)
+                raise CommandError(f"world: {other} is in the place of {name}")
+        data.ctrl[mj.actuator] = 0.0
+        data.xfrc_applied[mj.own_bodies] = 0.0
+        data.qacc_warmstart[mj.qvel] = 0.0
+        mj.hold(data, q[:3], q[3:7])
+        mujoco.mj_forward(self.model, data)
+
+    def _start(self, name: str) -> Vector:
+        """Start configuration of a robot (nq,)."""
+        q = self._models[name].standing_configuration()
+        place = self._places[name]
+        if place != Place():
+            turn = pin.AngleAxis(place.heading, np.array([0.0, 0.0, 1.0])).toRotationMatrix()
+            q[:3] = turn @ q[:3] + [place.x, place.y, self.ground.height(place.x, place.y)]
+            q[3:7] = (pin.Quaternion(turn) * pin.Quaternion(q[3:7])).coeffs()
+        return q
+
+    def touching(self, name: str) -> str:
+        """Name of another robot in contact with a robot; empty without contact."""
+        base = self.robots[name].base_body
+        roots = self.model.body_rootid[self.model.geom_bodyid[self.data.contact.geom]]  # (ncon, 2)
+        met = set(roots[(roots == base).any(axis=1)].ravel().tolist())
+        return next((each for each, mj in self.robots.items() if each != name and mj.base_body in met), "")
+
+    def step(self, plants: Sequence[MujocoPlant]) -> None:
+        """Advance robots by one tick; those not given stand still."""
+        data = self.data
+        for plant in plants:
+            plant.before_step()
+        moving = [plant.mujoco for plant in plants]
+        still = [mj for mj in self.robots.values() if not any(mj is each for each in moving)]
+        kept = [(data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()) for mj in still]
+        for substep in range(self.substeps):
+            if substep:
+                for plant in plants:
+                    plant.drive()
+            # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
+            mujoco.mj_step2(self.model, data)
+            for mj, (qpos, qvel) in zip(still, kept, strict=True):
+                data.qpos[mj.qpos], data.qvel[mj.qvel] = qpos, qvel
+            for plant in plants:
+                plant.clamp_again()
+            mujoco.mj_step1(self.model, data)
+        for plant in plants:
+            plant.after_step()
+
+
+def physics_step(period: float) -> float:
+    """Length of the physics steps in a tick of a length [s]."""
+    return period / max(math.ceil(round(period / STEP_MAX, 6)), 1) if 0.0 < period < 1.0 else period

@@ -1,0 +1,201 @@
+"""Records the topics of the running graph."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from array import array
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from std_msgs.msg import String
+
+from bridge.record.mcap_log import McapLog
+from bridge.record.run_file import missing
+from bridge.record.run_topics import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES
+from bridge.ros.environment import join_graph, roomy_profile
+from bridge.ros.processes import absolute_namespace, in_namespace
+from models.errors import MessageError
+from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS, stamp_of
+from models.nodes.messages import decode
+from models.nodes.spin import Stop, log_arguments, make_executor
+
+LOOK = 0.1
+"""Polling period for new topics [s]."""
+
+PATIENCE = 2.0
+"""Time without a robot after which a message says so [s]."""
+
+SILENCE = 10.0
+"""Time without any message after which the robot counts as stopped [s]."""
+
+DEPTH = 5000
+"""Queued messages of a topic: five seconds at 1 kHz."""
+
+NICENESS = -10
+"""Niceness where permitted. No real-time priority, which the bridge and the control process need."""
+
+RECEIVE_BUFFER = 8_000_000
+"""Requested for each socket, up to ``net.core.rmem_max`` [bytes]: a queue while others compute."""
+
+STAMPED = frozenset(
+    {
+        *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND),
+        *(topics.ODOM, topics.GROUND_TRUTH, topics.IMU_DATA, topics.EXTERNAL_WRENCH),
+    }
+)
+"""Topics logged at their stamp; the others are logged at that of the newest joints."""
+
+
+class GraphRecorder:
+    """Records every topic that has a publisher, with the offered QoS, to ``log``.
+
+    The time of the log is the robot's; messages before its first stamp wait for it. ``robot`` is the profile's name,
+    empty before it is published; ``left_out`` are topics that cannot be recorded here, with the reason.
+    """
+
+    def __init__(self, log: McapLog) -> None:
+        self.robot = ""
+        self.left_out: dict[str, str] = {}
+        self._log = log
+        self._stamps = array("q")
+        self._waiting: list[tuple[str, bytes]] = []
+        self._now = 0
+        self.received = 0
+        self._known: set[str] = set()
+
+    @property
+    def duration(self) -> float:
+        """Time from the first joint sample to the newest [s]."""
+        return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
+
+    @property
+    def lost(self) -> int:
+        """Missing joint samples."""
+        return missing(self._stamps)
+
+    def record(
+        self,
+        seconds: float | None,
+        stop: Stop,
+        *,
+        network: bool = False,
+        namespace: str = "",
+        say: Callable[[str], object],
+    ) -> None:
+        """Record for a time on the robot's clock [s], or until the signal that sets ``stop``, or the end of the robot.
+
+        With ``network`` the robot may run on another machine. The file omits its namespace, so that it replays as that
+        of a robot without one. ``say`` takes a sentence about progress.
+        """
+        join_graph(network=network)
+        with suppress(OSError):  # not permitted: as any other process
+            os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # before there are threads, which inherit it
+        context = Context()
+        arguments = [*sys.argv[:1], *log_arguments()]
+        with roomy_profile(RECEIVE_BUFFER):
+            rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+            node = Node("poise_record", context=context, **in_namespace(absolute_namespace(namespace)))
+        executor = make_executor(context)
+        try:
+            executor.add_node(node)
+            self._run(node, executor, seconds, stop, say)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+            try_shutdown(context=context)
+            self._write_waiting()
+            self._log.describe(DESCRIPTION, {ROBOT: self.robot})
+
+    def _run(self, node: Any, executor: Any, seconds: float | None, stop: Stop, say: Callable[[str], object]) -> None:
+        """Serve messages until the end, and poll for new topics."""
+        begin = since = now = time.monotonic()
+        before, waited, due = 0, False, 0.0
+        while not stop.requested and (seconds is None or self.duration < seconds):
+            if now >= due:
+                due = now + LOOK
+                self._look(node)
+            executor.spin_once(timeout_sec=LOOK)  # serves one message, not all pending ones
+            now = time.monotonic()
+            if self.received != before:
+                before, since = self.received, now
+            elif self.received and now - since > SILENCE:
+                say(f"the robot is silent for {SILENCE:.0f} s: the recording ends")
+                return
+            elif not self.received and not waited and now - begin > PATIENCE:
+                waited = True
+                say("waiting for the robot (poise up); Ctrl-C ends")
+
+    def _look(self, node: Any) -> None:
+        """Subscribe to new topics."""
+        present = {name for name, _ in node.get_topic_names_and_types()}
+        for topic, kind in TYPES.items():
+            name = node.resolve_topic_name(topic)
+            if topic in self._known or name not in present:
+                continue
+            offers = [info.qos_profile for info in node.get_publishers_info_by_topic(name)]
+            if not offers:
+                continue
+            self._known.add(topic)
+            try:
+                self._subscribe(node, topic, name, kind, offers)
+            except (MessageError, ImportError) as error:
+                self.left_out[name] = str(error)
+
+    def _subscribe(self, node: Any, topic: str, name: str, kind: str, offers: list[Any]) -> None:
+        """Subscribe reliably and to latched messages where every publisher offers that."""
+        reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+        latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST,
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        package, _, short = kind.partition("/msg/")
+        message = getattr(import_module(f"{package}.msg"), short)
+        written = f"/{topic.removeprefix('/')}"
+        self._log.announce(written, kind)
+        node.create_subscription(message, name, lambda data: self.take(topic, written, bytes(data)), qos, raw=True)
+
+    def take(self, topic: str, name: str, data: bytes) -> None:
+        """Write a message of a topic under its name in the file, or store it until the robot's time is known."""
+        self.received += 1
+        stamp = stamp_of(data) if topic in STAMPED else 0
+        if topic == topics.JOINT_STATES:
+            self._stamps.append(stamp)
+            self._now = max(self._now, stamp)
+        if not self.robot and topic in (DIAGNOSTICS, topics.APPLIED):
+            self.robot = _robot(topic, data)
+        if not self._now:
+            self._waiting.append((name, data))
+            return
+        if self._waiting:
+            self._write_waiting()
+        self._log.add(name, data, stamp or self._now)
+
+    def _write_waiting(self) -> None:
+        for name, data in self._waiting:
+            self._log.add(name, data, self._now)
+        self._waiting.clear()
+
+
+def _robot(topic: str, data: bytes) -> str:
+    """Name of the robot's profile in a message; empty without one."""
+    if topic == DIAGNOSTICS:
+        named = [status.hardware_id for status in decode(data, DiagnosticArray).status]
+        return str(next(filter(None, named), ""))
+    entries = json.loads(decode(data, String).data)
+    return next((str(entry[1]["robot"]) for entry in entries["before"] if entry[0] == "start"), "")

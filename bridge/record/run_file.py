@@ -1,0 +1,151 @@
+"""Reads a recording of the graph or of the closed loop: samples, commands, motions, and inputs of the laws."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
+
+from bridge.record.run_topics import DESCRIPTION, EVENTS, ROBOT
+from controllers.black_box_file import SUFFIX
+from controllers.input_log import TickInputs
+from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.messages import (
+    ImuCodec,
+    JointCommandCodec,
+    JointStateCodec,
+    WrenchCodec,
+    decode,
+    trajectory_from_message,
+)
+from models.nodes.odometry import OdometryCodec
+from models.robot_model import SOLE_FRAMES, RobotModel
+from models.types import FOOT_NAMES, JointCommand, JointTrajectory, Vector
+
+Joints = tuple[int, Vector, Vector, Vector]
+"""Own stamp [ns], positions, velocities, torques (nj,)."""
+
+
+@dataclass(slots=True)
+class RecordedRun:
+    """Contents of a recording, by the stamp of the tick [ns].
+
+    Attributes:
+        imu: Rate and specific force (3,).
+        feet: Wrenches of either foot (6,).
+        commands: Outputs of the laws.
+        estimates: Estimated base: pose (7,) and twist in the base frame (6,).
+        truths: True base of the simulator, likewise.
+        notes: Inputs of the laws.
+        motions: Trajectories by the CRC-32 of their message.
+        texts: Stamp [ns], topic and text of modes and events, in order.
+    """
+
+    robot: RobotModel
+    joints: dict[int, Joints] = field(default_factory=dict)
+    imu: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
+    feet: tuple[dict[int, Vector], dict[int, Vector]] = field(default_factory=lambda: ({}, {}))
+    commands: dict[int, JointCommand] = field(default_factory=dict)
+    estimates: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
+    truths: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
+    notes: list[TickInputs] = field(default_factory=list)
+    motions: dict[int, JointTrajectory] = field(default_factory=dict)
+    texts: list[tuple[int, str, str]] = field(default_factory=list)
+
+    @property
+    def lost(self) -> int:
+        """Missing joint samples, by the shortest step of the stamps."""
+        return missing(self.joints)
+
+
+def missing(stamps: Iterable[int]) -> int:
+    """How many stamps [ns] are missing from a sequence whose shortest step is its period."""
+    steps = np.diff(np.unique(np.fromiter(stamps, dtype=np.int64)))
+    return int((np.rint(steps / steps.min()) - 1).sum()) if steps.size else 0
+
+
+def read_run(path: Path, robot: str = "") -> RecordedRun:
+    """Read an MCAP file of ``poise record`` or of ``ClosedLoop(mcap=...)``.
+
+    ``robot`` is a profile, by name or path; that of the file when empty. Raises ``PoiseError`` when it is no such file,
+    or a message in it is malformed.
+    """
+    if path.suffix == SUFFIX:
+        raise PoiseError(f"{path}: is a black box, not a recording; `poise log black-box` draws it")
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file)
+            named = [each.metadata for each in reader.iter_metadata() if each.name == DESCRIPTION]
+            name = robot or (named[-1].get(ROBOT, "") if named else "")
+            if not name:
+                raise PoiseError(f"{path}: does not say which robot it is of; name it with --robot")
+            run = RecordedRun(RobotModel.load(name))
+            takers = _takers(run)
+            for _, channel, message in reader.iter_messages():
+                take = takers.get(channel.topic.lstrip("/"))
+                if take is not None:
+                    take(message.log_time, bytes(message.data))
+            return run
+    except (OSError, McapError) as error:
+        raise PoiseError(f"{path}: not a recording: {error}") from error
+
+
+def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], None]]:
+    """Handler for the messages of each topic."""
+    joints, commands, imu = JointStateCodec(run.robot), JointCommandCodec(run.robot), ImuCodec(topics.IMU_FRAME)
+    odometry = OdometryCodec()
+
+    def take_joints(stamp: int, data: bytes) -> None:
+        run.joints[stamp] = joints.read(data)
+
+    def take_imu(stamp: int, data: bytes) -> None:
+        run.imu[stamp] = imu.read(data)[1:]
+
+    def take_foot(foot: int) -> Callable[[int, bytes], None]:
+        codec, kept = WrenchCodec(SOLE_FRAMES[foot]), run.feet[foot]
+
+        def take(stamp: int, data: bytes) -> None:
+            kept[stamp] = codec.read(data)[1]
+
+        return take
+
+    def take_command(_: int, data: bytes) -> None:
+        stamp, command = commands.decode(data)
+        if isinstance(command, JointCommand):
+            run.commands[stamp] = command
+
+    def take_base(kept: dict[int, tuple[Vector, Vector]]) -> Callable[[int, bytes], None]:
+        def take(_: int, data: bytes) -> None:
+            stamp, pose, twist = odometry.decode(data)
+            kept[stamp] = pose, twist
+
+        return take
+
+    def take_note(_: int, data: bytes) -> None:
+        run.notes.append(TickInputs.read(decode(data, String).data))
+
+    def take_motion(_: int, data: bytes) -> None:
+        run.motions[zlib.crc32(data)] = trajectory_from_message(decode(data, JointTrajectoryMsg))
+
+    def take_text(topic: str) -> Callable[[int, bytes], None]:
+        return lambda stamp, data: run.texts.append((stamp, topic, decode(data, String).data))
+
+    return {
+        topics.JOINT_STATES: take_joints,
+        topics.IMU_RAW: take_imu,
+        **{topics.FOOT_WRENCHES[foot]: take_foot(foot) for foot in range(len(FOOT_NAMES))},
+        topics.JOINT_COMMAND: take_command,
+        topics.ODOM: take_base(run.estimates),
+        topics.GROUND_TRUTH: take_base(run.truths),
+        topics.APPLIED: take_note,
+        topics.MOTION_TRAJECTORY: take_motion,
+        **{topic: take_text(topic) for topic in (topics.MODE, topics.HUMANOID_COMMANDS, EVENTS)},
+    }

@@ -1,0 +1,379 @@
+"""Foot sensors, contacts and slips: which feet bear load, and how far each measurement is used."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
+from controllers.estimation.observer import ForceObserver
+from models.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+Array = NDArray[np.float64]
+
+UNKNOWN = -1.0
+"""Of the expected contact of a foot: there is no gait schedule."""
+
+NOT_FINITE, SATURATED = 1.0, 2.0
+"""State of a foot's sample, in the buffer; 0 is sound."""
+
+
+class FootSensorState(StrEnum):
+    """State of one foot sensor."""
+
+    SOUND = "sound"
+    ABSENT = "absent"  # nothing finite came for too long, or none is fitted
+    CONTRADICTED = "contradicted"  # contradicts the leg torques for too long, and those fit the motion
+
+    def __repr__(self) -> str:
+        """The value alone: diagnostics print tuples of these."""
+        return self.value
+
+
+_STATES = (FootSensorState.SOUND, FootSensorState.ABSENT, FootSensorState.CONTRADICTED)
+
+
+class SensorLimits(NamedTuple):
+    """``FootSensorConfig`` with loads in N."""
+
+    load_error: float
+    contact_error: float
+    sum_error: float
+    swing_load: float
+    stance_load: float
+    fault_time: float
+    scheduled_time: float
+    recover_time: float
+    settle_time: float
+
+
+@njit(cache=True)
+def _judge(
+    samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
+    expected: Array, limits: SensorLimits, dt: float, fault: Array, timers: Array, last: Array, counts: Array,
+    used: Array, doubt: Array,
+) -> bool:  # fmt: skip
+    """One step of ``FootSensorMonitor``; ``timers``: of absence, contradiction and agreement, per foot [s]."""
+    wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
+    wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
+    doubt[0] = max(doubt[0] - dt, 0.0)
+    before = fault[0] + 3.0 * fault[1]
+    credible = torques_good and wrong_torques <= max(limits.sum_error, wrong_sensors)
+    for foot in range(2):
+        if samples[foot] == 1.0:
+            timers[foot, 0] += dt if fault[foot] != 1.0 else 0.0
+            timers[foot, 2] = 0.0
+            if timers[foot, 0] > limits.fault_time and fault[foot] != 1.0:
+                counts[foot] += fault[foot] == 0.0
+                fault[foot], timers[foot, 0] = 1.0, 0.0
+        else:
+            timers[foot, 0] = 0.0
+            load = estimated[foot, 2]
+            read = low_passed[foot, 2]
+            # Whether a foot bears at all matters more: smaller differences count where one has it in the air.
+            if abs(read - load) > (limits.contact_error if min(read, load) < limits.swing_load else limits.load_error):
+                timers[foot, 2] = 0.0
+                if credible and fault[foot] == 0.0:
+                    timers[foot, 1] += dt
+                    sides = (expected[foot] == 0.0 and load < limits.swing_load) or (
+                        expected[foot] > 0.0 and load > limits.stance_load
+                    )
+                    if timers[foot, 1] > (limits.scheduled_time if sides else limits.fault_time):
+                        fault[foot], timers[foot, 1] = 2.0, 0.0
+                        counts[foot] += 1.0
+            else:
+                timers[foot, 1] = 0.0
+                alive = False  # a dead sensor repeats itself to the last bit
+                for i in range(6):
+                    alive = alive or readings[foot, i] != last[foot, i]
+                if fault[foot] > 0.0 and alive:
+                    timers[foot, 2] += dt
+                    if timers[foot, 2] > limits.recover_time:
+                        fault[foot], timers[foot, 2] = 0.0, 0.0
+        for i in range(6):
+            last[foot, i] = readings[foot, i]
+            used[foot, i] = readings[foot, i] if fault[foot] == 0.0 else estimated[foot, i]
+    changed = bool(before != fault[0] + 3.0 * fault[1])
+    if changed or timers[0, 1] + timers[1, 1] + timers[0, 0] + timers[1, 0] > 0.0:
+        doubt[0] = limits.settle_time
+    return changed
+
+
+class FootSensorMonitor:
+    """Replaces faulty foot sensors by the wrenches that follow from the leg torques.
+
+    There are three measurements of the load on the feet: the sensors, the leg torques, and the motion of the CoM, which
+    gives the sum of both. A sensor that contradicts the torques by more than ``load_error`` for ``fault_time`` is
+    faulty (by more than ``contact_error`` where one of them has the foot in the air), if the sum of the torques fits
+    the motion (within ``sum_error``, or better than the sum of the sensors); after ``scheduled_time``, if the gait
+    schedule agrees with the torques. So is one without a finite reading for ``fault_time``. It is sound again after it
+    has agreed with the torques for ``recover_time`` in readings that change.
+
+    Attributes:
+        used: Wrench of each sole, measured or estimated, in its frame (2, 6) [N, N.m].
+        fault: 0 sound, 1 absent, 2 contradicted, of each foot (2,).
+        counts: Failures of each sensor (2,).
+        changed: Whether the last step has changed ``fault``.
+    """
+
+    def __init__(self, config: FootSensorConfig, weight: float, fitted: bool) -> None:
+        self._limits = SensorLimits(
+            load_error=config.load_error * weight,
+            contact_error=config.contact_error * weight,
+            sum_error=config.sum_error * weight,
+            swing_load=config.swing_load * weight,
+            stance_load=config.stance_load * weight,
+            fault_time=config.fault_time,
+            scheduled_time=config.scheduled_time,
+            recover_time=config.recover_time,
+            settle_time=config.settle_time,
+        )
+        self.fitted = fitted
+        self.used = np.zeros((2, 6))
+        self.fault, self.counts = np.zeros(2), np.zeros(2)
+        self.changed = False
+        self._doubt = np.zeros(1)
+        self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a sensor is in doubt, or was within the memory of the low-passes."""
+        return bool(self._doubt[0] > 0.0)
+
+    @property
+    def states(self) -> tuple[FootSensorState, FootSensorState]:
+        """Of the left and the right foot."""
+        return _STATES[int(self.fault[0])], _STATES[int(self.fault[1])]
+
+    def reset(self, samples: Array, readings: Matrix, estimated: Matrix) -> None:
+        """Start over; the sensor of a foot whose first sample is not finite counts as absent."""
+        self._timers[:], self.counts[:], self._doubt[:] = 0.0, 0.0, 0.0
+        self.fault[:] = samples == NOT_FINITE
+        self._last[:] = readings
+        self.used[:] = np.where(self.fault[:, None] > 0.0, estimated, readings)
+
+    def update(
+        self, samples: Array, readings: Matrix, observer: ForceObserver, torques_good: bool, expected: Array, dt: float
+    ) -> None:
+        """Judge one sample, with the observer after the step before: torques, motion, and the low-passed readings.
+
+        ``samples`` is the state of each foot's sample (2,), ``readings`` the last finite reading (2, 6) [N, N.m];
+        ``torques_good`` is whether the joint torques of this sample are usable. ``expected`` is 1 for a stance foot of
+        the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
+        """
+        self.changed = _judge(
+            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected,
+            self._limits, dt, self.fault, self._timers, self._last, self.counts, self.used,
+            self._doubt,
+        )  # fmt: skip
+
+
+class ContactLimits(NamedTuple):
+    """``ContactConfig`` with loads in N, the thresholds where the foot sensor is faulty, and noises as logarithms."""
+
+    load_off: float
+    load_on: float
+    load_full: float
+    on_delay: float
+    edge_margin: float
+    swing_load: float
+    stance_load: float
+    unscheduled: float
+    flat_trust: float
+    swing: float
+    slip: float
+    swing_rotation: float
+    tipping: float
+    flat: float
+
+
+@njit(cache=True)
+def _assess(
+    wrenches: Array, samples: Array, fault: Array, expected: Array, limits: ContactLimits, rectangles: Array,
+    dt: float, active: Array, timers: Array, confidence: Array, cops: Array, pivots: Array, densities: Array,
+) -> None:  # fmt: skip
+    """One step of ``ContactDetector``."""
+    full, delay, edge_margin = limits.load_full, limits.on_delay, limits.edge_margin
+    for foot in range(2):
+        load = wrenches[foot, 2]
+        off, on = limits.load_off, limits.load_on
+        if fault[foot] > 0.0:
+            off, on = limits.swing_load, limits.stance_load * (limits.unscheduled if expected[foot] == 0.0 else 1.0)
+        if active[foot] > 0.0:
+            if load < off:
+                active[foot], timers[foot] = 0.0, 0.0
+        elif load > on:
+            timers[foot] += dt
+            if timers[foot] > delay:
+                active[foot] = 1.0
+        else:
+            timers[foot] = 0.0
+        if active[foot] > 0.0:
+            x_min, x_max, y_min, y_max = rectangles[foot]
+            load = max(load, off)
+            x = min(max(-wrenches[foot, 4] / load, x_min), x_max)
+            y = min(max(wrenches[foot, 3] / load, y_min), y_max)
+            cops[foot, 0], cops[foot, 1] = x, y
+            confidence[foot, 0] = min(max((load - off) / (full - off), 0.0), 1.0)
+            margin_x = 2.0 * min(x - x_min, x_max - x) / (x_max - x_min)
+            margin_y = 2.0 * min(y - y_min, y_max - y) / (y_max - y_min)
+            flat = min(min(margin_x, margin_y) / edge_margin, 1.0)
+            confidence[foot, 1] = flat
+            pivots[foot, 0], pivots[foot, 1] = (1.0 - flat) * x, (1.0 - flat) * y
+            if fault[foot] > 0.0 or samples[foot] == 2.0:
+                confidence[foot, 1] *= limits.flat_trust
+        else:
+            confidence[foot, 0], confidence[foot, 1] = 0.0, 0.0
+        stands, flat = confidence[foot, 0], confidence[foot, 1]
+        bearing = limits.tipping + flat * (limits.flat - limits.tipping)
+        densities[foot, 0] = math.exp(limits.swing + stands * (limits.slip - limits.swing))
+        densities[foot, 1] = math.exp(limits.swing_rotation + stands * (bearing - limits.swing_rotation))
+
+
+class ContactDetector:
+    """Detects which feet bear load, and sets the process noise that follows.
+
+    A foot makes contact after its normal force stays above ``load_on`` for ``on_delay`` and breaks it as soon as the
+    force falls below ``load_off``. Where the wrench comes from the leg torques (``FootSensorMonitor``), the bounds are
+    ``stance_load`` and ``swing_load``, the first one raised where the gait schedule has the foot in the air, and the
+    centre of pressure counts for less, as it does with a saturated sensor.
+
+    The confidence that a bearing foot stands still, c in [0, 1], rises with the load from ``load_off`` to
+    ``load_full``; the confidence that it stays flat, with the distance m of its centre of pressure from the nearest
+    edge. Noises are interpolated geometrically::
+
+        s_position    = swing^(1 - c) slip^c
+        s_orientation = swing_rotation^(1 - c) (tipping^(1 - m) flat^m)^c
+
+    Attributes:
+        active: 1 where the foot bears, else 0 (2,).
+        confidence: c and m of each foot (2, 2) [-].
+        cops: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m].
+        pivots: Point about which the sole turns, in the sole frame (2, 2) [m]: a sole that bears on its whole area
+            gives way about its middle, one that tips about its centre of pressure, so (1 - m) times that.
+        densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
+    """
+
+    def __init__(
+        self, model: RobotModel, config: ContactConfig, sensors: FootSensorConfig, noise: FootNoise, gravity: float
+    ) -> None:
+        weight = model.mass * gravity
+        self._limits = ContactLimits(
+            load_off=config.load_off * weight,
+            load_on=config.load_on * weight,
+            load_full=config.load_full * weight,
+            on_delay=config.on_delay,
+            edge_margin=config.edge_margin,
+            swing_load=sensors.swing_load * weight,
+            stance_load=sensors.stance_load * weight,
+            unscheduled=sensors.unscheduled,
+            flat_trust=sensors.flat_trust,
+            swing=math.log(noise.swing),
+            slip=math.log(noise.slip),
+            swing_rotation=math.log(noise.swing_rotation),
+            tipping=math.log(noise.tipping),
+            flat=math.log(noise.flat),
+        )
+        self._rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
+        self.active = np.zeros(2)
+        self._timers = np.zeros(2)
+        self.confidence = np.zeros((2, 2))
+        self.cops = np.zeros((2, 2))
+        self.pivots = np.zeros((2, 2))
+        self.densities = np.zeros((2, 2))
+        self.reset(np.zeros((2, 6)), np.zeros(2))
+
+    def reset(self, wrenches: Matrix, fault: Vector) -> None:
+        """Start from one sample (2, 6) [N, N.m], without the delay: a loaded foot bears at once."""
+        self._timers[:] = 0.0
+        self.active[:] = wrenches[:, 2] > np.where(fault > 0.0, self._limits.stance_load, self._limits.load_on)
+        self.cops[:], self.pivots[:] = 0.0, 0.0
+        self.update(wrenches, np.zeros(2), fault, np.full(2, UNKNOWN), 0.0)
+
+    def update(self, wrenches: Matrix, samples: Vector, fault: Vector, expected: Vector, dt: float) -> None:
+        """Advance by ``dt`` [s] with the ground reaction on each foot, in its sole frame (2, 6) [N, N.m].
+
+        ``samples`` is the state of each foot's sample, as in ``SensorBuffer`` (2,); ``fault`` is not 0 where the wrench
+        comes from the leg torques (2,); ``expected`` is as in ``FootSensorMonitor.update``.
+        """
+        _assess(
+            wrenches, samples, fault, expected, self._limits, self._rectangles, dt, self.active, self._timers,
+            self.confidence, self.cops, self.pivots, self.densities,
+        )  # fmt: skip
+
+
+class SlipLimits(NamedTuple):
+    """``SlipConfig`` for kernels."""
+
+    time: float
+    recover_time: float
+    density: float
+
+
+@njit(cache=True)
+def _watch(
+    innovation: Array, stands: Array, gate: float, limits: SlipLimits, dt: float, timers: Array, slipping: Array,
+    counts: Array, densities: Array,
+) -> bool:  # fmt: skip
+    """One step of ``SlipMonitor``; ``timers``: over the gate, quiet (2, 2) [s]."""
+    changed = False
+    for foot in range(2):
+        if stands[foot] <= 0.0:  # in the air
+            timers[foot, 0], timers[foot, 1], slipping[foot] = 0.0, 0.0, 0.0
+            continue
+        if innovation[foot] > gate:
+            timers[foot, 0] += dt
+            timers[foot, 1] = 0.0
+        else:
+            timers[foot, 0] = 0.0
+            timers[foot, 1] += dt
+        if slipping[foot] > 0.0:
+            if timers[foot, 1] > limits.recover_time:
+                slipping[foot] = 0.0
+        elif timers[foot, 0] > limits.time:
+            slipping[foot] = 1.0
+            counts[foot] += 1.0
+            changed = True
+        if slipping[foot] > 0.0:
+            densities[foot, 0] = max(densities[foot, 0], limits.density)
+    return changed
+
+
+class SlipMonitor:
+    """Slips of bearing feet, from the innovation of their kinematic measurement.
+
+    A foot slips once its normalised innovation squared has been above the ``gate`` [-] for ``time``. Its position then
+    wanders with ``density`` until the innovation has stayed below the gate for ``recover_time``.
+
+    Attributes:
+        slipping: 1 where a foot slips, else 0 (2,).
+        counts: Slips of each foot (2,).
+        changed: Whether a slip began in the last step.
+    """
+
+    def __init__(self, config: SlipConfig, gate: float) -> None:
+        self._gate = gate
+        self._limits = SlipLimits(config.time, config.recover_time, config.density)
+        self.changed = False
+        self._timers = np.zeros((2, 2))
+        self.slipping, self.counts = np.zeros(2), np.zeros(2)
+
+    def reset(self) -> None:
+        """No foot has slipped."""
+        self._timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0
+
+    def update(self, innovation: Vector, stands: Vector, dt: float, densities: Matrix) -> None:
+        """Advance by ``dt`` [s] with the normalised innovation squared and the confidence of each foot (2,) [-].
+
+        Changes the random walks ``densities`` (2, 2) [m/sqrt(s), rad/sqrt(s)] of position and orientation of slipping
+        feet.
+        """
+        self.changed = _watch(
+            innovation, stands, self._gate, self._limits, dt, self._timers, self.slipping, self.counts, densities,
+        )  # fmt: skip

@@ -1,0 +1,200 @@
+"""Replaces and counts unusable parts of samples: values that are not finite, not new or at full scale."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.estimation.feet import NOT_FINITE, SATURATED, FootSensorState
+from controllers.stamps import JumpFilter
+from models.compiled import njit
+from models.errors import MessageError
+from models.profile import Sensors
+from models.types import SensorData
+
+Array = NDArray[np.float64]
+
+BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
+"""Bits of ``SensorBuffer.accept``: which part of a sample is not finite."""
+
+STALE = 16
+"""Bit of ``SensorBuffer.accept``: the sample is not newer than the last one, or its stamp jumps ahead."""
+
+SATURATED_IMU, SATURATED_FEET = 32, 64
+"""Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less."""
+
+
+@dataclass(slots=True)
+class EstimatorHealth:
+    """Events of the estimator since ``reset``; counters only grow."""
+
+    steps: int = 0  # calls of ``step``
+    stale: int = 0  # stamps not newer than the last one or jumped ahead, or steps that were not positive
+    invalid_joints: int = 0  # samples with a non-finite joint position or velocity; kinematics left out
+    invalid_torques: int = 0  # samples with a non-finite joint torque; the last good ones were passed on
+    invalid_imu: int = 0  # samples with a non-finite rate or specific force; the last good one was held
+    invalid_feet: int = 0  # samples with a non-finite wrench; the last one was held, then the leg torques
+    saturated_imu: int = 0  # samples with a rate at full scale, refused, or a force, taken with more noise
+    saturated_feet: int = 0  # samples with a wrench at full scale; its centre of pressure has less weight
+    rejected: int = 0  # updates whose innovation was not finite or not positive definite
+    gated: int = 0  # sole measurements with less weight after a contradiction (slip, bad sensor)
+    slips: tuple[int, int] = (0, 0)  # of the left and the right foot
+    sensor_faults: tuple[int, int] = (0, 0)  # failures of the left and the right foot's sensor
+    foot_sensors: tuple[FootSensorState, FootSensorState] = (FootSensorState.SOUND, FootSensorState.SOUND)
+    coasting: float = 0.0  # time without IMU or joints [s]; 0 when sound
+
+    def count(self, missing: int, dt: float) -> None:
+        """Count the parts that ``SensorBuffer.accept`` refused in a step [s]."""
+        self.stale += (missing & STALE) > 0
+        self.invalid_joints += (missing & BAD_JOINTS) > 0
+        self.invalid_torques += (missing & BAD_TORQUES) > 0
+        self.invalid_imu += (missing & BAD_IMU) > 0
+        self.invalid_feet += (missing & BAD_FEET) > 0
+        self.saturated_imu += (missing & SATURATED_IMU) > 0
+        self.saturated_feet += (missing & SATURATED_FEET) > 0
+        self.coasting = self.coasting + dt if missing & (STALE | BAD_JOINTS | BAD_IMU) else 0.0
+
+
+class SensorBuffer:
+    """The last good value of all measurements, in one block of memory.
+
+    Attributes:
+        t: Stamp of the newest sample [s].
+        joints: Positions, velocities, torques (3, nj) [rad, rad/s, N.m].
+        imu: Rate, specific force (2, 3) [rad/s, m/s^2].
+        previous_rate: Rate one step earlier (3,) [rad/s].
+        wrenches: (2, 6) [N, N.m].
+        feet: State of each foot's newest sample: 0 sound, ``NOT_FINITE`` or ``SATURATED`` (2,).
+
+    Args:
+        nj: Number of joints.
+        sensors: Full scales.
+        saturation: Share of full scale that counts as saturated [-].
+        gap: Largest step of a stamp that is accepted at once [s]. After a larger one, caused by a wrong stamp or by
+            missing samples, the next sample must continue from there.
+    """
+
+    def __init__(self, nj: int, sensors: Sensors, saturation: float, gap: float) -> None:
+        imu, feet = sensors.imu, sensors.feet
+        scales = [imu.gyro_range, imu.accel_range, feet.force_range or math.inf, feet.torque_range or math.inf]
+        self._scales = saturation * np.array(scales)
+        self.feet = np.zeros(2)
+        self.t = -math.inf
+        self._gap, self._jumps = gap, JumpFilter(gap)
+        self.joints = np.zeros((3, nj))
+        self.imu = np.zeros((2, 3))
+        self.previous_rate = np.zeros(3)
+        self.wrenches = np.zeros((2, 6))
+        self._new_joints = np.zeros((3, nj))
+        self._new_imu = np.zeros((2, 3))
+        self._new_wrenches = np.zeros((2, 6))
+
+    def reset(self, sensors: SensorData) -> None:
+        """Start from one sample; wrenches may be missing.
+
+        Raises:
+            MessageError: A value is not finite or an array has the wrong size; names it.
+        """
+        nj = self.joints.shape[1]
+        shapes = {"q": (nj,), "v": (nj,), "tau": (nj,), "gyro": (3,), "accel": (3,), "wrenches": (2, 6)}
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(sensors, name))
+            if value.shape != shape:
+                raise MessageError(f"sensors.{name}: shape {value.shape}, expected {shape}")
+            if name != "wrenches" and not np.isfinite(value).all():
+                raise MessageError(f"sensors.{name}: not finite")
+        if not math.isfinite(sensors.t):
+            raise MessageError("sensors.t: not finite")
+        self.t, self._jumps = -math.inf, JumpFilter(self._gap)
+        self.wrenches[:] = 0.0
+        self.accept(sensors)
+        self.previous_rate[:] = self.imu[0]
+
+    def accept(self, sensors: SensorData) -> int:
+        """Copy the usable parts of a sample, of any memory layout; returns the bits ``BAD_*`` of the others.
+
+        The result is ``STALE`` when the stamp is not newer than the last one or jumps ahead.
+        """
+        if not self._goes_on(sensors.t):
+            return STALE
+        self.t = sensors.t
+        self._new_joints[0] = sensors.q
+        self._new_joints[1] = sensors.v
+        self._new_joints[2] = sensors.tau
+        self._new_imu[0] = sensors.gyro
+        self._new_imu[1] = sensors.accel
+        self._new_wrenches[:] = sensors.wrenches
+        return int(
+            _accept(
+                self._new_joints, self._new_imu, self._new_wrenches, self._scales,
+                self.joints, self.imu, self.previous_rate, self.wrenches, self.feet,
+            )
+        )  # fmt: skip
+
+    def _goes_on(self, t: float) -> bool:
+        """Whether a stamp [s] is newer than the last one, and near it or continues a jump."""
+        return self.t < t < math.inf and (self.t == -math.inf or self._jumps.accepts(self.t, t))
+
+
+@njit(cache=True)
+def _copy_finite(new: Array, good: Array) -> bool:
+    """Copy a matrix unless an element is not finite; returns whether it was copied."""
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            if not math.isfinite(new[i, j]):
+                return False
+    for i in range(new.shape[0]):
+        for j in range(new.shape[1]):
+            good[i, j] = new[i, j]
+    return True
+
+
+@njit(cache=True)
+def _saturated(values: Array, scale: float) -> bool:
+    """Whether one of three axes is at full scale."""
+    return bool(max(abs(values[0]), abs(values[1]), abs(values[2])) >= scale)
+
+
+@njit(cache=True)
+def _accept(
+    new_joints: Array,
+    new_imu: Array,
+    new_wrenches: Array,
+    scales: Array,
+    joints: Array,
+    imu: Array,
+    previous_rate: Array,
+    wrenches: Array,
+    feet: Array,
+) -> int:
+    """``SensorBuffer.accept`` on matrices."""
+    bad = 0
+    if not _copy_finite(new_joints[:2], joints[:2]):
+        bad += BAD_JOINTS
+    if not _copy_finite(new_joints[2:], joints[2:]):
+        bad += BAD_TORQUES
+    for i in range(3):
+        previous_rate[i] = imu[0, i]
+    if not np.isfinite(new_imu).all():
+        bad += BAD_IMU
+    elif _saturated(new_imu[0], scales[0]):
+        bad += BAD_IMU + SATURATED_IMU  # an angle that is off by any amount
+    else:
+        imu[:] = new_imu
+        if _saturated(imu[1], scales[1]):
+            bad += SATURATED_IMU
+    invalid = saturated = False
+    for foot in range(2):
+        feet[foot] = 0.0
+        if not _copy_finite(new_wrenches[foot : foot + 1], wrenches[foot : foot + 1]):
+            feet[foot], invalid = NOT_FINITE, True
+        elif _saturated(wrenches[foot, 0:3], scales[2]) or _saturated(wrenches[foot, 3:6], scales[3]):
+            feet[foot], saturated = SATURATED, True
+    if invalid:
+        bad += BAD_FEET
+    if saturated:
+        bad += SATURATED_FEET
+    return bad

@@ -1,0 +1,417 @@
+"""Own solver of the whole-body QP: the minimum without rows, then with the few rows that are active, and its proof."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import njit
+from models.unboxed import Unboxed
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+MANY = 48
+"""Rows from which on the problem is left to a general solver."""
+
+_ROUNDS = 5
+"""Times that rows which an answer breaks are added."""
+
+_CHANGES = 4 * MANY
+"""Times that a row is added or dropped in one round."""
+
+_ROUNDING = 1e-12
+"""Excess over a bound, relative to the value, up to which a row is not broken [-]."""
+
+_DEPENDENT = 1e-10
+"""Share of a row's square that those before it leave, below which it depends on them [-]: rounding."""
+
+_BROKEN = 1e-9
+"""By how much, of its size, the answer for few rows may break another row [-]."""
+
+
+class QP(NamedTuple):
+    """``minimise 1/2 z'Hz + f'z  subject to  lower <= A z <= upper``.
+
+    Attributes:
+        hessian: H, positive definite (nz, nz).
+        gradient: f (nz,).
+        matrix: A (m, nz).
+        lower, upper: (m,).
+        soft: Rows that a relaxed solve may violate, at a price (m,) of bool.
+    """
+
+    hessian: Array
+    gradient: Array
+    matrix: Array
+    lower: Array
+    upper: Array
+    soft: Flags
+
+
+class Workspace(NamedTuple):
+    """Memory of ``solve_few`` for problems of one size.
+
+    Attributes:
+        factor: L of H = L L', its diagonal inverted (nz, nz).
+        shift: L^-1 f (nz,).
+        marks: Rows to hold: those active in the last answer, and those broken (m,).
+        rows: Indices of the marked rows (m,).
+        whitened: The marked rows in coordinates in which H is the identity (m, nz).
+        bounds: Their lower and upper bounds (2, m).
+        multipliers: Of all rows (m,).
+    """
+
+    factor: Array
+    shift: Array
+    marks: Flags
+    rows: Index
+    whitened: Array
+    bounds: Array
+    multipliers: Array
+
+
+def make_workspace(qp: QP) -> Workspace:
+    """Allocate the memory for problems of the size of ``qp``."""
+    m, nz = qp.matrix.shape
+    return Workspace(
+        np.zeros((nz, nz)),
+        np.zeros(nz),
+        np.zeros(m, dtype=bool),
+        np.zeros(m, dtype=np.int64),
+        np.zeros((m, nz)),
+        np.zeros((2, m)),
+        np.zeros(m),
+    )
+
+
+@njit(cache=True, fastmath={"reassoc"})
+def all_finite(qp: QP) -> bool:
+    """Whether Hessian, gradient and rows hold neither NaN nor infinity, and the bounds no NaN (a sum shows either)."""
+    total = 0.0
+    for i in range(qp.gradient.size):
+        total += qp.gradient[i]
+    flat = qp.hessian.reshape(qp.hessian.size)
+    for i in range(flat.size):
+        total += flat[i]
+    flat = qp.matrix.reshape(qp.matrix.size)
+    for i in range(flat.size):
+        total += flat[i]
+    for i in range(qp.lower.size):
+        if np.isnan(qp.lower[i]) or np.isnan(qp.upper[i]):
+            return False
+    return bool(np.isfinite(total))
+
+
+class Prepared(NamedTuple):
+    """A problem, rewritten by every tick, with the memory to solve it."""
+
+    qp: QP
+    work: Workspace
+
+
+@njit(cache=True)
+def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
+    """Minimum without rows, and where it breaks any, that with the marked rows and those broken.
+
+    Args:
+        problem: The problem and its memory, whose ``marks`` are rows that are likely to be active, and after a
+            solution those that are.
+        z: Out (nz,).
+
+    Returns:
+        KKT residual of ``kkt_residual``; infinity when the problem is one for a general solver, NaN when H is not
+        positive definite or the problem not finite.
+    """
+    qp, work = problem.record.qp, problem.record.work
+    residual = free_minimum(qp, work, z) if all_finite(qp) else np.nan
+    if not residual < np.inf:
+        return residual
+    marks = work.marks
+    if mark_broken(qp, z, 0.0, marks) == 0:
+        marks[:] = False
+        work.multipliers[:] = 0.0
+        return residual
+    sides, dual = np.zeros(MANY, dtype=np.int8), np.zeros(MANY)
+    for _ in range(_ROUNDS):
+        if np.count_nonzero(marks) > MANY:
+            return np.inf
+        k = _whiten(qp, work)
+        if not _active_rows(work.whitened[:k], work.bounds[:, :k], work.shift, sides, dual):
+            return np.inf
+        for i in range(z.shape[0]):
+            z[i] = -work.shift[i]
+            for a in range(k):
+                z[i] -= dual[a] * work.whitened[a, i]
+        _solve_transposed(work.factor, z)
+        if mark_broken(qp, z, _BROKEN, marks) > 0:
+            continue
+        work.multipliers[:] = 0.0
+        marks[:] = False
+        for a in range(k):
+            work.multipliers[work.rows[a]] = dual[a]
+            marks[work.rows[a]] = dual[a] != 0.0
+        return kkt_residual(qp, z, work.multipliers)
+    return np.inf
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
+    """Minimiser of the cost alone, ``z = -H^-1 f`` (nz,), by Cholesky factors; it solves the QP when it breaks no row.
+
+    Returns:
+        KKT residual with all multipliers zero, scaled as in ``kkt_residual``; NaN when H is not positive definite.
+    """
+    hessian, gradient, factor, shift = qp.hessian, qp.gradient, work.factor, work.shift
+    nz = hessian.shape[0]
+    for i in range(nz):
+        for j in range(i + 1):
+            total = hessian[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = total * factor[j, j]
+            elif total > 0.0:
+                factor[i, i] = 1.0 / np.sqrt(total)  # the diagonal holds inverses
+            else:
+                return np.nan
+    for i in range(nz):
+        total = gradient[i]
+        for k in range(i):
+            total -= factor[i, k] * shift[k]
+        shift[i] = total * factor[i, i]
+        z[i] = -shift[i]
+    _solve_transposed(factor, z)
+    worst, scale = 0.0, 1.0
+    for i in range(nz):
+        quadratic = 0.0
+        for c in range(nz):
+            quadratic += hessian[i, c] * z[c]
+        worst = max(worst, abs(quadratic + gradient[i]))
+        scale = max(scale, abs(quadratic), abs(gradient[i]))
+    return worst / scale
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def mark_broken(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
+    """Add the rows that a point breaks by more than ``tolerance (1 + |value|)`` to ``marks``; returns their number."""
+    count = 0
+    for i in range(qp.matrix.shape[0]):
+        value = 0.0
+        for c in range(z.shape[0]):
+            value += qp.matrix[i, c] * z[c]
+        slack = tolerance * (1.0 + abs(value))
+        if not qp.lower[i] - slack <= value <= qp.upper[i] + slack:
+            marks[i] = True
+            count += 1
+    return count
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _whiten(qp: QP, work: Workspace) -> int:
+    """Marked rows in the coordinates ``w = L' z``, in which H is the identity: ``a' L^-T``; returns their number."""
+    factor, count = work.factor, 0
+    for row in range(qp.lower.shape[0]):
+        if not work.marks[row]:
+            continue
+        work.rows[count] = row
+        work.bounds[0, count], work.bounds[1, count] = qp.lower[row], qp.upper[row]
+        out = work.whitened[count]
+        out[:] = qp.matrix[row]
+        for i in range(factor.shape[0]):
+            total = out[i]
+            for k in range(i):
+                total -= factor[i, k] * out[k]
+            out[i] = total * factor[i, i]
+        count += 1
+    return count
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _solve_transposed(factor: Array, z: Array) -> None:
+    """Solve L' z = z in place."""
+    for i in range(z.shape[0] - 1, -1, -1):
+        z[i] *= factor[i, i]
+        for k in range(i):
+            z[k] -= factor[i, k] * z[i]
+
+
+@njit(cache=True)
+def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int8], dual: Array) -> bool:
+    r"""Multipliers ``u`` of ``min 1/2 |w + s|^2`` within the bounds of the rows, by the dual active-set method.
+
+    .. math:: w = -s - A^T u, \quad A_a A_a^T u_a = -A_a s - b_a
+
+    The row broken most is added: its multiplier grows, by which those of the active rows shrink, until the row holds or
+    one of them vanishes and its row is dropped. All of it in products of the rows, of which there are few.
+
+    Args:
+        rows: A (k, nz).
+        bounds: Lower and upper ones (2, k).
+        shift: s (nz,).
+        sides: Memory (>= k,).
+        dual: Out: u, positive at an upper bound (>= k,).
+
+    Returns:
+        Whether it came to an end; not where rows all but depend on each other or contradict each other.
+
+    References:
+        Goldfarb, Idnani: A numerically stable dual method for solving strictly convex quadratic programs (1983).
+    """
+    k, nz = rows.shape
+    gram, free = np.empty((k, k)), np.empty(k)
+    for a in range(k):
+        total = 0.0
+        for i in range(nz):
+            total -= rows[a, i] * shift[i]
+        free[a] = total
+        for b in range(a + 1):
+            total = 0.0
+            for i in range(nz):
+                total += rows[a, i] * rows[b, i]
+            gram[a, b] = gram[b, a] = total
+    value, size, ratio = free.copy(), np.zeros(k), np.empty(k)  # size: of the multipliers
+    sides[:] = 0
+    added = -1
+    for _ in range(_CHANGES):
+        if added < 0:
+            added = _most_broken(value, bounds, sides)
+            if added < 0:
+                return _hold(gram, free, bounds, sides, dual)
+            side = 1 if value[added] > bounds[1, added] else -1
+            excess = value[added] - bounds[1, added] if side > 0 else bounds[0, added] - value[added]
+            size[added] = 0.0
+        # ratio: by how much the multipliers of the active rows shrink for each unit of the new one
+        if not _solve_active(gram, side * gram[added], sides, ratio):
+            return False
+        left, until, blocking = gram[added, added], np.inf, -1
+        for a in range(k):
+            if sides[a] != 0:
+                left -= side * gram[added, a] * ratio[a]
+                shrink = ratio[a] * sides[a]
+                if shrink > 0.0 and size[a] < until * shrink:
+                    until, blocking = size[a] / shrink, a
+        whole = excess / left if left > _DEPENDENT * gram[added, added] else np.inf
+        step = min(whole, until)
+        if step == np.inf:
+            return False
+        size[added] += step
+        excess -= step * left
+        for a in range(k):
+            if sides[a] != 0:
+                size[a] -= step * ratio[a] * sides[a]
+        for a in range(k):
+            value[a] -= step * side * gram[added, a]
+            for b in range(k):
+                if sides[b] != 0:
+                    value[a] += step * ratio[b] * gram[a, b]
+        if whole <= until:
+            sides[added], added = side, -1
+        else:
+            sides[blocking] = 0
+    return False
+
+
+@njit(cache=True)
+def _most_broken(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
+    """The row, not active, that is broken most, beyond rounding; -1 for none."""
+    found, most = -1, 0.0
+    for a in range(value.shape[0]):
+        if sides[a] == 0:
+            excess = max(value[a] - bounds[1, a], bounds[0, a] - value[a])
+            if excess > max(most, _ROUNDING * (1.0 + abs(value[a]))):
+                found, most = a, excess
+    return found
+
+
+@njit(cache=True)
+def _hold(gram: Array, free: Array, bounds: Array, sides: NDArray[np.int8], dual: Array) -> bool:
+    """Multipliers that hold the active rows at their bounds, from those alone: rounding of steps does not add up."""
+    right = np.zeros(free.shape[0])
+    for a in range(free.shape[0]):
+        if sides[a] != 0:
+            right[a] = free[a] - (bounds[1, a] if sides[a] > 0 else bounds[0, a])
+    return _solve_active(gram, right, sides, dual)
+
+
+@njit(cache=True)
+def _solve_active(gram: Array, right: Array, sides: NDArray[np.int8], out: Array) -> bool:
+    """Solve ``gram out = right`` for the active rows, zero elsewhere; whether they are independent."""
+    k = right.shape[0]
+    active, lower, solved = np.empty(k, dtype=np.int64), np.empty((k, k)), np.empty(k)
+    count = 0
+    for a in range(k):
+        out[a] = 0.0
+        if sides[a] != 0:
+            active[count] = a
+            count += 1
+    for i in range(count):
+        total = right[active[i]]
+        for j in range(i + 1):
+            product = gram[active[i], active[j]]
+            for c in range(j):
+                product -= lower[i, c] * lower[j, c]
+            if i > j:
+                lower[i, j] = product / lower[j, j]
+                total -= lower[i, j] * solved[j]
+            elif product > _DEPENDENT * gram[active[i], active[i]]:
+                lower[i, i] = np.sqrt(product)
+            else:
+                return False
+        solved[i] = total / lower[i, i]
+    for i in range(count - 1, -1, -1):
+        for c in range(i + 1, count):
+            solved[i] -= lower[c, i] * solved[c]
+        solved[i] /= lower[i, i]
+        out[active[i]] = solved[i]
+    return True
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def kkt_residual(qp: QP, z: Array, multipliers: Array) -> float:
+    """Largest of stationarity, primal violation, wrong multiplier sign and complementarity, scaled.
+
+    With multipliers y positive at an upper bound, negative at a lower one::
+
+        stationarity = |H z + f + A' y| / (1 + |H z| + |f| + |A' y|)   (largest entries)
+
+    Args:
+        qp: The problem.
+        z: Solution (nz,).
+        multipliers: y (m,).
+
+    Returns:
+        The residual; NaN if the solution is not finite.
+    """
+    nz, m = z.shape[0], qp.matrix.shape[0]
+    worst, scale, largest = 0.0, 1.0, 1.0
+    duals = np.zeros(nz)
+    for i in range(m):
+        multiplier = multipliers[i]
+        largest = max(largest, abs(multiplier))
+        if multiplier != 0.0:
+            for r in range(nz):
+                duals[r] += qp.matrix[i, r] * multiplier
+    for r in range(nz):
+        quadratic = 0.0
+        for c in range(nz):
+            quadratic += qp.hessian[r, c] * z[c]
+        worst = max(worst, abs(quadratic + qp.gradient[r] + duals[r]))
+        scale = max(scale, abs(quadratic), abs(qp.gradient[r]), abs(duals[r]))
+        if not np.isfinite(z[r]):
+            return np.nan
+    worst /= scale
+    for i in range(m):
+        value = 0.0
+        for c in range(nz):
+            value += qp.matrix[i, c] * z[c]
+        size = 1.0 + abs(value)
+        worst = max(worst, (qp.lower[i] - value) / size, (value - qp.upper[i]) / size)
+        if multipliers[i] > 0.0:
+            worst = max(worst, min(multipliers[i] / largest, abs(qp.upper[i] - value) / size))
+        elif multipliers[i] < 0.0:
+            worst = max(worst, min(-multipliers[i] / largest, abs(value - qp.lower[i]) / size))
+    return worst

@@ -1,0 +1,345 @@
+"""Eliminates the equalities of the whole-body QP: floating-base dynamics and rigid contacts.
+
+The unknowns are the generalised acceleration ``a`` and one wrench ``w_i`` per contact. Both are affine in a smaller
+vector ``z`` that satisfies the six floating-base rows and the contact rows for any value::
+
+    a = N z + a0,    w_i = P_i z + p_i
+
+Only the base and the joints between it and the contacts enter the contact rows ``J_i a + drift_i = a_i*``, and each
+foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, so
+
+* no contact:  z = joint accelerations; the base follows from its dynamics rows;
+* k contacts:  the joints between base and contacts keep the null space of the k - 1 loop closures
+               ``X_1^-1 J_1 a = X_i^-1 J_i a`` (Householder reflections); the base follows from the first contact; the
+               wrenches share the base wrench ``b`` up to k - 1 free internal wrenches ``phi``:
+               ``w_i = X_i^-T (b/k + phi_i)`` with ``phi_k = -(phi_1 + ... + phi_k-1)``.
+
+``z`` is ordered: joints outside of the contact chains, coordinates of the chains, ``phi``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.qp.terms import Dynamics, pose_error
+from models.compiled import njit
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+PIVOT_FLOOR = 1e-6
+"""Pivot of a loop closure below which a row counts as dependent, as with both knees straight [-]."""
+
+
+class Reduction(NamedTuple):
+    """``a = basis z + start``, ``w_i = maps_i z + offsets_i`` for one set of active contacts.
+
+    Attributes:
+        active: Indices of the active contacts (k,).
+        core: Velocity indices of the base, then of the joints between base and active contacts (n,).
+        upper: The other velocity indices (nv - n,).
+        basis: N (nv, na).
+        start: a0 (nv,).
+        maps: P of all contacts, zero where inactive (contacts, 6, nz).
+        offsets: p of all contacts (contacts, 6).
+    """
+
+    active: Index
+    core: Index
+    upper: Index
+    basis: Array
+    start: Array
+    maps: Array
+    offsets: Array
+
+
+def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int) -> Reduction:
+    """Allocate the reduction of one set of active contacts.
+
+    Args:
+        contacts: Which contacts are active.
+        chains: For every contact the velocity indices of the joints between base and contact.
+        nv: Size of the velocity.
+    """
+    active = np.flatnonzero(contacts)
+    joints = sorted({joint for contact in active for joint in chains[contact]})
+    core = np.array([*range(6), *joints], dtype=np.int64)
+    free = 6 * max(len(active) - 1, 0)
+    na, count = nv - 6 - free, len(chains)
+    nz = na + free
+    return Reduction(
+        active.astype(np.int64),
+        core,
+        np.setdiff1d(np.arange(nv), core).astype(np.int64),
+        np.zeros((nv, na)),
+        np.zeros(nv),
+        np.zeros((count, 6, nz)),
+        np.zeros((count, 6)),
+    )
+
+
+class ContactGains(NamedTuple):
+    """How a contact that moved returns, ``clip(stiffness * error - damping * twist)``; arrays by component (6,)."""
+
+    stiffness: Array  # [1/s^2]
+    damping: Array  # [1/s]
+    largest: Array  # [m/s^2, rad/s^2]
+    wrench_scale: float  # of phi, so that all of z has similar size [N]
+
+
+@njit(cache=True)
+def eliminate(
+    terms: Dynamics,
+    rotations: Array,
+    positions: Array,
+    gains: ContactGains,
+    desired: Array,
+    reduction: Reduction,
+) -> None:
+    """Fill the reduction of the active contacts.
+
+    Args:
+        terms: Model terms; their first frames are the contacts.
+        rotations: Desired rotation of each contact in W (contacts, 3, 3).
+        positions: Desired origin of each contact in W (contacts, 3) [m].
+        gains: Of the contacts.
+        desired: Out, desired acceleration of each contact in its frame (contacts, 6).
+        reduction: Out.
+    """
+    for contact in range(desired.shape[0]):
+        hold_contact(
+            terms.poses[contact], terms.twists[contact], rotations[contact], positions[contact], gains, desired[contact]
+        )
+    inverses = np.empty((reduction.active.shape[0], 6, 6))
+    _reduce_accelerations(terms, desired, inverses, reduction)
+    _reduce_wrenches(terms, gains.wrench_scale, inverses, reduction)
+
+
+@njit(cache=True)
+def hold_contact(pose: Array, twist: Array, rotation: Array, position: Array, gains: ContactGains, out: Array) -> None:
+    """Bounded acceleration that returns a contact to its place, in its frame (6,)."""
+    pose_error(pose, rotation, position, out)
+    for i in range(6):
+        limit = gains.largest[i]
+        out[i] = min(max(gains.stiffness[i] * out[i] - gains.damping[i] * twist[i], -limit), limit)
+
+
+@njit(cache=True)
+def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, reduction: Reduction) -> None:
+    """Fill ``a = N z + a0``, and ``X_i^-1`` of each active contact (k, 6, 6)."""
+    basis, start, upper = reduction.basis, reduction.start, reduction.upper
+    joints, count = reduction.core[6:], reduction.active.shape[0]
+    nu, n = upper.shape[0], joints.shape[0]
+    basis[:, :] = 0.0
+    start[:] = 0.0
+    for i in range(nu):
+        basis[upper[i], i] = 1.0
+    if count == 0:
+        right = np.empty((6, nu + 1))
+        for i in range(6):
+            for j in range(nu):
+                right[i, j] = -terms.mass_matrix[i, upper[j]]
+            right[i, nu] = -terms.bias[i]
+        _solve_base(terms.mass_matrix, right)
+        for i in range(6):
+            start[i] = right[i, nu]
+            for c in range(nu):
+                basis[i, c] = right[i, c]
+        return
+    reach = np.zeros((count, 6, n))  # X^-1 J, columns of the joints
+    target = np.zeros((count, 6))  # X^-1 (a* - drift)
+    for k in range(count):
+        contact, inverse = reduction.active[k], inverses[k]
+        jacobian = terms.jacobians[contact]
+        _adjoint_inverse(jacobian, inverse)
+        for i in range(6):
+            for m in range(6):
+                value = inverse[i, m]
+                if value == 0.0:
+                    continue
+                target[k, i] += value * (desired[contact, m] - terms.drifts[contact, m])
+                for j in range(n):
+                    reach[k, i, j] += value * jacobian[m, joints[j]]
+    rows = 6 * (count - 1)
+    free, offset = np.eye(n)[:, : n - rows].copy(), np.zeros(n)
+    if count > 1:
+        closure, right_side = np.empty((rows, n)), np.empty(rows)
+        for k in range(1, count):
+            for i in range(6):
+                right_side[6 * (k - 1) + i] = target[0, i] - target[k, i]
+                for j in range(n):
+                    closure[6 * (k - 1) + i, j] = reach[0, i, j] - reach[k, i, j]
+        _null_space(closure, right_side, free, offset, PIVOT_FLOOR)
+    for j in range(n):
+        start[joints[j]] = offset[j]
+        for c in range(n - rows):
+            basis[joints[j], nu + c] = free[j, c]
+    for i in range(6):
+        start[i] = target[0, i]
+        for j in range(n):
+            value = reach[0, i, j]
+            if value == 0.0:
+                continue
+            start[i] -= value * offset[j]
+            for c in range(n - rows):
+                basis[i, nu + c] -= value * free[j, c]
+
+
+@njit(cache=True, fastmath={"contract"})
+def _reduce_wrenches(terms: Dynamics, scale: float, inverses: Array, reduction: Reduction) -> None:
+    """Fill ``w_i = P_i z + p_i`` from the floating-base rows; ``scale`` is that of phi [N]."""
+    maps, offsets = reduction.maps, reduction.offsets
+    count, na = reduction.active.shape[0], reduction.basis.shape[1]
+    maps[:, :, :] = 0.0
+    offsets[:, :] = 0.0
+    if count == 0:
+        return
+    rows, constant = np.empty((6, na)), np.empty(6)
+    for i in range(6):
+        constant[i] = terms.bias[i] + reduce_row(terms.mass_matrix[i], 1.0, reduction, rows[i])
+    share = 1.0 / count
+    for k in range(count):
+        contact, inverse = reduction.active[k], inverses[k]
+        for i in range(6):
+            for m in range(6):
+                value = inverse[m, i]
+                if value == 0.0:
+                    continue
+                offsets[contact, i] += share * value * constant[m]
+                for c in range(na):
+                    maps[contact, i, c] += share * value * rows[m, c]
+                for other in range(count - 1):
+                    if k == count - 1:
+                        maps[contact, i, na + 6 * other + m] -= scale * value
+                    elif k == other:
+                        maps[contact, i, na + 6 * other + m] += scale * value
+
+
+@njit(cache=True, fastmath={"contract"})
+def reduce_row(row: Array, scale: float, reduction: Reduction, out: Array) -> float:
+    """``out[:na] = scale row N``; returns ``scale row a0``.
+
+    The rows of N outside of the core are unit vectors, and a0 is zero there; with a contact, the core depends on the
+    coordinates of the chains alone. So most of the product need not be formed.
+    """
+    basis, start, upper = reduction.basis, reduction.start, reduction.upper
+    nu, na = upper.shape[0], basis.shape[1]
+    for c in range(nu):
+        out[c] = scale * row[upper[c]]
+    for c in range(nu, na):
+        out[c] = 0.0
+    first = nu if reduction.active.shape[0] > 0 else 0
+    constant = 0.0
+    for k in reduction.core:
+        value = scale * row[k]
+        if value == 0.0:
+            continue
+        constant += value * start[k]
+        for c in range(first, na):
+            out[c] += value * basis[k, c]
+    return constant
+
+
+@njit(cache=True)
+def _adjoint_inverse(jacobian: Array, out: Array) -> None:
+    """Inverse of the base block ``X = [R', -R'[p]x; 0, R']`` of a contact Jacobian, by its structure (6, 6)."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = jacobian[j, i]
+            out[3 + i, 3 + j] = jacobian[j, i]
+            out[3 + i, j] = 0.0
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(3):
+                for m in range(3):
+                    total -= jacobian[k, i] * jacobian[k, 3 + m] * jacobian[j, m]
+            out[i, 3 + j] = total
+
+
+@njit(cache=True)
+def _null_space(constraint: Array, right: Array, basis: Array, particular: Array, floor: float) -> None:
+    """Least-norm solution and orthonormal null space of ``C y = r`` with C (m, n), m < n, by Householder reflections.
+
+    Args:
+        constraint: C (m, n), overwritten.
+        right: r (m,).
+        basis: Out, null space (n, n - m).
+        particular: Out, least-norm solution (n,).
+        floor: Smallest pivot; below it the row is treated as dependent, its share of the solution is zero.
+    """
+    m, n = constraint.shape
+    reflectors = np.zeros((m, n))
+    factor = np.zeros((m, m))
+    for k in range(m):
+        norm = 0.0
+        for j in range(k, n):
+            norm += constraint[k, j] * constraint[k, j]
+        norm = np.sqrt(norm)
+        alpha = -norm if constraint[k, k] > 0.0 else norm
+        length = 0.0
+        for j in range(k, n):
+            value = constraint[k, j]
+            if j == k:
+                value -= alpha
+            reflectors[k, j] = value
+            length += value * value
+        if length > 0.0:
+            length = np.sqrt(length)
+            for j in range(k, n):
+                reflectors[k, j] /= length
+        for i in range(k, m):
+            dot = 0.0
+            for j in range(k, n):
+                dot += constraint[i, j] * reflectors[k, j]
+            for j in range(k, n):
+                constraint[i, j] -= 2.0 * dot * reflectors[k, j]
+        for i in range(k, m):
+            factor[i, k] = constraint[i, k]
+    y = np.zeros(n)
+    for i in range(m):
+        total = right[i]
+        for j in range(i):
+            total -= factor[i, j] * y[j]
+        y[i] = total / factor[i, i] if abs(factor[i, i]) > floor else 0.0
+    for j in range(n):
+        particular[j] = y[j]
+        for c in range(n - m):
+            basis[j, c] = 1.0 if j == m + c else 0.0
+    for k in range(m - 1, -1, -1):
+        dot = 0.0
+        for j in range(k, n):
+            dot += reflectors[k, j] * particular[j]
+        for j in range(k, n):
+            particular[j] -= 2.0 * dot * reflectors[k, j]
+        for c in range(n - m):
+            dot = 0.0
+            for j in range(k, n):
+                dot += reflectors[k, j] * basis[j, c]
+            for j in range(k, n):
+                basis[j, c] -= 2.0 * dot * reflectors[k, j]
+
+
+@njit(cache=True)
+def _solve_base(mass_matrix: Array, right: Array) -> None:
+    """``right = M_bb^-1 right`` (6, k) in place, with the base block of M factored as L L' (Cholesky)."""
+    factor = np.zeros((6, 6))
+    for j in range(6):
+        for i in range(j, 6):
+            total = mass_matrix[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = np.sqrt(total) if i == j else total / factor[j, j]
+    for c in range(right.shape[1]):
+        for i in range(6):
+            for k in range(i):
+                right[i, c] -= factor[i, k] * right[k, c]
+            right[i, c] /= factor[i, i]
+        for i in range(5, -1, -1):
+            for k in range(i + 1, 6):
+                right[i, c] -= factor[k, i] * right[k, c]
+            right[i, c] /= factor[i, i]

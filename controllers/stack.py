@@ -1,0 +1,566 @@
+"""The control stack: sensors in, joint command out. Every user of the laws runs this object; none assembles them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+
+from msgspec import structs
+
+from controllers.arbitration import Velocity
+from controllers.balance import BalanceController
+from controllers.estimation.config import EstimatorConfig
+from controllers.estimation.estimator import StateEstimator
+from controllers.head import Head, HeadConfig
+from controllers.health import Health, tilt
+from controllers.input_log import InputLog
+from controllers.joint_monitor import JointMonitor
+from controllers.preflight import Evidence, preflight
+from controllers.supervisor import ACTIVE_MODES, Supervisor
+from controllers.tuning import Tuning
+from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from models.calibration import Calibration, apply_calibration
+from models.errors import CommandError, PoiseError
+from models.robot_model import RobotModel
+from models.types import (
+    CommandReply,
+    ControlResult,
+    JointCommand,
+    JointTrajectory,
+    Mode,
+    Reference,
+    RobotState,
+    SensorData,
+    Vector,
+)
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep
+
+if TYPE_CHECKING:
+    from planners.motion import MotionPlanner
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class StackConfig:
+    """Configuration of each stage; the packaged one, or that of the robot, when None."""
+
+    estimator: EstimatorConfig | None = None
+    gait: GaitConfig | None = None
+    balance: BalanceConfig | None = None
+    whole_body: WholeBodyConfig | None = None
+    head: HeadConfig | None = None
+
+
+class StackMemory(NamedTuple):
+    """What the stack keeps between two ticks, apart from the state of its stages.
+
+    Attributes:
+        state: Last estimate.
+        scheduled: Feet that the last reference has in contact.
+        mode: Present mode.
+        held: Velocity that is repeated at every tick; optional.
+        correction: Calibration in force; optional.
+    """
+
+    state: RobotState
+    scheduled: tuple[bool, bool] | None
+    mode: Mode
+    held: Velocity | None
+    correction: Calibration | None
+
+
+class Law(Protocol):
+    """Whole-body law of the modes ``stand`` and ``motion``."""
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        ...
+
+    @property
+    def reference(self) -> Reference:
+        """Reference of the last tick."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a state."""
+        ...
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion."""
+        ...
+
+    def stop_motion(self) -> None:
+        """Slow down and hold the posture reached."""
+        ...
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick."""
+        ...
+
+
+class VelocityInput(Protocol):
+    """Accepts walking velocities: the stack, or a filter in front of it."""
+
+    def set_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Walk with a velocity [m/s, m/s, rad/s]."""
+        ...
+
+    def stop(self) -> None:
+        """Come to a standstill."""
+        ...
+
+
+class ControlStack:
+    """Calibration, state estimator, supervisor, whole-body law with its gait, motions and head, joint monitor.
+
+        sensors -> calibration -> estimator -> posture or gait -> whole-body QP -> joint command
+
+    One law runs in every active mode. In a mode that moves nothing only the estimator runs; ``reset`` precedes the next
+    active mode.
+
+    ``step`` runs all stages of a tick. Where the stages live in nodes, ``build_estimator``, ``build_gait`` and
+    ``build_law`` build them with the parameters of each node, and ``estimate`` and ``control`` run them.
+
+    Args:
+        robot: The robot; None where nodes build the stages.
+        config: Configuration of the stages.
+        period: Between two ticks [s].
+        calibration: Corrects the sensors from the next ``reset`` on; optional.
+        law: Whole-body law instead of ``BalanceController``.
+        log: Records the inputs of the stack for a replay; optional.
+        supervised: Whether the supervisor runs in the stack; otherwise the mode comes from outside.
+
+    Attributes:
+        robot: The robot.
+        calibration: Corrects the sensors from the next ``reset`` on; optional.
+        raw: Last sample, as measured; None before the first.
+        sensors: Last sample, corrected.
+        state: Last estimate.
+        result: Result of the last tick in an active mode.
+        scheduled: Feet that the last reference has in contact; None while the mode moves nothing.
+        head: Head, of a robot that has one.
+        tuning: Gains of the standing law that change while it runs.
+        velocity_input: Accepts the velocities of text commands; the stack itself by default.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel | None = None,
+        config: StackConfig | None = None,
+        *,
+        period: float = 0.001,
+        calibration: Calibration | None = None,
+        law: Law | None = None,
+        log: InputLog | None = None,
+        supervised: bool = True,
+    ) -> None:
+        self.log, self.calibration, self._correction = log, calibration, calibration
+        self.robot: RobotModel
+        self._estimator: StateEstimator | None = None
+        self._gait: GaitPlanner | None = None
+        self._law: Law | None = None
+        self._gait_timer: AbstractContextManager[None] = nullcontext()
+        self.head: Head | None = None
+        self.tuning: Tuning | None = None
+        self._supervisor: Supervisor | None = None
+        self.raw: SensorData | None = None
+        self.sensors: SensorData
+        self.state: RobotState
+        self.result: ControlResult
+        self.scheduled: tuple[bool, bool] | None = None
+        self.velocity_input: VelocityInput = self
+        self._mode = Mode.OFF
+        self._held: Velocity | None = None
+        self._command_t = 0.0
+        self._motions: MotionPlanner | None = None
+        if robot is not None:
+            config = config or StackConfig()
+            self.build_gait(robot, config.gait)
+            self.build_law(robot, config, period=period, law=law)
+            self.build_estimator(robot, config.estimator)
+            self._supervisor = Supervisor(robot, gait=True) if supervised else None
+            self._description = robot.urdf.read_text(encoding="utf-8")
+
+    def build_estimator(self, robot: RobotModel, config: EstimatorConfig | None = None) -> StateEstimator:
+        """Build the estimator, or replace it."""
+        self.robot = robot
+        self._estimator = StateEstimator(robot, config)
+        if self.log is not None:
+            self.log.describe("estimator", self.estimator.given)
+            self.log.watch("estimator", self.estimator)
+        return self.estimator
+
+    def build_gait(
+        self, robot: RobotModel, config: GaitConfig | None = None, timer: AbstractContextManager[None] | None = None
+    ) -> GaitPlanner:
+        """Build the gait planner, or replace it; without one the robot does not walk. The timer surrounds its ticks."""
+        self._gait_timer = timer or nullcontext()
+        self.robot = robot
+        self._gait = GaitPlanner(robot, config)
+        if self.log is not None:
+            self.log.describe("gait", self.gait.config)
+        self._join()
+        return self.gait
+
+    def build_law(
+        self, robot: RobotModel, config: StackConfig, *, period: float = 0.001, law: Law | None = None
+    ) -> None:
+        """Build the whole-body law, the head and the joint monitor, or replace them."""
+        self.robot = robot
+        if law is None:
+            head = Head.of(robot, config.head)
+            law = BalanceController(robot, config.balance, config.whole_body, head=head)
+        self._law = law
+        self.head, self.tuning = (law.head, Tuning(law)) if isinstance(law, BalanceController) else (None, None)
+        self._monitor = JointMonitor(robot, period)
+        if self.log is not None and isinstance(law, BalanceController):
+            self.log.describe("balance", law.config)
+            self.log.describe("whole_body", law.whole_body.config)
+            if self.head is not None:
+                self.log.describe("head", self.head.config)
+        self._join()
+
+    def _join(self) -> None:
+        """Give the law the gait, once both are built."""
+        if isinstance(self._law, BalanceController):
+            if self._gait is not None:
+                self._law.set_gait(self._gait, self._gait_timer)
+            if self.log is not None:
+                self.log.watch("law", (self._law, self.tuning), self._gait_timer)
+
+    # A tick
+
+    def reset(self, sensors: SensorData, state: RobotState | None = None) -> RobotState:
+        """Start over from a sample at rest; in-process, the mode is off until ``arm``.
+
+        Args:
+            sensors: As measured.
+            state: Replaces the estimate; optional.
+        """
+        estimate = self.reset_estimator(sensors)
+        self.state = estimate if state is None else state
+        self.switch_off()
+        self.reset_law(self.state)
+        return self.state
+
+    def switch_off(self) -> None:
+        """Mode off, without faults."""
+        if self._supervisor is not None:
+            self._supervisor.reset()
+        self._mode = Mode.OFF
+        if isinstance(self._law, BalanceController):
+            self._law.enter(Mode.OFF)
+
+    def reset_estimator(self, sensors: SensorData, *, after: int | None = None) -> RobotState:
+        """Start the estimator from a sample at rest, with the newest calibration.
+
+        Args:
+            sensors: As measured.
+            after: Stamp of the last tick before [ns] where the next tick is the first; None where this one steps, too.
+        """
+        self._correction, self.scheduled, self._command_t = self.calibration, None, 0.0
+        self.raw, self.sensors = sensors, self._correct(sensors)
+        if self.log is not None:
+            self.log.begin(self.robot.name, sensors, self._correction, steps=after is None, after=after or 0)
+            if after is not None:
+                self.log.estimated()
+        self.state = self.estimator.reset(self.sensors)
+        return self.state
+
+    def reset_law(self, state: RobotState) -> None:
+        """Start the whole-body law from a state, standing."""
+        self.law.reset(state)
+        if self.head is not None:
+            self.head.drop()
+        self._monitor.reset()
+        self._note("reset")
+
+    def arm(self) -> CommandReply:
+        """Run the preflight checks on the last sample and request mode ``stand``."""
+        supervisor = self.supervisor
+        evidence = Evidence(self._description, joints=self.sensors.q, base_quaternion=self.state.q[3:7])
+        supervisor.set_preflight(preflight(self.robot, supervisor.config, evidence, {}))
+        reply = supervisor.request(Mode.STAND)
+        self.enter(supervisor.mode)
+        return reply
+
+    def step(self, sensors: SensorData, dt: float, state: RobotState | None = None) -> JointCommand | None:
+        """One tick of all stages.
+
+        Args:
+            sensors: As measured.
+            dt: Since the last sample [s].
+            state: Replaces the estimate; optional.
+
+        Returns:
+            The command; None while the mode moves nothing.
+        """
+        if state is None:
+            self.estimate(sensors, dt)
+        else:
+            self.raw, self.sensors, self.state = sensors, self._correct(sensors), state
+        result = self.control(dt)
+        return None if result is None else result.command
+
+    def estimate(self, sensors: SensorData, dt: float) -> RobotState:
+        """Calibration and estimator of one tick."""
+        self._note_change("dt", dt)
+        self.raw, self.sensors = sensors, self._correct(sensors)
+        self.state = self.estimator.step(self.sensors, dt, self.scheduled)
+        self.scheduled = None
+        if self.log is not None:
+            self.log.estimated()
+        return self.state
+
+    def set_state(self, state: RobotState) -> None:
+        """Accept the estimate of another process."""
+        self.state = state
+
+    def control(self, dt: float) -> ControlResult | None:
+        """Gait, motions, head, whole-body law and joint monitor of one tick; None while the mode moves nothing."""
+        self._note_change("mode", self.mode.value)
+        self.scheduled = None
+        if self.mode not in ACTIVE_MODES:
+            return None
+        self._note_change("law_dt", dt)
+        state = self.state
+        if self.tuning is not None and self.tuning.moving:
+            self.tuning.step(dt)
+        if self.walking and self._held is not None:
+            self.gait.set_velocity(*self._held)
+        result = self.law.step(state, dt)
+        reference = self.reference
+        if self.head is not None:
+            result = self.head.drive(result, reference)
+        self._monitor.step(state, result.command)
+        self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
+        return result
+
+    def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
+        """Have the supervisor judge the status; also where no sample arrives.
+
+        Args:
+            t: Now [s].
+            drivers_damped: Whether the joint drivers fell back to damping.
+
+        Returns:
+            The mode from now on.
+        """
+        mode = self.supervisor.update(replace(self.status, drivers_damped=drivers_damped), t)
+        self.enter(mode)
+        return mode
+
+    # Outputs
+
+    @property
+    def mode(self) -> Mode:
+        """Present mode of the robot."""
+        return self._mode if self._supervisor is None else self.supervisor.mode
+
+    @property
+    def status(self) -> Health:
+        """How each stage fares."""
+        coasting = 0.0 if self._estimator is None else self.estimator.health.coasting
+        return Health(
+            state_stamp=self.state.t,
+            command_stamp=self._command_t,
+            tilt=tilt(self.state.q[3:7]),
+            status=self.result.status,
+            motion_active=self.motion_active,
+            gait_active=self.gait_active,
+            joint_fault=self.joint_fault,
+            coasting=coasting,
+        )
+
+    @property
+    def reference(self) -> Reference:
+        """Reference of the last tick."""
+        return self.law.reference
+
+    @property
+    def posture(self) -> tuple[Vector, Vector]:
+        """Where motions are planned from: posture (nj,) [rad] and its rate [rad/s], without the head's own motion."""
+        reference = self.reference
+        if self.head is None:
+            return reference.posture, reference.posture_velocity
+        return self.head.without(reference)
+
+    @property
+    def capture_margin(self) -> float:
+        """Distance of the DCM inside the support polygon's edge, negative outside [m]; NaN where unknown."""
+        margin: float = getattr(self.law, "capture_margin", float("nan"))
+        return margin
+
+    @property
+    def joint_fault(self) -> str:
+        """What is wrong with a joint; empty while nothing is."""
+        return self._monitor.fault
+
+    @property
+    def walking(self) -> bool:
+        """Whether the gait follows its commands."""
+        return isinstance(self._law, BalanceController) and self._law.walking
+
+    @property
+    def gait_active(self) -> bool:
+        """Whether the robot walks, or has not yet come to a standstill."""
+        return self.walking and not self.gait.settled
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self.law.motion_active
+
+    @property
+    def memory(self) -> StackMemory:
+        """What the stack itself keeps between two ticks."""
+        return StackMemory(self.state, self.scheduled, self._mode, self._held, self._correction)
+
+    def recall(self, memory: StackMemory) -> None:
+        """Go on from a memory; the stages get theirs from the caller."""
+        self.state, self.scheduled, self._mode, self._held, self._correction = memory
+
+    # Inputs; each is recorded
+
+    def enter(self, mode: Mode) -> None:
+        """Go on in another mode."""
+        if mode is not self._mode:
+            self._mode = mode
+            self._note_change("mode", mode.value)
+        if isinstance(self._law, BalanceController):
+            self._law.enter(mode)
+
+    def command(self, text: str) -> CommandReply:
+        """Carry out a text command (wave, squat, walk, forward, stop, ...), or return why not."""
+        supervisor = self.supervisor
+        reply = supervisor.text(text)
+        self.enter(supervisor.mode)
+        velocity, motion = supervisor.take_velocity(), supervisor.take_motion()
+        if velocity is not None:
+            self.velocity_input.set_velocity(*velocity) if any(velocity) else self.velocity_input.stop()
+        if motion == "stop":
+            self.stop_motion()
+        elif motion is not None:
+            try:
+                self.follow(self._plan(motion))
+            except PoiseError as error:
+                return supervisor.motion_refused(str(error))
+        return reply
+
+    def _plan(self, motion: str) -> JointTrajectory:
+        """Plan a motion from the present posture."""
+        if self._motions is None:
+            from planners.motion import MotionPlanner  # with placo, whose import takes long
+
+            self._motions = MotionPlanner(self.robot)
+        return self._motions.plan(motion, start_q=self.posture[0])
+
+    def follow(self, trajectory: JointTrajectory, number: int | None = None) -> None:
+        """Follow a motion, while walking with arms and head only; see ``BalanceController.follow`` for refusals.
+
+        Args:
+            trajectory: The motion.
+            number: Identifies the motion in a recording; a number of the log when None.
+        """
+        self.law.follow(trajectory)
+        if self.head is not None:
+            self.head.release(trajectory)
+        if self.log is not None:
+            number = self.log.number(trajectory) if number is None else number
+            self.log.follow(number, trajectory)
+
+    def stop_motion(self) -> None:
+        """End the motion; while walking, arms and head return to the posture of the walk."""
+        self.law.stop_motion()
+        self._note("stop_motion")
+
+    def look(self, pan: float, tilt: float) -> None:
+        """Turn the head to joint angles [rad]; a later motion that moves the head takes it over.
+
+        Raises:
+            CommandError: The robot has no head, or a value is not finite.
+        """
+        if self.head is None:
+            raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
+        self.head.command(pan, tilt)
+        self._note("head", pan, tilt)
+
+    def set_gain(self, name: str, value: float) -> None:
+        """Move a gain of the standing law to a value; see ``Tuning.set`` for refusals."""
+        if self.tuning is None:
+            raise CommandError(f"gain '{name}' refused: this whole-body law has no gains to tune")
+        self.tuning.set(name, value)
+        self._note("gain", name, value)
+
+    def set_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Walk with a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity``."""
+        self.gait.set_velocity(forward, left, turn)
+        self._note("velocity", forward, left, turn)
+
+    def hold_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Repeat a velocity at every tick from now on, as one that a joystick sends."""
+        self._held = (forward, left, turn)
+        self._note_change("hold_velocity", forward, left, turn)
+
+    def stop(self) -> None:
+        """Come to a standstill within two steps."""
+        self.gait.stop()
+        self._note("stop")
+
+    def walk_to(self, goal: Foothold) -> None:
+        """Walk to a pose; see ``GaitPlanner.walk_to``."""
+        self.gait.walk_to(goal)
+        self._note("walk_to", *structs.astuple(goal))
+
+    def take_steps(self, steps: Sequence[Footstep]) -> None:
+        """Take footsteps; see ``GaitPlanner.take_steps``."""
+        self.gait.take_steps(steps)
+        self._note("take_steps", [[step.foot, *structs.astuple(step.hold)] for step in steps])
+
+    # Stages
+
+    @property
+    def estimator(self) -> StateEstimator:
+        """State estimator."""
+        return _built(self._estimator, "state estimator")
+
+    @property
+    def gait(self) -> GaitPlanner:
+        """Gait planner."""
+        return _built(self._gait, "gait planner")
+
+    @property
+    def law(self) -> Law:
+        """Whole-body law of the modes ``stand`` and ``motion``."""
+        return _built(self._law, "whole-body law")
+
+    @property
+    def supervisor(self) -> Supervisor:
+        """Mode machine."""
+        return _built(self._supervisor, "supervisor")
+
+    def _correct(self, sensors: SensorData) -> SensorData:
+        return sensors if self._correction is None else apply_calibration(sensors, self._correction)
+
+    def _note(self, word: str, *values: object) -> None:
+        if self.log is not None:
+            self.log.note(word, *values)
+
+    def _note_change(self, word: str, *values: object) -> None:
+        if self.log is not None:
+            self.log.note_change(word, *values)
+
+
+def _built(stage: T | None, name: str) -> T:
+    """A stage that this stack has."""
+    if stage is None:
+        raise PoiseError(f"this control stack has no {name}: it runs in another process, or has not been configured")
+    return stage

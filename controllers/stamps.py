@@ -1,0 +1,82 @@
+"""Stamps that are refused: those that repeat or go back, and single jumps ahead."""
+
+from __future__ import annotations
+
+import math
+
+from models.errors import MessageError
+
+
+class JumpFilter:
+    """Distinguishes a wrong stamp from a gap: a jump ahead is accepted when the next stamp continues from it.
+
+    ``max_step`` is the largest step that is accepted at once, in the unit of the stamps.
+    """
+
+    def __init__(self, max_step: float) -> None:
+        self._max_step = max_step
+        self._pending: float | None = None
+
+    def accepts(self, last: float, stamp: float) -> bool:
+        """Whether a stamp follows the last accepted one; it is not before that one."""
+        pending, self._pending = self._pending, None
+        if stamp - last <= self._max_step or (pending is not None and 0.0 < stamp - pending <= self._max_step):
+            return True
+        self._pending = stamp
+        return False
+
+
+class StampFilter:
+    """Accepts the stamps of one source in ascending order, without single jumps ahead.
+
+    Args:
+        max_step: Largest step that is accepted at once [ns]; unlimited by default.
+        name: Field that an error names.
+    """
+
+    def __init__(self, max_step: float = math.inf, name: str = "header.stamp") -> None:
+        self._jumps, self._name = JumpFilter(max_step), name
+        self.last: int | None = None
+
+    def step(self, stamp: int) -> int:
+        """Accept a stamp [ns]; returns the step since the last one [ns], 0 for the first.
+
+        Raises:
+            MessageError: It repeats the last one, is before it, or jumps ahead.
+        """
+        last = stamp if self.last is None else self.last
+        if self.last is not None:
+            if stamp <= last:
+                kind = "repeats" if stamp == last else "is before"
+                raise MessageError(f"{self._name}: {stamp} ns {kind} {last} ns")
+            if not self._jumps.accepts(last, stamp):
+                raise MessageError(f"{self._name}: {stamp} ns jumps ahead of {last} ns")
+        self.last = stamp
+        return stamp - last
+
+
+class ClockFilter:
+    """Refuses implausible times of the plant's clock: a single jump ahead, and any step back while the robot moves.
+
+    Ages and timeouts of commands are counted on this clock. If it were set ahead for a moment, the velocity of a
+    source that then falls silent would hold for just as long. A jump from which the next time continues is accepted:
+    then messages were missing. A clock that has gone back is refused until the robot is at rest; its users receive no
+    time until then, and the robot damps. ``max_step`` is the largest step ahead that is accepted at once [ns].
+    """
+
+    def __init__(self, max_step: int) -> None:
+        self._jumps = JumpFilter(max_step)
+        self._last: int | None = None
+
+    def check(self, stamp: int, *, moving: bool) -> None:
+        """Accept a time [ns]; while the robot does not move any time is accepted, since its plant may be a new one.
+
+        Raises:
+            MessageError: It is refused.
+        """
+        if moving and self._last is not None:
+            if stamp < self._last:
+                raise MessageError(f"clock: {stamp} ns is before {self._last} ns")
+            if not self._jumps.accepts(self._last, stamp):
+                raise MessageError(f"clock: {stamp} ns jumps ahead of {self._last} ns")
+        self._last = stamp

@@ -1,0 +1,103 @@
+"""Status records of the stages: input of the supervisor and the clients, within a process and between several.
+
+``models.nodes.status`` converts them to messages. Diagnostics repeat them as text for people; no program parses these.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from models.types import Mode, SolveStatus
+
+Count = Annotated[int, Meta(ge=0)]
+
+
+class Status(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of the records: immutable, each field typed and checked when a message is read."""
+
+
+class ControlStatus(Status, frozen=True):
+    """Whole-body controller."""
+
+    active: bool  # it publishes commands
+    solve: SolveStatus  # origin of the newest command; meaningful while ``active``
+    overruns: Count  # consecutive ticks over the time budget
+    joint_fault: str  # motor or encoder at fault, with figures; empty without one
+    tick_median_us: float = math.nan  # of the last ticks; NaN before the first [us]
+    tick_tail_us: float = math.nan  # their 99th percentile [us]
+
+
+class EstimatorStatus(Status, frozen=True):
+    """State estimator."""
+
+    coasting_since: Count | None  # stamp of the last usable sample of IMU and joints [ns]; None while usable
+
+
+class GaitStatus(Status, frozen=True):
+    """Gait planner."""
+
+    ready: bool  # the robot can walk
+    settled: bool  # it stands still
+
+
+class MotionState(Enum):
+    """Stage of a requested motion."""
+
+    RUNNING = "running"
+    DONE = "done"
+    REFUSED = "refused"
+
+
+class MotionStatus(Status, frozen=True):
+    """Change of a motion, from the motion planner (refusals) and the controller."""
+
+    state: MotionState
+    request: str = ""  # request or trajectory that it belongs to, if given
+    reason: str = ""  # of a refusal
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.state.value, self.request, self.reason) if part)
+
+
+class RouteState(Enum):
+    """Stage of a walk to a goal."""
+
+    RUNNING = "running"
+    DONE = "done"
+    ENDED = "ended"
+    REFUSED = "refused"
+
+
+class RouteStatus(Status, frozen=True):
+    """Change of a walk to a goal or along given footsteps."""
+
+    state: RouteState
+    footsteps: Count = 0  # number of footsteps of a route that begins
+    reason: str = ""  # of a refusal, or of an end before the goal
+
+    def __str__(self) -> str:
+        more = f"{self.footsteps} footsteps" if self.state is RouteState.RUNNING else self.reason
+        return f"{self.state.value}: {more}" if more else self.state.value
+
+
+class SupervisorStatus(Status, frozen=True):
+    """Supervisor."""
+
+    robot: str  # profile of the robot
+    mode: Mode
+    refused: Count  # refused text commands since the start
+    refusal: str  # reason of the last one
+    faults: tuple[str, ...]  # latched
+
+
+class NodeStatus(Status, frozen=True):
+    """Sign of life of a node, and its QoS mismatches: one entry of each tuple per mismatch."""
+
+    name: str  # without namespace
+    topics: tuple[str, ...] = ()  # topics with an incompatible endpoint, as named in the node
+    ends: tuple[str, ...] = ()  # kind of that endpoint, ``publisher`` or ``subscriber``
+    policies: tuple[str, ...] = ()  # QoS policy that differs

@@ -1,0 +1,392 @@
+"""Step adjustment: nominal footholds, and place and time of the next one, given the measured DCM."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import daqp
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from models.compiled import njit
+from models.types import Matrix, Vector
+from models.unboxed import Unboxed, unbox
+from planners.gait import dcm
+from planners.gait.commands import CommandState
+from planners.gait.config import AdjustmentConfig, GaitConfig, ReachConfig
+from planners.gait.contact import Measurement, Soles
+from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
+from planners.gait.footsteps import (
+    Foothold,
+    Point,
+    limits_of,
+    point_at,
+    preview_poses,
+    relative_to,
+    rotated,
+)
+from planners.gait.reaction import LegLever, rest_of_swing
+from planners.gait.swing import SwingShape, SwingState
+
+Box = tuple[Point, Point]
+"""Least and largest of two coordinates [m]."""
+
+
+class StepProblem(NamedTuple):
+    """One step adjustment, in the stance frame; footholds are ZMP points, from the ZMP point of the stance."""
+
+    dcm: Vector  # measured DCM without the part that the rest of the swing uses up (2,) [m]
+    elapsed: float  # since the start of the single support [s]
+    omega: float  # of the pendulum [1/s]
+    planned: float  # touchdown of the last adjustment, from the start of the single support [s]
+    step: Vector  # nominal foothold (2,) [m]
+    time: float  # nominal touchdown time [s]
+    offset: Vector  # DCM offset from the foothold at the nominal touchdown (2,) [m]
+    coupling: float  # change of that offset per change of the foothold [-]
+    lower: Vector  # least foothold (2,) [m]
+    upper: Vector  # largest foothold (2,) [m]
+    soonest: float  # least touchdown time [s]
+    latest: float  # largest touchdown time [s]
+    cop: Vector  # largest CoP offset to either side (2,) [m]
+    place: Vector  # of the swing foot now (2,) [m]
+    speed: float  # largest mean speed of the swing foot along each axis; infinite without a limit [m/s]
+
+
+class Weights(NamedTuple):
+    """Weights of a step adjustment; see ``AdjustmentConfig``."""
+
+    position: float
+    time: float
+    offset: float
+    cop: float
+
+
+class StepQP(NamedTuple):
+    r"""QP in :math:`(u, \tau, \delta)`, written again for every problem.
+
+    Attributes:
+        hessian: (5, 5).
+        gradient: (5,).
+        rows: For the speed of the swing foot (4, 5).
+        lower, upper: Of the unknowns, then of the rows (9,).
+    """
+
+    hessian: Matrix
+    gradient: Vector
+    rows: Matrix
+    lower: Vector
+    upper: Vector
+
+
+class AdjustedStep(Struct, frozen=True):
+    """Solution of a ``StepProblem``."""
+
+    step: Vector  # foothold (2,) [m]
+    time: float  # touchdown time [s]
+    offset: Vector  # DCM offset from the foothold at touchdown (2,) [m]
+    cop: Vector  # CoP offset over the rest of the step (2,) [m]
+    solved: bool  # by the QP; otherwise this is the nominal step inside the bounds
+
+
+class StepAdjustment:
+    r"""Small QP over foothold, touchdown time, DCM offset and CoP offset.
+
+    With the stance ZMP at the origin, DCM :math:`\xi` at time t of the single support, and
+    :math:`\tau = e^{\omega T}`, the DCM at touchdown is affine in all of them:
+
+    .. math::
+        u + b = e^{-\omega t} \xi\, \tau - (e^{\omega (\bar T - t)} - 1)\, \delta
+
+    so that, with b eliminated,
+
+    .. math::
+        \min_{u, \tau, \delta} w_u |u - \bar u|^2 + w_\tau (\tau - \bar \tau)^2 + w_b |b - \bar b|^2 + w_p |\delta|^2
+        \quad \text{s.t. bounds on } u, \tau, \delta, \quad |u - u_{now}| \le v_{max} (T - t)
+
+    The offset ``b`` is soft: it is the distance from a walk that can continue without end. The product of ``delta`` and
+    ``tau`` is linearised at the last time, and so is the logarithm in T of the way left to the foot: a farther foothold
+    may be reached later.
+
+    References:
+        Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
+    """
+
+    def __init__(self, config: AdjustmentConfig) -> None:
+        self.going_on = Weights(config.position, config.time, config.offset, config.cop)
+        self.ending = self.going_on._replace(time=config.time_ending)
+        self.qp = StepQP(np.zeros((5, 5)), np.zeros(5), np.zeros((4, 5)), np.zeros(9), np.zeros(9))
+        self._sense = np.zeros(9, dtype=np.int32)
+
+    def solve(self, problem: StepProblem, *, ending: bool = False) -> AdjustedStep:
+        """Adjust the step; ``ending`` of a walk that comes to an end."""
+        p = problem
+        _assemble(p, self.ending if ending else self.going_on, self.qp)
+        z, solved = self.minimum(p.step, math.exp(p.omega * p.time))
+        decay, ahead = math.exp(-p.omega * p.elapsed), math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
+        offset = decay * z[2] * p.dcm - ahead * z[3:] - z[:2]
+        return AdjustedStep(z[:2], math.log(z[2]) / p.omega, offset, z[3:], solved)
+
+    def minimum(self, step: Vector, tau: float) -> tuple[Vector, bool]:
+        r"""Solution of ``qp`` (5,) and True; without one the nominal :math:`(u, \tau, 0)` in its bounds and False."""
+        hessian, gradient, rows, lower, upper = self.qp
+        z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
+        if flag == 1 and math.isfinite(sum(z.tolist())):
+            return z, True
+        return np.clip(np.array([*step, tau, 0.0, 0.0]), lower[:5], upper[:5]), False
+
+
+@njit(cache=True)
+def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> None:
+    hessian, gradient, rows, lower, upper = out
+    hessian[:, :], gradient[:], rows[:, :] = 0.0, 0.0, 0.0
+    ahead = math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
+    decay = math.exp(-p.omega * p.elapsed)
+    for i in range(2):
+        # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
+        index = (i, 2, 3 + i)
+        row = (-1.0 - p.coupling, decay * p.dcm[i], -ahead)
+        goal = p.offset[i] - p.coupling * p.step[i]
+        for a in range(3):
+            gradient[index[a]] -= weights.offset * row[a] * goal
+            for b in range(3):
+                hessian[index[a], index[b]] += weights.offset * row[a] * row[b]
+        hessian[i, i] += weights.position
+        gradient[i] -= weights.position * p.step[i]
+        hessian[3 + i, 3 + i] += weights.cop
+    hessian[2, 2] += weights.time
+    gradient[2] -= weights.time * math.exp(p.omega * p.time)
+    lower[5:], upper[5:] = -np.inf, np.inf
+    lower[2], upper[2] = math.exp(p.omega * p.soonest), math.exp(p.omega * p.latest)
+    for i in range(2):
+        rows[2 * i, i], rows[2 * i + 1, i] = 1.0, -1.0
+        lower[i], upper[i] = p.lower[i], p.upper[i]
+        lower[3 + i], upper[3 + i] = -p.cop[i], p.cop[i]
+    if p.speed < np.inf:
+        # T = planned + (tau - tau_0) / (omega tau_0)
+        at = min(max(p.planned, p.soonest), p.latest)
+        rows[:, 2] = -p.speed / (p.omega * math.exp(p.omega * at))
+        way = p.speed * (at - p.elapsed - 1.0 / p.omega)
+        for i in range(2):
+            upper[5 + 2 * i], upper[6 + 2 * i] = way + p.place[i], way - p.place[i]
+
+
+class Walk(Struct, frozen=True):
+    """A walk at the coming or present step."""
+
+    stance: Foothold  # of the stance foot of that step
+    foot: int  # the swing foot (0 left, 1 right)
+    liftoff: Foothold  # of the swing foot before the step
+    command: CommandState  # velocity or route, and the end of the walk
+    omega: float  # of the pendulum [1/s]
+    urgent: bool = False
+
+
+class _Nominal(NamedTuple):
+    """The step under way as ``_pose`` leaves it to ``_place``, each (2,) [m].
+
+    Attributes:
+        step: Nominal ZMP point in the stance frame, from the ZMP point of the stance.
+        shift: From a foothold to its ZMP point, less the ZMP point of the stance.
+        offset: DCM offset at the nominal touchdown, in W.
+    """
+
+    step: Vector
+    shift: Vector
+    offset: Vector
+
+
+class _Setup(NamedTuple):
+    """Constants and memory of the adjustments, for compiled code."""
+
+    model: StepModel
+    going_on: Weights
+    ending: Weights
+    reach: NDArray[np.float64]  # least and largest foothold, ordinary and urgent, of each foot (2, 2, 2, 2) [m]
+    cop: Matrix  # largest CoP offset in each sole (2, 2) [m]
+    speed: float  # of the swing foot [m/s]
+    qp: StepQP
+    nominal: _Nominal
+
+
+class StepPlanner:
+    """Plans the step under way and the next ones."""
+
+    def __init__(self, config: GaitConfig, soles: Soles, shape: SwingShape, lever: LegLever) -> None:
+        self._config, self._soles = config, soles
+        self._adjustment = StepAdjustment(config.adjustment)
+        self._limits = limits_of(config.reach)
+        law, reach = self._adjustment, config.reach
+        boxes = [_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
+        cop = config.adjustment.cop_share * soles.half
+        self._model = StepModel(config.timing.single, config.timing.double, soles.centres, shape, lever)
+        self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
+        speed = config.swing.speed_max
+        self._setup = unbox(
+            _Setup(self._model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal)
+        )
+
+    def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
+        """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
+        poses = self._coming(walk)
+        x, y, yaw = poses[1].tolist()
+        return Foothold(x, y, yaw, walk.stance.z), np.array(self._offset(walk, poses))
+
+    def start_of_single(self, walk: Walk) -> Vector:
+        """DCM at which the coming single support begins (2,) [m]."""
+        step, offset = self.nominal(walk)
+        landing, liftoff = self._soles.point_of(walk.foot, step), self._soles.point_of(walk.foot, walk.liftoff)
+        way = landing - liftoff
+        point = self._soles.point_of(1 - walk.foot, walk.stance)
+        start = dcm.single_support(point, landing + offset, walk.omega, self._config.timing.single)[0]
+        swing = swing_allowance(walk.omega, (float(way[0]), float(way[1])), walk.stance.yaw, self._model)
+        begun: Vector = start + swing
+        return begun
+
+    def adjust(
+        self, walk: Walk, measured: Measurement, elapsed: float, planned: float, target: Foothold, swing: SwingState
+    ) -> tuple[Foothold, float, Vector, bool]:
+        """Foothold, touchdown time since lift-off [s], DCM reference then (2,) [m], and whether the QP was solved.
+
+        ``elapsed`` is the time since lift-off [s]; ``planned`` [s] and ``target`` are touchdown time and foothold of
+        the last adjustment, at lift-off the nominal ones.
+        """
+        config, poses, omega = self._config, self._coming(walk), walk.omega
+        single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
+        soonest = max(single_min, elapsed + config.swing.freeze)
+        _pose(
+            self._setup,
+            poses,
+            walk.foot,
+            walk.urgent,
+            walk.command.steps_left is not None,
+            omega,
+            measured.dcm(omega),
+            measured.com,
+            measured.com_velocity,
+            elapsed,
+            planned,
+            soonest,
+            max(config.timing.single_max, soonest),
+            target.x,
+            target.y,
+            swing.motion,
+            swing.floor,
+            swing.duration,
+        )
+        z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * config.timing.single))
+        end = np.empty(2)
+        x, y = _place(self._setup, poses, walk.foot, omega, z, end)
+        return Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega, end, solved
+
+    def _offset(self, walk: Walk, poses: Matrix) -> Point:
+        offset: Point = previewed_offset(poses, walk.foot, walk.command.steps_left is not None, walk.omega, self._model)
+        return offset
+
+    def _coming(self, walk: Walk) -> Matrix:
+        """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
+        count, command = self._config.preview, walk.command
+        if command.route.steps:
+            steps = command.route.ahead(walk.stance, count, self._limits)
+            return np.array([walk.stance.pose, *(step.pose for step in steps)])
+        period, steps_left = self._config.period, command.steps_left
+        return preview_poses(walk.stance, walk.foot, command.velocity, period, self._limits, count, steps_left)
+
+
+def _boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
+    """Reach of the left and of the right foot in the frame of the other one [m]: corners of a box."""
+    ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
+    return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))
+
+
+@njit(cache=True)
+def _pose(
+    setup: Unboxed[_Setup],
+    poses: Matrix,
+    foot: int,
+    urgent: bool,
+    ends: bool,
+    omega: float,
+    measured: Vector,
+    com: Vector,
+    com_velocity: Vector,
+    elapsed: float,
+    planned: float,
+    soonest: float,
+    latest: float,
+    target_x: float,
+    target_y: float,
+    motion: Matrix,
+    floor: float,
+    duration: float,
+) -> None:
+    """Assemble the QP of a step under way, in the stance frame, and its nominal step.
+
+    ``poses`` are those of ``previewed_offset``, the times those of ``StepProblem`` [s]; ``motion`` (3, 4), ``floor``
+    [m] and ``duration`` [s] of the swing foot are those of ``rest_of_swing``. ``measured`` DCM (2,), ``com`` (3,), its
+    velocity and the last target are in W [m]. ``urgent`` chooses the reach, ``ends`` the weights.
+    """
+    fixed, nominal = setup.record, setup.record.nominal
+    model = fixed.model
+    offset = previewed_offset(poses, foot, ends, omega, model)
+    used = rest_of_swing(
+        omega,
+        planned - elapsed,
+        motion,
+        floor,
+        duration,
+        (target_x, target_y),
+        com,
+        com_velocity,
+        model.shape,
+        model.lever,
+    )
+    x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
+    bear, centre = model.centres[1 - foot], model.centres[foot]
+    point = point_at(x, y, yaw, bear[0], bear[1])
+    landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
+    hold, zmp = relative_to(x, y, yaw, poses[1, 0], poses[1, 1]), relative_to(x, y, yaw, landing[0], landing[1])
+    near = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
+    turned = rotated(-yaw, offset[0], offset[1])
+    free = rotated(-yaw, measured[0] - point[0] - used[0], measured[1] - point[1] - used[1])
+    reach = fixed.reach[1 if urgent else 0, foot]
+    dcm_free, end, lower, upper, place = np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2)
+    for i in range(2):
+        shift = zmp[i] - hold[i] - bear[i]
+        nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
+        dcm_free[i], end[i] = free[i], turned[i]
+        lower[i], upper[i] = reach[0, i] + shift, reach[1, i] + shift
+        # A foot that is still out of reach may stay in line with its place.
+        place[i] = min(max(near[i], reach[0, i]), reach[1, i]) + shift
+    problem = StepProblem(
+        dcm_free,
+        elapsed,
+        omega,
+        planned,
+        nominal.step,
+        model.single,
+        end,
+        offset_coupling(omega, model),
+        lower,
+        upper,
+        soonest,
+        latest,
+        fixed.cop[1 - foot],
+        place,
+        fixed.speed,
+    )
+    _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
+
+
+@njit(cache=True)
+def _place(setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, step: Vector, end: Vector) -> Point:
+    """Foothold x, y in W [m] of a solution ``step`` of the QP; sets ``end``, the DCM at its touchdown (2,) [m]."""
+    model, nominal = setup.record.model, setup.record.nominal
+    x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
+    bear, coupling = model.centres[1 - foot], offset_coupling(omega, model)
+    point, way = point_at(x, y, yaw, bear[0], bear[1]), rotated(yaw, step[0], step[1])
+    more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))
+    for i in range(2):
+        end[i] = point[i] + way[i] + nominal.offset[i] + more[i]
+    return point_at(x, y, yaw, step[0] - nominal.shift[0], step[1] - nominal.shift[1])

@@ -1,0 +1,174 @@
+"""Commands of a walk: a velocity or a route, within limits, and the number of steps until the walk ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from msgspec import Struct, structs
+
+from models.errors import CommandError
+from planners.gait.config import GaitConfig, VelocityConfig
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity
+from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of
+
+STILL: Velocity = (0.0, 0.0, 0.0)
+
+
+class VelocityCommand:
+    """Newest velocity (forward, left [m/s], turn [rad/s]) of a source; zero after a silence of ``timeout`` [s]."""
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout
+        self.forget()
+
+    def forget(self) -> None:
+        """Zero velocity, and no repetition expected."""
+        self.velocity, self._until = STILL, float("inf")
+        self._superseded: Velocity | None = None
+
+    def supersede(self) -> None:
+        """Another command moves the robot: this velocity is ignored until its value changes."""
+        self._superseded, self.velocity = self.velocity, STILL
+
+    def repeat(self, velocity: Velocity, t: float) -> None:
+        """Accept a velocity with the stamp of now [s]; the source repeats it within ``timeout``."""
+        if velocity != self._superseded:
+            self._superseded, self.velocity = None, velocity
+        self._until = t + self._timeout
+
+    def lapsed(self, t: float) -> bool:
+        """Whether the timeout has just passed at a stamp [s]; true once, and the velocity is zero from then on."""
+        if t <= self._until:
+            return False
+        self.forget()
+        return True
+
+
+class CommandState(Struct, frozen=True):
+    """Command of a walk."""
+
+    target: Velocity = STILL  # within the limits of size
+    velocity: Velocity = STILL  # the same within the limits of acceleration, for the present step
+    muted: bool = False  # velocities are ignored until zero is commanded once
+    route: Route = Route()  # footsteps that replace those of the velocity
+    steps_left: int | None = None  # touchdowns until the walk ends; None to walk on
+
+    @property
+    def moving(self) -> bool:
+        """Whether a velocity or a route requires steps."""
+        return self.moves or bool(self.route.steps)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the commanded velocity is not zero."""
+        return any(abs(value) > 1e-3 for value in self.target)
+
+    @property
+    def over(self) -> bool:
+        """Whether the last touchdown was that of the last step."""
+        return self.steps_left is not None and self.steps_left <= 0
+
+    @property
+    def first_foot(self) -> int:
+        """The foot that makes the first step: that of the route, or the one on the side of the velocity."""
+        if self.route.steps:
+            return self.route.foot
+        _, left, turn = self.target
+        lean = left if abs(left) > 1e-6 else turn
+        return LEFT if lean >= 0.0 else RIGHT
+
+    def stopped(self, reason: str, *, muted: bool = False) -> CommandState:
+        """Without velocity and route; the velocity of the present step slows down unless muted."""
+        steps_left = None if self.route.steps else self.steps_left
+        velocity = STILL if muted else self.velocity
+        return CommandState(STILL, velocity, muted or self.muted, self.route.ended(reason), steps_left)
+
+    def counted(self, steps_left: int | None) -> CommandState:
+        """With another number of touchdowns until the walk ends."""
+        return structs.replace(self, steps_left=steps_left)
+
+
+NO_COMMAND = CommandState()
+
+
+class Commands:
+    """Accepts commands and counts down the last steps."""
+
+    def __init__(self, config: GaitConfig) -> None:
+        self._config = config
+
+    def set_velocity(self, state: CommandState, velocity: Velocity) -> CommandState:
+        """Accept a velocity; see ``GaitPlanner.set_velocity``."""
+        if not all(math.isfinite(value) for value in velocity):
+            raise CommandError(f"velocity ({', '.join(map(str, velocity))}) refused: not finite")
+        muted = state.muted and any(velocity)
+        state = structs.replace(state, muted=muted)
+        if muted:
+            return state
+        state = structs.replace(state, target=limited(velocity, self._config.velocity))
+        if state.moves and state.route.steps:
+            state = structs.replace(state, route=state.route.ended("a velocity was commanded"), steps_left=None)
+        return state
+
+    def walk_to(
+        self,
+        state: CommandState,
+        goal: Foothold,
+        soles: Sequence[Foothold],
+        foot: int | None,
+        current: Footstep | None = None,
+    ) -> CommandState:
+        """Begin a route to a pose of the middle between the soles; see ``plan_to_pose`` for refusals.
+
+        ``soles`` are the present ones, or the target of the swing foot. ``foot`` steps next, None for either;
+        ``current`` is the step under way.
+        """
+        steps = plan_to_pose(goal, soles, self._config, foot)
+        if current is not None:
+            steps.insert(0, current)
+        return structs.replace(state, route=route_of(steps, goal), target=STILL, velocity=STILL)
+
+    def take_steps(self, state: CommandState, steps: Sequence[Footstep], soles: Sequence[Foothold]) -> CommandState:
+        """Begin listed footsteps; see ``check_footsteps`` for refusals."""
+        check_footsteps(steps, soles, self._config)
+        return structs.replace(state, route=route_of(steps), target=STILL, velocity=STILL)
+
+    def advance(self, state: CommandState, stepping: bool, dt: float) -> CommandState:
+        """Advance the velocity by dt [s]; while ``stepping``, count down the last two steps after a command of zero."""
+        if state.route.steps:
+            return state.counted(state.route.left if state.route.left <= self._config.preview else None)
+        if state.moves:
+            velocity = approached(state.velocity, state.target, self._config.velocity, dt)
+            return structs.replace(state, velocity=velocity, steps_left=None)
+        if stepping:
+            return state.counted(2) if state.steps_left is None else state
+        return structs.replace(state, target=STILL, velocity=STILL)
+
+    def landed(self, state: CommandState, soles: Sequence[Foothold]) -> CommandState:
+        """After a touchdown, with the soles there now."""
+        if state.route.steps:
+            route = state.route.landed(soles, self._config)
+            return structs.replace(state, route=route, steps_left=route.left)
+        return state if state.steps_left is None else state.counted(state.steps_left - 1)
+
+
+def limited(velocity: Velocity, limits: VelocityConfig) -> Velocity:
+    """A velocity within the limits of size."""
+    forward, left, turn = velocity
+    return (
+        min(max(forward, -limits.backward), limits.forward),
+        min(max(left, -limits.lateral), limits.lateral),
+        min(max(turn, -limits.turn), limits.turn),
+    )
+
+
+def approached(velocity: Velocity, target: Velocity, limits: VelocityConfig, dt: float) -> Velocity:
+    """A velocity after a time [s] of change toward a target, within the limits of acceleration."""
+    linear, turning = limits.acceleration * dt, limits.turn_acceleration * dt
+    (vx, vy, turn), (target_x, target_y, target_turn) = velocity, target
+    return (
+        vx + min(max(target_x - vx, -linear), linear),
+        vy + min(max(target_y - vy, -linear), linear),
+        turn + min(max(target_turn - turn, -turning), turning),
+    )

@@ -1,0 +1,324 @@
+"""Contact of the soles: their measurement, planted footholds, expected ground, and a robot off the floor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+from msgspec import Struct, structs
+
+from models.compiled import njit
+from models.constants import GRAVITY
+from models.robot_model import RobotModel
+from models.types import Matrix, RobotState, Vector
+from planners.gait.config import GaitConfig, LiftConfig
+from planners.gait.footsteps import Feet, Foothold, Point, middle, replaced, wrap
+
+_UPRIGHT_MIN = 0.1
+"""Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless."""
+
+_LOADED = 0.05
+"""Share of the weight from which a sole has a centre of pressure [-]."""
+
+
+class Measurement(Struct, frozen=True):
+    """CoM, DCM and soles of one robot state."""
+
+    com: Vector  # in W (3,) [m]
+    com_velocity: Vector  # in W (3,) [m/s]
+    soles: Feet
+    tilts: Matrix  # slope of each sole: rise along x and along y of W (2, 2) [-]
+    turning: Matrix  # angular velocity of each sole about its x and y (2, 2) [rad/s]
+    cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
+    loads: tuple[float, float]  # vertical force on each sole, share of the weight [-]
+    active: tuple[bool, bool]  # contact of each foot, by the estimator
+
+    def dcm(self, omega: float) -> Vector:
+        """``xi = c + c' / omega``, horizontal (2,) [m]."""
+        dcm: Vector = self.com[:2] + self.com_velocity[:2] / omega
+        return dcm
+
+
+class GaitMeasurement:
+    """Evaluates robot states."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._pin, self._data = model.pin, model.data()
+        self._weight = model.mass * GRAVITY
+        self._frames = []
+        for foot in model.feet:
+            frame, pose = model.pin.frames[foot.frame_id], self._data.oMf[foot.frame_id]
+            spin, mounting = self._data.v[frame.parentJoint].angular, np.array(frame.placement.rotation, order="F")
+            # Pinocchio's arrays stay where they are.
+            self._frames.append((foot.frame_id, pose.rotation, spin, mounting, pose.translation))
+
+    def measure(self, state: RobotState, last: Measurement | None = None) -> Measurement:
+        """Evaluate a state; ``last`` has the centres of pressure of soles without load."""
+        data = self._data
+        pin.centerOfMass(self._pin, data, state.q, state.v, False)
+        tilts, turning = np.empty((2, 2)), np.empty((2, 2))
+        cops = np.zeros((2, 2)) if last is None else last.cops.copy()
+        soles, loads = [], []
+        for i, (frame_id, rotation, spin, mounting, position) in enumerate(self._frames):
+            pin.updateFramePlacement(self._pin, data, frame_id)
+            yaw = _read_sole(rotation, spin, mounting, tilts[i], turning[i])
+            x, y, z = position.tolist()
+            soles.append(Foothold(x, y, yaw, z))
+            _, _, force, mx, my, _ = state.contacts[i].wrench.tolist()
+            loads.append(force / self._weight)
+            if loads[i] > _LOADED:
+                cops[i, 0], cops[i, 1] = -my / force, mx / force
+        return Measurement(
+            com=np.array(data.com[0]),
+            com_velocity=np.array(data.vcom[0]),
+            soles=(soles[0], soles[1]),
+            tilts=tilts,
+            turning=turning,
+            cops=cops,
+            loads=(loads[0], loads[1]),
+            active=(state.contacts[0].active, state.contacts[1].active),
+        )
+
+
+@njit(cache=True)
+def _read_sole(rotation: Matrix, spin: Vector, mounting: Matrix, tilt: Vector, turning: Vector) -> float:
+    """Heading of a sole [rad]; writes its slope (2,) and its angular velocity about its x and y (2,) [rad/s].
+
+    ``rotation`` is that of the sole in W (3, 3). ``spin`` (3,) [rad/s] is the angular velocity of the link in the frame
+    of its joint, ``mounting`` (3, 3) the rotation of the sole in that frame.
+    """
+    upright = max(rotation[2, 2], _UPRIGHT_MIN)
+    for i in range(2):
+        tilt[i] = -rotation[i, 2] / upright
+        turning[i] = mounting[0, i] * spin[0] + mounting[1, i] * spin[1] + mounting[2, i] * spin[2]
+    return math.atan2(rotation[1, 0], rotation[0, 0])
+
+
+class SoleState(Struct, frozen=True):
+    """Planted soles, and the ground expected under the next landing."""
+
+    holds: Feet  # planned pose of each sole, or the target of the swing foot
+    tilts: Matrix  # slope of the ground under each planted sole: rise along x and along y of W (2, 2) [-]
+    slope: Vector  # expected at the next landing (2,) [-]
+    rise: tuple[float, float]  # expected height of each foot's landing above the plane of the stance sole [m]
+    samples: Matrix  # slopes of the last soles in single support, oldest first (n, 2) [-]
+    measured: Feet  # soles of the last tick
+
+    def ground(self) -> float:
+        """Mean height [m]."""
+        return 0.5 * (self.holds[0].z + self.holds[1].z)
+
+
+class Soles:
+    """Geometry of the soles, and how planted footholds and the expected ground follow the measurement.
+
+    Attributes:
+        centres: Middle of each sole in the frame of the sole (2, 2) [m].
+        half: Half length and half width of each sole (2, 2) [m].
+    """
+
+    def __init__(self, model: RobotModel, config: GaitConfig) -> None:
+        self._config = config
+        rectangles = [foot.rectangle for foot in model.feet]
+        self.centres = np.array([(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles])
+        self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
+        self._centres: list[Point] = [(x, y) for x, y in self.centres.tolist()]
+
+    def point_of(self, foot: int, hold: Foothold) -> Vector:
+        """ZMP point of a foot on a foothold: the middle of the sole, in W (2,) [m]."""
+        return np.array(hold.moved(*self._centres[foot]))
+
+    def middle(self, holds: Feet) -> Vector:
+        """Half-way between the ZMP points of both feet (2,) [m]."""
+        middle: Vector = 0.5 * (self.point_of(0, holds[0]) + self.point_of(1, holds[1]))
+        return middle
+
+    def nearest(self, holds: Feet, dcm: Vector) -> int:
+        """The foot with the ZMP point nearer to a DCM (2,) [m]."""
+        left, right = (float(np.linalg.norm(dcm - self.point_of(foot, holds[foot]))) for foot in range(2))
+        return 0 if left < right else 1
+
+    def standing_box(self, holds: Feet, dcm: Vector) -> tuple[Vector, Vector]:
+        """DCM from the middle of the box around both soles, along their mean heading, and half its size; (2,) [m]."""
+        x, y = (float(value) for value in self.middle(holds))
+        frame = Foothold(x, y, middle(holds).yaw)
+        apart = np.abs(frame.relative(*self.point_of(0, holds[0])))
+        return np.array(frame.relative(*dcm)), self.half[0] + apart
+
+    def beyond_standing(self, holds: Feet, dcm: Vector) -> bool:
+        """Whether a DCM (2,) is so near to the edge of the box around both soles that standing cannot recover."""
+        place, half = self.standing_box(holds, dcm)
+        return bool((np.abs(place) > self._config.step_share * half).any())
+
+    def missed(self, holds: Feet, stance: int, dcm: Vector, omega: float) -> float:
+        """Distance of a DCM (2,) [m] from the box of both soles after the quickest step of the other foot [m].
+
+        The DCM moves away from the point of the stance sole that is nearest to it; the foot lands as near to it as its
+        reach and its speed allow, unturned.
+        """
+        config, reach, foot = self._config, self._config.reach, 1 - stance
+        time, half = config.timing.single_urgent, self.half[stance]
+        origin = Foothold(*holds[stance].moved(*self._centres[stance]), holds[stance].yaw)
+        at, liftoff = np.array(origin.relative(*dcm)), np.array(origin.relative(*self.point_of(foot, holds[foot])))
+        cop = np.clip(at, -half, half)
+        end = cop + (at - cop) * math.exp(omega * time)
+        near, far = (reach.width_min, reach.width_urgent) if foot == 0 else (-reach.width_urgent, -reach.width_min)
+        way = config.swing.speed_max * time
+        lower, upper = (
+            np.maximum((-reach.backward, near), liftoff - way),
+            np.minimum((reach.forward, far), liftoff + way),
+        )
+        landing = np.minimum(np.maximum(end, lower), upper)
+        outside = np.maximum(np.minimum(landing, 0.0) - half - end, end - np.maximum(landing, 0.0) - half)
+        return float(np.linalg.norm(np.maximum(outside, 0.0)))
+
+    def astride(self, holds: Feet, allowed: float) -> bool:
+        """Whether one sole is farther from its place in the nominal stance than ``allowed`` [m]."""
+        left, right = holds
+        forward, side = Foothold(right.x, right.y, middle(holds).yaw).relative(left.x, left.y)
+        return math.hypot(forward, side - self._config.reach.width) > allowed
+
+    def shares(self, holds: Feet, zmp: Vector) -> tuple[float, float]:
+        """Share of the weight on each foot for a ZMP (2,) between their points."""
+        left, right = self.point_of(0, holds[0]), self.point_of(1, holds[1])
+        way = right - left
+        share = float(np.clip((zmp - left) @ way / (way @ way), 0.0, 1.0))
+        return 1.0 - share, share
+
+    def planted(self, measured: Measurement) -> SoleState:
+        """Both feet planted where they are measured."""
+        slope = measured.tilts.mean(axis=0)
+        samples = np.tile(slope, (self._config.ground.slope_steps, 1))
+        return SoleState(measured.soles, measured.tilts, slope, (0.0, 0.0), samples, measured.soles)
+
+    def landing_height(self, soles: SoleState, foot: int, measured: Measurement) -> float:
+        """Height at which a foot is expected to land on its foothold [m].
+
+        The plane of the expected slope through the stance sole, and as far above or below it as at the last landings:
+        errors of the estimated inclination and of encoder offsets make a foot land early or late in the same way at
+        every step.
+        """
+        return _plane(soles.slope, foot, soles.holds[foot], measured) + soles.rise[foot]
+
+    def landed(self, soles: SoleState, foot: int, measured: Measurement) -> SoleState:
+        """After the touchdown of a foot, at its measured place.
+
+        The expected height follows by a bounded step: a repeated error adds up, a single bump hardly counts. The
+        expected slope is the median of the last soles in single support: one that stood on an edge does not count.
+        """
+        config, sole = self._config.swing, measured.soles[foot]
+        surprise = sole.z - _plane(soles.slope, foot, sole, measured) - soles.rise[foot]
+        followed = soles.rise[foot] + min(max(surprise, -config.rise_step), config.rise_step)
+        rise = min(max(followed, -config.rise_max), config.rise_max)
+        tilts = soles.tilts.copy()
+        tilts[foot] = measured.tilts[foot]
+        samples = np.vstack([soles.samples[1:], measured.tilts[1 - foot]])
+        steepest = self._config.ground.slope_max
+        return SoleState(
+            holds=replaced(soles.holds, foot, sole),
+            tilts=tilts,
+            slope=np.clip(np.median(samples, axis=0), -steepest, steepest),
+            rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
+            samples=samples,
+            measured=soles.measured,
+        )
+
+    def drift(self, soles: SoleState, measured: Measurement, swinging: int | None) -> Vector:
+        """Motion of the loaded soles since the last tick, weighted by their loads (2,) [m].
+
+        A planted sole does not move: its apparent motion is the drift of the estimate. ``swinging`` is None in double
+        support.
+        """
+        x, y, total = 0.0, 0.0, 0.0
+        for foot, (old, new) in enumerate(zip(soles.measured, measured.soles, strict=True)):
+            load = measured.loads[foot]
+            if foot != swinging and load >= self._config.anchor_load:
+                x, y, total = x + load * (new.x - old.x), y + load * (new.y - old.y), total + load
+        return np.array([x / total, y / total]) if total > 0.0 else np.zeros(2)
+
+    def followed(
+        self,
+        soles: SoleState,
+        measured: Measurement,
+        drift: Vector,
+        swinging: int | None,
+        landed: int | None,
+        dt: float,
+    ) -> SoleState:
+        """One tick: footholds move with the drift (2,) [m]; planted ones, and their slopes, approach the loaded soles.
+
+        Position and heading, which the estimator cannot observe, drift for references and measurements alike.
+        ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
+        """
+        config, ground = self._config, self._config.ground
+        x, y = drift.tolist()
+        holds = [hold.shifted(x, y) for hold in soles.holds]
+        tilts = soles.tilts.copy()
+        share = min(dt / config.anchor_time, 1.0)
+        for foot in range(2):
+            if foot == swinging or measured.loads[foot] < config.anchor_load:
+                continue
+            tilts[foot] += min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0) * (
+                measured.tilts[foot] - tilts[foot]
+            )
+            hold, sole = holds[foot], measured.soles[foot]
+            holds[foot] = Foothold(
+                hold.x + share * (sole.x - hold.x),
+                hold.y + share * (sole.y - hold.y),
+                hold.yaw + share * wrap(sole.yaw - hold.yaw),
+                hold.z + share * (sole.z - hold.z),
+            )
+        return structs.replace(soles, holds=(holds[0], holds[1]), tilts=tilts, measured=measured.soles)
+
+
+def _plane(slope: Vector, foot: int, hold: Foothold, measured: Measurement) -> float:
+    """Height at a foothold of the plane with this slope through the other sole [m]."""
+    stance = measured.soles[1 - foot]
+    return stance.z + float(slope[0]) * (hold.x - stance.x) + float(slope[1]) * (hold.y - stance.y)
+
+
+class AirborneState(Struct, frozen=True):
+    """Whether the robot is off the floor."""
+
+    posture: Vector  # joint positions at the moment of ``active`` (nj,) [rad]
+    active: bool = False  # no foot bears load, so the posture is held
+    confirmed: bool = False  # that has lasted so long that the walk is over
+    time: float = 0.0  # duration of the contacts that count toward the next change [s]
+    since: float = 0.0  # time since the last of these [s]
+
+
+class AirborneDetector:
+    """Detects that neither foot bears load, and that the robot is put down again.
+
+    A stance leg meets no resistance in the air: its hip turns at 10 rad/s within 20 ms. The posture is therefore held
+    after ``float_time``, before the lift is confirmed; if a foot bears load before ``up_time``, the gait continues.
+    A lifted robot slowly returns to the standing posture, in which it can be put down: with one foot ahead of the
+    other and higher, its weight would come to lie beside them.
+    """
+
+    def __init__(self, model: RobotModel, config: LiftConfig) -> None:
+        self._model, self._config = model, config
+        self.on_floor = AirborneState(model.posture("stand"))
+
+    def update(
+        self, airborne: AirborneState, bearing: tuple[bool, bool], joints: Vector, dt: float
+    ) -> tuple[AirborneState, bool]:
+        """One tick: the new state, and whether the robot has just been put down.
+
+        ``bearing`` is the contact of each foot, ``joints`` are the measured joint positions (nj,) [rad].
+        """
+        config, posture, active = self._config, airborne.posture, airborne.active
+        counts = all(bearing) if airborne.confirmed else not any(bearing)
+        time, since = airborne.time + dt if counts else 0.0, airborne.since + dt
+        if airborne.confirmed:
+            return AirborneState(posture, active, True, time, since), time >= config.down_time
+        confirmed = False
+        if not counts:
+            active = False
+        elif not active and time >= config.float_time:
+            active = True
+            posture = np.clip(joints, self._model.q_lower, self._model.q_upper)
+        elif time >= config.up_time:
+            confirmed, time, since = True, 0.0, 0.0
+        return AirborneState(posture, active, confirmed, time, since), False

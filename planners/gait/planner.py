@@ -1,0 +1,491 @@
+"""The gait: lift-off and touchdown of the feet, and the reference of the whole body meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from msgspec import structs
+
+from models.constants import GRAVITY
+from models.errors import CommandError
+from models.robot_model import RobotModel
+from models.types import ContactState, Reference, RobotState, Vector
+from planners.gait.adjustment import StepPlanner, Walk
+from planners.gait.commands import Commands, CommandState
+from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.contact import AirborneDetector, GaitMeasurement, Measurement, Soles
+from planners.gait.dcm import DcmState
+from planners.gait.footing import Footing
+from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
+from planners.gait.reaction import leg_lever, swing_reaction
+from planners.gait.reference import ReferenceBuilder
+from planners.gait.route import Footstep, Route
+from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
+from planners.gait.swing import SwingFoot
+
+_NEARER = 0.01
+"""Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]."""
+
+
+class GaitPlanner:
+    """Walks at a commanded velocity, and stands still when the command is zero.
+
+        stand -> start -> single <-> double -> finish -> stand
+
+    A single support ends with the measured contact, early or late: time alone never puts a foot down. In every phase
+    the DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
+
+    ``state`` holds everything that the next tick depends on, beside its inputs. The laws of the other modules take its
+    parts and return new ones; only this class stores them. Construction compiles all kernels. ``config`` is the gait of
+    the robot when None.
+    """
+
+    def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
+        self.model = model
+        self.config = config = config or load_gait_config(model)
+        self._sensors = GaitMeasurement(model)
+        self._commands = Commands(config)
+        self._soles = Soles(model, config)
+        self._swing = SwingFoot(config.swing)
+        self._lever = leg_lever(model)
+        self._plan = StepPlanner(config, self._soles, self._swing.shape, self._lever)
+        self._builder = ReferenceBuilder(model, config)
+        self._airborne = AirborneDetector(model, config.lift)
+        self._footing = Footing(model, config.footing)
+        self._limits = limits_of(config.reach)
+        self._limits_urgent = self._limits._replace(width_max=config.reach.width_urgent)
+        self.state = self._warm_up()
+
+    @property
+    def phase(self) -> GaitPhase:
+        """Phase now."""
+        return self.state.phase
+
+    @property
+    def stance(self) -> int:
+        """The present or coming stance foot."""
+        return self.state.stance
+
+    @property
+    def steps(self) -> int:
+        """Touchdowns so far."""
+        return self.state.steps
+
+    @property
+    def footholds(self) -> Feet:
+        """Planned pose of each sole, or the target of the swing foot."""
+        return self.state.soles.holds
+
+    @property
+    def step_time(self) -> float:
+        """Planned single support of the step under way [s]."""
+        return self.state.step.time
+
+    @property
+    def route(self) -> Route:
+        """Footsteps that replace those of a velocity."""
+        return self.state.command.route
+
+    @property
+    def trips(self) -> int:
+        """Trips of a swing foot so far."""
+        return self.state.swing.trips
+
+    @property
+    def walking(self) -> bool:
+        """Whether steps are being taken, or the weight is on its way back to the middle."""
+        return self.phase is not GaitPhase.STAND
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot has stood still for ``settle_time``, and its reference is at rest."""
+        gait = self.state
+        still = gait.phase is GaitPhase.STAND and (gait.rest is None or gait.rest.still)
+        return still and gait.settled >= self.config.settle_time
+
+    @property
+    def view(self) -> GaitView:
+        """Record for observers."""
+        state, omega = self.state, self._omega()
+        return GaitView(
+            phase=state.phase.value,
+            swinging=state.phase is GaitPhase.SINGLE,
+            stance=state.stance,
+            steps=state.steps,
+            elapsed=state.elapsed,
+            step_time=state.step.time,
+            steps_left=state.command.steps_left,
+            velocity=state.command.velocity,
+            dcm=state.measured.dcm(omega),
+            omega=omega,
+            footholds=state.soles.holds,
+            soles=self._soles,
+            unsolved=state.step.unsolved,
+            route=state.command.route,
+        )
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a robot that stands on both feet."""
+        self._stand(self._sensors.measure(state, self.state.measured))
+        self.state.steps = 0
+
+    def set_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Command a velocity of the body in its frame [m/s, m/s, rad/s], clipped to the limits.
+
+        Zero stands still, but does not affect a route; any other velocity ends it. After the robot was lifted,
+        velocities are ignored until zero is commanded once.
+
+        Raises:
+            CommandError: A value is not finite.
+        """
+        self.state.command = self._commands.set_velocity(self.state.command, (forward, left, turn))
+
+    def stop(self) -> None:
+        """Come to a standstill within two steps."""
+        self.state.command = self.state.command.stopped("stopped")
+
+    def end_route(self, reason: str) -> None:
+        """Drop the remaining footsteps; ``reason`` becomes the route's outcome."""
+        command = self.state.command
+        self.state.command = structs.replace(command, route=command.route.ended(reason))
+
+    def walk_to(self, goal: Foothold) -> None:
+        """Walk to a pose of the middle between the soles, in W, and stand there; see ``plan_to_pose`` for refusals."""
+        foot, current = None, None
+        if self.phase is GaitPhase.SINGLE:
+            foot, current = self.stance, Footstep(1 - self.stance, self.footholds[1 - self.stance])
+        elif self.phase.stepping:
+            foot = 1 - self.stance
+        self.state.command = self._commands.walk_to(self.state.command, goal, self.footholds, foot, current)
+
+    def take_steps(self, steps: Sequence[Footstep]) -> None:
+        """Take footsteps, from standing, and stand there; see ``check_footsteps`` for further refusals.
+
+        Raises:
+            CommandError: The robot is walking.
+        """
+        if self.walking:
+            raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
+        self.state.command = self._commands.take_steps(self.state.command, steps, self.footholds)
+
+    def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
+        """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
+
+        ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None.
+        """
+        gait = self.state
+        before, omega = gait.measured.dcm(self._omega()), self._omega()
+        gait.measured = measured = self._sensors.measure(state, gait.measured)
+        share = min(dt / self.config.push_filter, 1.0)
+        gait.dcm_rate = gait.dcm_rate + share * ((measured.dcm(omega) - before) / dt - gait.dcm_rate)
+        if rest is not None and gait.rest is not None and gait.phase is GaitPhase.STAND:  # a posture moves the CoM
+            gait.body = structs.replace(gait.body, height=gait.body.height + rest.height - gait.rest.height)
+        gait.rest = rest
+        if self._off_the_floor(state, dt):
+            return self._builder.build_airborne(gait.airborne, state, measured)
+        gait = self.state
+        gait.elapsed += dt
+        swinging = 1 - gait.stance if gait.phase is GaitPhase.SINGLE else None
+        self._follow_soles(swinging, dt)
+        gait.command = self._commands.advance(gait.command, gait.phase.stepping, dt)
+        cmp_offset = None
+        match gait.phase:
+            case GaitPhase.STAND:
+                self._in_stand(dt)
+            case GaitPhase.START:
+                self._in_start()
+            case GaitPhase.SINGLE:
+                cmp_offset = self._in_single(dt)
+            case GaitPhase.DOUBLE:
+                self._in_double()
+            case GaitPhase.FINISH:
+                self._in_finish()
+        if gait.phase is not GaitPhase.SINGLE:
+            cmp_offset = None
+        elif cmp_offset is None:  # the foot has just lifted
+            _, cmp_offset = self._reaction()
+        gait.footing = self._footing.update(gait.footing, measured, swinging, dt, urgent=gait.step.urgent)
+        reference, gait.body = self._builder.build(gait, self._loads(), cmp_offset, dt)
+        return reference
+
+    def _follow_soles(self, swinging: int | None, dt: float) -> None:
+        """Move the whole plan with the loaded soles: their place in W is only estimated, and drifts."""
+        gait, measured = self.state, self.state.measured
+        landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
+        drift = self._soles.drift(gait.soles, measured, swinging)
+        gait.soles = self._soles.followed(gait.soles, measured, drift, swinging, landed, dt)
+        gait.dcm = gait.dcm.shifted(drift)
+        gait.swing = gait.swing.shifted(drift)
+        x, y = drift.tolist()
+        gait.step = structs.replace(
+            gait.step, liftoff=gait.step.liftoff.shifted(x, y), touchdown=gait.step.touchdown + drift
+        )
+
+    def _in_stand(self, dt: float) -> None:
+        gait = self.state
+        self._shift_to_middle()
+        off, velocity = gait.measured.dcm(self._omega()) - self._rest_dcm, gait.measured.com_velocity[:2]
+        if gait.rest is not None:
+            velocity = velocity - gait.rest.velocity
+        at_rest = math.hypot(*off) < self.config.settle_dcm and math.hypot(*velocity) < self.config.settle_speed
+        gait.settled = gait.settled + dt if at_rest else 0.0
+        if self.must_step:
+            self._recover()
+        elif gait.command.moving and (gait.rest is None or gait.rest.walk):
+            self._begin()
+        elif gait.recovering:
+            gait.recovering = False
+            if self._soles.astride(gait.soles.holds, self.config.astride):  # no stance to stay in
+                self._begin()
+
+    def _in_start(self) -> None:
+        gait, duration = self.state, self.config.timing.start
+        end, omega = self._end_of_shift(), self._omega()
+        gait.dcm = gait.dcm.blended(end, omega * (end - self._stance_point()), gait.elapsed, duration)
+        if gait.elapsed >= duration:
+            self._lift()
+
+    def _in_double(self) -> None:
+        gait, duration = self.state, self.config.timing.double
+        elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
+        gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
+        if elapsed >= duration or self._far_off():
+            self._lift()
+
+    def _in_finish(self) -> None:
+        self._shift_to_middle()
+        if self.must_step:
+            self._recover()
+        elif self.state.elapsed >= self.config.timing.finish:
+            self._enter(GaitPhase.STAND)
+
+    def _in_single(self, dt: float) -> Vector:
+        """One tick of the step; returns CMP minus CoP (2,) [m]."""
+        gait, config, foot = self.state, self.config, 1 - self.state.stance
+        measured, elapsed, left = gait.measured, gait.elapsed, gait.step.time - gait.elapsed
+        if elapsed >= gait.step.next_adjustment and left > config.swing.freeze:
+            self._adjust(elapsed)
+            gait.step = structs.replace(gait.step, next_adjustment=elapsed + config.timing.adjust_period)
+        elif left < 0.0:
+            self._shift_late_target()
+        target, sole, urgent = gait.soles.holds[foot], measured.soles[foot], gait.step.urgent
+        yaw = float(gait.swing.position[3])
+        height = self._soles.landing_height(gait.soles, foot, measured)
+        pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
+        swing = gait.swing
+        if not urgent:  # the foot of an urgent step lags as if it had tripped
+            swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
+        # The foot of an urgent step lags behind its reference, and a late landing is worse than an early one.
+        lead = config.swing.urgent_lead if urgent else 0.0
+        gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, gait.step.time - lead, dt)
+        rest, cmp_offset = self._reaction()
+        gait.dcm = gait.dcm.in_single(
+            self._stance_point(), gait.step.touchdown, self._omega(), gait.step.time - elapsed, rest, cmp_offset
+        )
+        if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
+            self._land(foot)
+        return cmp_offset
+
+    def _reaction(self) -> tuple[Vector, Vector]:
+        """DCM that the rest of the swing uses up, and CMP minus CoP now; both (2,) [m]."""
+        gait = self.state
+        target, measured = gait.soles.holds[1 - gait.stance], gait.measured
+        left = gait.step.time - gait.elapsed
+        com, velocity, shape = measured.com, measured.com_velocity, self._swing.shape
+        return swing_reaction(self._omega(), left, gait.swing, (target.x, target.y), com, velocity, shape, self._lever)
+
+    def _stance_point(self) -> Vector:
+        """ZMP point of the stance foot (2,) [m]."""
+        return self._soles.point_of(self.stance, self.footholds[self.stance])
+
+    def _shift_to_middle(self) -> None:
+        """Blend to rest: the DCM reference of phases ``STAND`` and ``FINISH``."""
+        gait = self.state
+        gait.dcm = gait.dcm.blended(self._rest_dcm, np.zeros(2), gait.elapsed, self.config.timing.finish)
+
+    def _end_of_shift(self) -> Vector:
+        """DCM at which the coming single support begins (2,) [m]."""
+        return self._plan.start_of_single(self._walk(self.state.soles.holds[1 - self.state.stance]))
+
+    def _walk(self, liftoff: Foothold) -> Walk:
+        gait, stance = self.state, self.stance
+        return Walk(self.footholds[stance], 1 - stance, liftoff, gait.command, self._omega(), gait.step.urgent)
+
+    def _lift(self) -> None:
+        """The swing foot leaves the floor at its measured place."""
+        self._enter(GaitPhase.SINGLE)
+        gait, foot, single = self.state, 1 - self.state.stance, self.config.timing.single
+        sole = gait.measured.soles[foot]
+        pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
+        gait.swing = self._swing.lift(pose, single, gait.soles.tilts[foot], gait.swing.trips)
+        gait.step = structs.replace(gait.step, time=single, liftoff=sole, next_adjustment=0.0, urgent=self._far_off())
+        nominal, _ = self._plan.nominal(self._walk(sole))
+        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
+        self._adjust(0.0)
+
+    def _adjust(self, elapsed: float) -> None:
+        """Foothold and time, from the measured DCM."""
+        gait, foot = self.state, 1 - self.state.stance
+        gait.step = step = structs.replace(gait.step, urgent=gait.step.urgent or self._far_off())
+        target, time, touchdown, solved = self._plan.adjust(
+            self._walk(step.liftoff), gait.measured, elapsed, step.time, gait.soles.holds[foot], gait.swing
+        )
+        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, target))
+        gait.step = structs.replace(step, time=time, touchdown=touchdown, unsolved=step.unsolved + (not solved))
+
+    def _shift_late_target(self) -> None:
+        """Move the target of a late foot with the DCM, so that it lands as planned relative to it."""
+        gait, foot, holds = self.state, 1 - self.state.stance, self.state.soles.holds
+        target, run = holds[foot], gait.measured.dcm(self._omega()) - gait.step.touchdown
+        limits = self._limits_urgent if gait.step.urgent else self._limits
+        x, y = target.x + float(run[0]), target.y + float(run[1])
+        shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
+        touchdown = gait.step.touchdown + np.array([shifted.x - target.x, shifted.y - target.y])
+        gait.step = structs.replace(gait.step, touchdown=touchdown)
+        hold = Foothold(shifted.x, shifted.y, shifted.yaw, target.z)
+        gait.soles = structs.replace(gait.soles, holds=replaced(holds, foot, hold))
+
+    def _land(self, foot: int) -> None:
+        gait = self.state
+        gait.steps += 1
+        gait.early = max(gait.step.time - gait.elapsed, 0.0)
+        gait.soles = self._soles.landed(gait.soles, foot, gait.measured)
+        gait.stance = foot
+        command = self._commands.landed(gait.command, gait.soles.holds)
+        if command.over and (self.must_step or self._soles.astride(gait.soles.holds, self.config.astride_max)):
+            command = command.counted(1)  # not recovered yet, or in no stance to come to rest in
+        if command.over:
+            gait.dcm = gait.dcm.begin_blend()
+            command = command.counted(None)
+            self._enter(GaitPhase.FINISH)
+        else:
+            self._enter(GaitPhase.DOUBLE)
+        gait.command = command
+
+    def _loads(self) -> tuple[float, float]:
+        """Share of the weight on each foot, from the ZMP of the reference between them."""
+        gait = self.state
+        if gait.phase is GaitPhase.STAND:
+            return 1.0, 1.0
+        if gait.phase is GaitPhase.SINGLE:
+            return (1.0, 0.0) if gait.stance == 0 else (0.0, 1.0)
+        if gait.step.urgent:
+            return 1.0, 1.0  # both feet may bear any load to catch the robot
+        return self._soles.shares(gait.soles.holds, gait.dcm.zmp(self._omega()))
+
+    def _off_the_floor(self, state: RobotState, dt: float) -> bool:
+        """Whether the robot is in the air; put down, it stands and waits for a new command."""
+        gait = self.state
+        if gait.phase is GaitPhase.STAND and gait.rest is not None and not gait.rest.walk:
+            return False  # a robot that is let down onto its feet has to take up its weight
+        gait.airborne, put_down = self._airborne.update(gait.airborne, gait.measured.active, state.q[7:], dt)
+        if put_down:
+            self._stand(gait.measured)
+            gait = self.state
+            gait.command = gait.command.stopped("the robot was put down", muted=True)
+        elif gait.airborne.confirmed and gait.phase is not GaitPhase.LIFTED:
+            gait.command = gait.command.stopped("the robot was lifted", muted=True)
+            self._enter(GaitPhase.LIFTED)
+        # Quick, wide steps leave the floor for some ticks: holding the posture then would cause a fall.
+        return gait.airborne.active and (gait.airborne.confirmed or not gait.step.urgent)
+
+    def _stand(self, measured: Measurement) -> None:
+        """End the walk: the robot stands at its measured place."""
+        before, soles = self.state, self._soles.planted(measured)
+        self.state = replace(
+            before,
+            measured=measured,
+            dcm_rate=np.zeros(2),
+            soles=soles,
+            footing=self._footing.whole(before.footing.edges),
+            step=structs.replace(before.step, urgent=False),
+            dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
+            body=BodyState(float(measured.com[2]) - soles.ground()),
+            airborne=self._airborne.on_floor,
+            command=CommandState(route=before.command.route.ended("the walk began anew")),
+            phase=GaitPhase.STAND,
+            elapsed=0.0,
+            settled=0.0,
+            recovering=False,
+            rest=None,
+        )
+
+    def _begin(self) -> None:
+        """From standing: shift the weight to the foot that does not swing first."""
+        gait = self.state
+        gait.stance = 1 - gait.command.first_foot
+        gait.dcm = gait.dcm.begin_blend()
+        gait.command = gait.command.counted(None)
+        self._enter(GaitPhase.START)
+
+    def _recover(self) -> None:
+        """Step at once, without a shift of the weight, with the foot that gets nearer to the DCM of the near future.
+
+        The push is expected to last for ``push_horizon``. If both feet get there, the one farther from the DCM swings.
+        """
+        gait, omega = self.state, self._omega()
+        dcm, holds = gait.measured.dcm(omega), gait.soles.holds
+        ahead, gait.stance = dcm + self.config.push_horizon * gait.dcm_rate, self._soles.nearest(holds, dcm)
+        missed = [self._soles.missed(holds, foot, ahead, omega) for foot in range(2)]
+        if missed[1 - gait.stance] < missed[gait.stance] - _NEARER:
+            gait.stance = 1 - gait.stance
+        gait.command = gait.command.counted(2)
+        gait.recovering = True
+        self._lift()
+
+    def _enter(self, phase: GaitPhase) -> None:
+        gait = self.state
+        gait.phase, gait.elapsed, gait.settled = phase, 0.0, 0.0
+        if phase is GaitPhase.STAND:
+            gait.step = structs.replace(gait.step, urgent=False)
+            gait.dcm = gait.dcm.begin_blend()
+
+    @property
+    def _rest_dcm(self) -> Vector:
+        """DCM of a robot at rest (2,) [m]."""
+        rest = self.state.rest
+        return self._soles.middle(self.state.soles.holds) if rest is None else rest.dcm
+
+    def _omega(self) -> float:
+        return math.sqrt(GRAVITY / max(self.state.body.height, 0.1))
+
+    def _far_off(self) -> bool:
+        """Whether the DCM is so far from its reference that the step is urgent."""
+        error = self.state.measured.dcm(self._omega()) - self.state.dcm.dcm
+        return float(np.linalg.norm(error)) > self.config.adjustment.urgent
+
+    @property
+    def must_step(self) -> bool:
+        """Whether the DCM is beyond what a standing robot can recover from."""
+        if self.state.rest is not None and not self.state.rest.step:
+            return False
+        return self._soles.beyond_standing(self.state.soles.holds, self.state.measured.dcm(self._omega()))
+
+    def _warm_up(self) -> GaitState:
+        """State of the standing robot, after its first step has compiled every kernel."""
+        model = self.model
+        weight = np.array([0.0, 0.0, 0.5 * model.mass * GRAVITY, 0.0, 0.0, 0.0])
+        contact = ContactState(True, weight)
+        robot = RobotState(
+            0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (contact, contact)
+        )
+        measured = self._sensors.measure(robot)
+        at_rest = GaitState(
+            measured,
+            np.zeros(2),
+            self._soles.planted(measured),
+            self._footing.whole(),
+            StepState(self.config.timing.single, np.zeros(2)),
+            DcmState.at_rest(measured.com[:2]),
+            BodyState(self._builder.standing_height),
+            self._airborne.on_floor,
+        )
+        self.state = at_rest.copy()
+        velocity = (self.config.velocity.forward, 0.0, 0.0)
+        self.state.command = self._commands.set_velocity(CommandState(), velocity)
+        for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
+            self.step(robot, dt)
+        return at_rest

@@ -1,0 +1,186 @@
+"""State of a gait, the coming steps, and whether one step can bring the robot to rest."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from msgspec import Struct
+
+from models.types import Vector
+from planners.gait.commands import NO_COMMAND, CommandState
+from planners.gait.config import GaitConfig
+from planners.gait.contact import AirborneState, Measurement, Soles, SoleState
+from planners.gait.dcm import DcmState
+from planners.gait.footing import FootingState
+from planners.gait.footsteps import LEFT, Feet, Foothold, Velocity, limits_of, preview_footholds
+from planners.gait.route import Route
+from planners.gait.swing import AT_REST, SwingState
+
+TIMES = 5
+"""Touchdown times that the capturability margin tries."""
+
+
+class GaitPhase(Enum):
+    """Phase of the gait."""
+
+    STAND = "stand"
+    START = "start"  # both feet; the weight moves to the first stance foot
+    SINGLE = "single"
+    DOUBLE = "double"  # both feet; the weight moves to the foot that has just landed
+    FINISH = "finish"  # both feet; the weight returns to the middle
+    LIFTED = "lifted"  # off the floor: the posture is held
+
+    @property
+    def stepping(self) -> bool:
+        """Whether a foot is in the air or about to lift."""
+        return self in (GaitPhase.START, GaitPhase.SINGLE, GaitPhase.DOUBLE)
+
+    @property
+    def airborne(self) -> bool:
+        """Whether a foot has left the floor since the robot stood."""
+        return self not in (GaitPhase.STAND, GaitPhase.START)
+
+    @property
+    def resting(self) -> bool:
+        """Whether the weight is between both feet, or on its way there."""
+        return self in (GaitPhase.STAND, GaitPhase.FINISH)
+
+
+class Rest(Struct, frozen=True):
+    """How the robot stands while it takes no steps."""
+
+    dcm: Vector  # DCM at which it comes to rest, in W (2,) [m]
+    velocity: Vector  # of the CoM there, in W (2,) [m/s]
+    height: float  # CoM height above the soles [m]
+    walk: bool = True  # the gait follows its commands
+    step: bool = True  # it may step to keep its balance
+    still: bool = True  # the reference is that of standing, no blend is under way
+
+
+class StepState(Struct, frozen=True):
+    """The single support under way, or the last one."""
+
+    time: float  # planned touchdown, from lift-off [s]
+    touchdown: Vector  # DCM of the reference at the touchdown, in W (2,) [m]
+    liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  # foothold that the swing foot left
+    next_adjustment: float = 0.0  # since lift-off [s]
+    urgent: bool = False  # the DCM was so far from its reference that the step is as quick as possible
+    unsolved: int = 0  # step adjustments without a solution, which kept to the nominal step
+
+
+class BodyState(Struct, frozen=True):
+    """Reference of the body."""
+
+    height: float  # CoM height above the ground [m]
+    ground: float | None = None  # height of the ground, limited in rate [m]; None before the first reference
+
+
+@dataclass(slots=True)
+class GaitState:
+    """Everything that a gait keeps from one tick to the next.
+
+    The parts are values: their arrays are never written to, so a copy shares them.
+    """
+
+    measured: Measurement
+    dcm_rate: Vector  # rate of the measured DCM, low-passed (2,) [m/s]
+    soles: SoleState
+    footing: FootingState
+    step: StepState
+    dcm: DcmState
+    body: BodyState
+    airborne: AirborneState
+    command: CommandState = NO_COMMAND
+    swing: SwingState = AT_REST
+    phase: GaitPhase = GaitPhase.STAND
+    stance: int = 1  # the present or coming stance foot (0 left, 1 right)
+    steps: int = 0  # touchdowns so far
+    elapsed: float = 0.0  # in this phase [s]
+    settled: float = 0.0  # time at rest in phase ``STAND`` [s]
+    early: float = 0.0  # time by which the last touchdown was early [s]
+    recovering: bool = False  # the present steps began with one that caught a standing robot
+    rest: Rest | None = None  # over the middle of the soles when None
+
+    def copy(self) -> GaitState:
+        """Another record of the same state, for a checkpoint."""
+        return copy.copy(self)
+
+
+@dataclass(frozen=True, slots=True)
+class GaitView:
+    """State of a gait for observers."""
+
+    phase: str
+    swinging: bool
+    stance: int  # the present or coming stance foot (0 left, 1 right)
+    steps: int  # touchdowns so far
+    elapsed: float  # in this phase [s]
+    step_time: float  # planned single support of the step under way [s]
+    steps_left: int | None  # touchdowns until the walk ends; None to walk on
+    velocity: Velocity  # of the present step, within the limits
+    dcm: Vector  # measured, in W (2,) [m]
+    omega: float  # of the pendulum [1/s]
+    footholds: Feet  # planned pose of each sole, or the target of the swing foot
+    soles: Soles
+    unsolved: int  # step adjustments that found no solution so far
+    route: Route  # footsteps that replace those of the velocity
+
+
+def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
+    """The next footholds, alternating feet; the first is the adjusted one of the foot in the air. Empty at rest."""
+    if view.phase in ("stand", "finish"):
+        return []
+    first, foot = view.footholds[view.stance], 1 - view.stance
+    taken, left = [], view.steps_left
+    if view.swinging:
+        taken = [view.footholds[foot]]
+        first, foot = taken[0], view.stance
+        left = None if left is None else left - 1
+    if left is not None and left <= 0:
+        return taken
+    if view.route.left:
+        ahead = view.route.ahead(view.footholds[view.stance], config.preview, limits_of(config.reach))
+        return [*taken, *ahead[len(taken) :]]
+    count = config.preview - len(taken)
+    return taken + preview_footholds(first, foot, view.velocity, config.period, config.reach, max(count, 1), left)
+
+
+def capture_margin(view: GaitView, config: GaitConfig) -> float:
+    r"""Distance of the DCM inside the region from which one step brings the robot to rest; negative outside [m].
+
+    With the CoP anywhere in the stance sole (half size h) until a touchdown after t, the DCM ends within
+    ``exp(omega t) xi -+ (exp(omega t) - 1) h``; one step suffices if that meets the footholds in reach, grown by half
+    the landing sole (half size h'). Along each axis of the stance sole:
+
+    .. math:: e^{\omega t} \xi \in [r_{min} - h', r_{max} + h'] \pm (e^{\omega t} - 1) h
+
+    The margin is that of the best time among ``TIMES`` from the soonest to the latest one. On both feet the box around
+    the soles counts too, where no step is needed.
+
+    References:
+        Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, section 5.
+    """
+    if view.swinging:
+        return _one_step(view, config, view.stance, view.elapsed)
+    place, half = view.soles.standing_box(view.footholds, view.dcm)
+    stances = (0, 1) if view.phase in ("stand", "finish") else (view.stance,)
+    steps = [_one_step(view, config, stance, 0.0) for stance in stances]
+    return max(float((half - np.abs(place)).min()), *steps)
+
+
+def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -> float:
+    """Margin on one foot, ``elapsed`` after the lift-off of the other one [s]."""
+    timing, soles, reach, foot = config.timing, view.soles, config.reach, 1 - stance
+    soonest = max(timing.single_min, elapsed + config.swing.freeze)
+    times = np.linspace(soonest, max(timing.single_max, soonest), TIMES) - elapsed
+    growth = np.exp(view.omega * times)[:, None]  # (TIMES, 1)
+    width = (reach.width_min, reach.width_max) if foot == LEFT else (-reach.width_max, -reach.width_min)
+    shift = soles.centres[foot] - soles.centres[stance]
+    more = soles.half[foot] + (growth - 1.0) * soles.half[stance]  # (TIMES, 2)
+    lower = (np.array([-reach.backward, width[0]]) + shift - more) / growth
+    upper = (np.array([reach.forward, width[1]]) + shift + more) / growth
+    place = np.array(view.footholds[stance].relative(*view.dcm)) - soles.centres[stance]
+    return float(np.minimum(place - lower, upper - place).min(axis=1).max())

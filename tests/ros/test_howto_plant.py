@@ -1,0 +1,108 @@
+"""The code of docs/howto_plant.md does what the page says, and other plants are refused by name."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from bridge.launch.graph import Graph
+from bridge.nodes.robot_driver import RobotDriver
+from models.nodes import topics
+from models.nodes.qos import SENSOR
+from tests.ros.conftest import free_domain
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def folder(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of the page, the sensor data recorded."""
+    where = tmp_path_factory.mktemp("howto")
+    blocks = re.findall(r"```python\n(.*?)```", (root / "docs/howto_plant.md").read_text(), re.DOTALL)
+    for name, code in zip(("record", "replay", "drive"), blocks, strict=True):
+        (where / f"{name}.py").write_text(code)
+    run(where, root, "record.py")
+    return where
+
+
+def run(folder: Path, root: Path, script: str) -> str:
+    code = f"import sys, runpy; sys.path[:0] = ['.', {str(root)!r}]; runpy.run_path({script!r}, run_name='__main__')"
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def test_the_drivers_run_the_plant_without_ros(folder: Path, root: Path) -> None:
+    assert re.search(r"active kp \d+ N.m/rad, tau -?\d+\.\d N.m", run(folder, root, "drive.py"))
+
+
+def test_the_graph_runs_the_plant(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=":")
+    parameters = {"robot_driver": {"plant": "replay:ReplayPlant", "plant_options": f"{{file: {folder}/standing.npz}}"}}
+    stamps: list[int] = []
+    with Graph(
+        "g1", domain_id=free_domain(), parameters=parameters, log=folder / "log", say=lambda text: None
+    ) as graph:
+        graph.node.create_subscription(JointState, topics.JOINT_STATES, lambda m: stamps.append(m.header.stamp), SENSOR)
+        graph.wait_for(lambda: graph.mode == "off" and graph.driver_state == "off", 20.0, "off")
+        graph.wait_for(lambda: len(stamps) > 100, 20.0, "publishing")
+        names = {name for name, _ in graph.node.get_service_names_and_types()}
+        assert not names & {"/reset", "/push", "/faults/inject"}
+        graph.wait_for(lambda: graph.call("mode/stand")[0], 20.0, "armed")
+        graph.wait_standing(20.0)
+        graph.spin(1.0)
+        assert graph.standing
+
+
+@pytest.mark.parametrize(
+    ("parameters", "culprit"),
+    [
+        ({"plant": "robot"}, "plant: unknown 'robot'; known: mujoco"),
+        ({"plant": "no_such_module:Plant"}, "plant: 'no_such_module:Plant' cannot be imported"),
+        ({"plant": "replay:ReplayPlant", "plant_options": "{path: standing.npz}"}, "path"),
+        ({"plant": "replay:ReplayPlant", "plant_options": "{file: FOLDER/empty.npz}"}, "no array 'q'"),
+        ({"plant": "replay:ReplayPlant", "plant_options": "{file: FOLDER/none.npz}"}, "none.npz"),
+        ({"plant": "replay:ReplayPlant", "plant_options": "{file: FOLDER/standing.npz}", "lockstep": True}, "lockstep"),
+    ],
+)
+def test_a_plant_that_cannot_be_had_is_refused_by_name(
+    bench: Any, folder: Path, monkeypatch: pytest.MonkeyPatch, parameters: dict[str, Any], culprit: str
+) -> None:
+    np.savez(folder / "empty.npz")
+    monkeypatch.syspath_prepend(str(folder))
+    given = {
+        k: json.dumps(v.replace("FOLDER", str(folder)) if isinstance(v, str) else v) for k, v in parameters.items()
+    }
+    node = bench.add(RobotDriver, active=False, **given)
+    assert culprit in node.message
+
+
+def test_a_plant_that_falls_silent_is_damped(bench: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(folder))
+    node = bench.add(
+        RobotDriver, plant="replay:ReplayPlant", plant_options=json.dumps(f"{{file: {folder}/standing.npz}}")
+    )
+    node.commands.on_mode(String(data="stand"))
+    for _ in range(20):
+        node.publish_tick(0.0)
+        node.step()
+    stamp = node.stamp
+    assert node.drivers.state == topics.ACTIVE and stamp == 20_000_000
+    sample = node.drivers.plant.read()
+    monkeypatch.setattr(node.drivers.plant, "read", lambda: sample)
+    for _ in range(45):
+        node.publish_tick(0.0)
+        node.step()
+    assert node.drivers.state == topics.DAMPED
+    assert node.counters["ticks without a new sample"] == 44
