@@ -1,7 +1,7 @@
 """Compiles the kernels of every law into the cache: `python -m controllers.compile_kernels`, part of the installation.
 
 Each law compiles at construction the kernels of its ticks; here that happens before the first start, in two processes.
-Only NumPy, numba, Pinocchio and the QP solvers are needed, so that the rest can be installed meanwhile.
+Only NumPy, SciPy, numba, Pinocchio and the QP solvers are needed, so that the rest can be installed meanwhile.
 """
 
 from __future__ import annotations
