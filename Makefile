@@ -57,7 +57,7 @@ report-docs:  ## ... and what of it is committed in docs/benchmark_report/, also
 
 reference:  ## docs/reference.md from what the nodes declare
 	@.ci/setup dev
-	@$(BIN)/python -m bridge.ros.reference
+	@$(BIN)/python -m bridge.commands.reference
 
 clean:  ## Remove what runs leave behind
 	rm -rf $(OUT) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

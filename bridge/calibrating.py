@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bridge.lockstep import Lockstep
+from bridge.loop.lockstep import Lockstep
 from controllers.calibration.session import CalibrationSession
 from models.calibration import Calibration
 from models.errors import PoiseError

@@ -11,10 +11,10 @@ from typer.core import TyperGroup
 
 from bridge.commands import log, reach, record
 from bridge.commands.common import Namespace, Network, console, need, need_ros, print_reply, report_errors
-from models.threads import use_one_thread
+from models.numerics.threads import use_one_thread
 
 if TYPE_CHECKING:
-    from controllers.command_signature import Signer
+    from controllers.commands.command_signature import Signer
 
 ENTRY_POINTS = "poise.commands"
 """Entry points of groups of commands, such as ``poise bench``."""
@@ -64,8 +64,8 @@ def _signer(key: Path | None, source: str = "teleop") -> Signer | None:
     """Signer of a source's commands; None without a key."""
     if key is None:
         return None
-    from controllers.command_key import read_key
-    from controllers.command_signature import Signer
+    from controllers.commands.command_key import read_key
+    from controllers.commands.command_signature import Signer
 
     return Signer(read_key(key), source)
 
@@ -228,7 +228,7 @@ def teleop(
 @app.command()
 def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing file is never overwritten.")]) -> None:
     """Make a key for signed commands: random bytes that this user alone can read."""
-    from controllers.command_key import write_key
+    from controllers.commands.command_key import write_key
 
     with report_errors():
         write_key(file)
@@ -321,8 +321,8 @@ def check_robot(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
 ) -> None:
     """Propose a profile for a URDF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
-    from bridge.check_robot import check_robot as check
-    from bridge.check_robot import report
+    from bridge.check_robot.check import check_robot as check
+    from bridge.check_robot.check import report
 
     with report_errors():
         verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)

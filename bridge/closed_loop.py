@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
-from bridge.lockstep import Lockstep
-from bridge.loop_black_box import LoopBlackBox
-from bridge.loop_config import LoopConfig
-from bridge.loop_log import LoopLog
-from bridge.obstacle_guard import ObstacleGuard
+from bridge.loop.black_box import LoopBlackBox
+from bridge.loop.lockstep import Lockstep
+from bridge.loop.log import LoopLog
+from bridge.loop.obstacle_guard import ObstacleGuard
 from bridge.plants.fault_plan import Faults
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensor_errors import SensorErrors
 from bridge.plants.world import ALONE, MujocoWorld
 from controllers.estimation.estimator import StateEstimator
 from controllers.input_log import InputLog
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
+from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack, Law, StackConfig
-from controllers.supervisor import ACTIVE_MODES
 from models.calibration import Calibration
 from models.config import default_config
 from models.errors import CommandError, ConfigError, PoiseError
@@ -32,7 +32,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.planner import GaitPlanner
 
 if TYPE_CHECKING:
-    from bridge.loop_recorder import LoopRecorder
+    from bridge.loop.recorder import LoopRecorder
 
 
 class ClosedLoop:
@@ -416,7 +416,7 @@ def _make_recorder(robot: RobotModel, path: Path, controller: Law | None, estima
     if estimate != "sensors" or controller is not None:
         raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
     try:
-        from bridge.loop_recorder import LoopRecorder
+        from bridge.loop.recorder import LoopRecorder
     except ImportError as error:
         raise PoiseError(f"mcap: the messages of ROS 2 cannot be imported: {error}") from error
     return LoopRecorder(robot, path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bridge.ros.processes import Parameters
-from controllers.supervisor_config import SupervisorConfig
+from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.robot_model import RobotModel
 from planners.library import load_motion, motion_files

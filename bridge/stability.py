@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from bridge.recording import Recording
+from bridge.record.recording import Recording
 from bridge.support_polygon import margin, support_polygon
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

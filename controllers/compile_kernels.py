@@ -10,15 +10,15 @@ from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context
 
+from models.numerics.threads import use_one_thread
 from models.robot_model import RobotModel
-from models.threads import use_one_thread
 
 LAWS = (
-    ("controllers.balance:BalanceController",),
+    ("controllers.balance.controller:BalanceController",),
     (
         "controllers.estimation.estimator:StateEstimator",
         "planners.gait.planner:GaitPlanner",
-        "controllers.joint_monitor:JointMonitor",
+        "controllers.safety.joint_monitor:JointMonitor",
     ),
 )
 """What each process builds."""

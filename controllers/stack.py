@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 from msgspec import structs
 
-from controllers.arbitration import Velocity
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
+from controllers.balance.head import Head, HeadConfig
+from controllers.balance.tuning import Tuning
+from controllers.commands.arbitration import Velocity
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
-from controllers.head import Head, HeadConfig
-from controllers.health import Health, tilt
 from controllers.input_log import InputLog
-from controllers.joint_monitor import JointMonitor
-from controllers.preflight import Evidence, preflight
-from controllers.supervisor import ACTIVE_MODES, Supervisor
-from controllers.tuning import Tuning
-from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from controllers.safety.health import Health, tilt
+from controllers.safety.joint_monitor import JointMonitor
+from controllers.safety.preflight import Evidence, preflight
+from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.calibration import Calibration, apply_calibration
 from models.errors import CommandError, PoiseError
 from models.robot_model import RobotModel

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.compiled import njit
+from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import njit
+from models.numerics.compiled import njit
 from models.types import Matrix, Vector
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from models.compiled import njit
 from models.errors import RobotModelError
-from models.so3 import multiply, rotate
+from models.numerics.compiled import njit
+from models.numerics.so3 import multiply, rotate
 
 Array = NDArray[np.float64]
 

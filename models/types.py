@@ -184,7 +184,7 @@ class JointTrajectory:
 
 
 class Mode(Enum):
-    """What the robot is doing; see the mode machine in ``controllers/supervisor.py``."""
+    """What the robot is doing; see the mode machine in ``controllers/safety/supervisor.py``."""
 
     OFF = "off"
     DAMP = "damp"

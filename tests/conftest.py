@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from models.threads import use_one_thread
+from models.numerics.threads import use_one_thread
 
 if TYPE_CHECKING:
     from models.robot_model import RobotModel

@@ -13,19 +13,22 @@ import numpy as np
 from msgspec import structs
 
 from bridge import calibrating, closed_loop
-from controllers import command_signature, joint_servo, preflight, stack, torque_limiter
-from controllers.arbitration import NO_SOURCE, Arbiter
-from controllers.command_signature import VerifiedCommand, Verifier
+from controllers import stack
+from controllers.commands import command_signature
+from controllers.commands.arbitration import NO_SOURCE, Arbiter
+from controllers.commands.command_signature import VerifiedCommand, Verifier
+from controllers.commands.obstacle_stop import ObstacleStop
 from controllers.estimation import feet, samples
 from controllers.estimation.samples import EstimatorHealth, SensorBuffer
-from controllers.joint_monitor import JointMonitor
-from controllers.joint_servo import JointServo
-from controllers.obstacle_stop import ObstacleStop
+from controllers.joints import joint_servo, torque_limiter
+from controllers.joints.joint_servo import JointServo
 from controllers.qp.solve import QPSolver
+from controllers.safety import preflight
+from controllers.safety.joint_monitor import JointMonitor
+from controllers.safety.supervisor import Supervisor
+from controllers.safety.supervisor_config import SupervisorConfig
 from controllers.stack import ControlStack
-from controllers.supervisor import Supervisor
-from controllers.supervisor_config import SupervisorConfig
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.controller import WholeBodyController
 from models import profile, trajectory
 from models.config import default_config
 from models.robot_model import RobotModel

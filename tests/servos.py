@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.joint_servo import JointServo, drive_torque
+from controllers.joints.joint_servo import JointServo, drive_torque
 from models.robot_model import RobotModel
 from models.types import JointCommand
 

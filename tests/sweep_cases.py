@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.core.results import NOT_RUN
-from models.threads import THREAD_VARIABLES
+from models.numerics.threads import THREAD_VARIABLES
 
 
 def square(seed: int, robot: str = "g1") -> dict[str, Any]:

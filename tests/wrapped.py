@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointCommand, JointTrajectory, Reference, RobotState, SolveStatus
 

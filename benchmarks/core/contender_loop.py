@@ -8,11 +8,11 @@ import numpy as np
 
 from benchmarks.core.contender import load
 from bridge.closed_loop import ClosedLoop
-from bridge.loop_config import LoopConfig
-from bridge.monitor import PlantMonitor
+from bridge.loop.monitor import PlantMonitor
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.start_up import hanging_command, release_loaded
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain

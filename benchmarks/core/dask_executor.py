@@ -20,7 +20,7 @@ from distributed.scheduler import KilledWorker
 from benchmarks.core.measured import Case, Done
 from benchmarks.core.provenance import source_state, versions
 from models.errors import PoiseError, WorkersError
-from models.threads import use_one_thread
+from models.numerics.threads import use_one_thread
 
 AHEAD = 4  # cases queued at the scheduler for each core, so that no worker waits
 AT_LEAST = 64  # least number of queued cases: workers may join at any time

@@ -12,7 +12,7 @@ from types import TracebackType
 from benchmarks.core.measured import Case, Done, Executor, measured
 from models.errors import PoiseError
 from models.nodes.realtime import die_with_parent
-from models.threads import use_one_thread
+from models.numerics.threads import use_one_thread
 
 DEATHS_ALLOWED = 3  # deaths of workers in a row, without a finished case, that end the sweep
 

@@ -14,10 +14,10 @@ from msgspec import structs
 
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
-from controllers.arbitration import Arbiter
-from controllers.balance import BalanceController
-from controllers.body_outline import BodyOutline
-from controllers.command_signature import KEY_BYTES, Signer, Verifier
+from controllers.balance.controller import BalanceController
+from controllers.commands.arbitration import Arbiter
+from controllers.commands.body_outline import BodyOutline
+from controllers.commands.command_signature import KEY_BYTES, Signer, Verifier
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError
 from models.robot_model import RobotModel

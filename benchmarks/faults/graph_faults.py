@@ -21,7 +21,7 @@ from benchmarks.core.results import NOT_RUN
 from benchmarks.graph.graph_acts import ACTS
 from benchmarks.graph.graph_kinds import GraphRow, Kind, NotHere, config, graph_of
 from benchmarks.graph.graph_stage import BACK_TIME, LOOK, GraphStage
-from controllers.supervisor import ACTIVE_MODES
+from controllers.safety.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
 from models.robot_model import RobotModel

@@ -18,8 +18,8 @@ from benchmarks.graph.graph_kinds import PRODDED_CONTROL, PRODDED_PLANNER
 from benchmarks.graph.graph_stage import LOOK, GraphStage, User
 from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR
 from bridge.ros.processes import ACTIVATE, DEACTIVATE, change_state
-from controllers.command_key import read_key
-from controllers.command_signature import Signer
+from controllers.commands.command_key import read_key
+from controllers.commands.command_signature import Signer
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR

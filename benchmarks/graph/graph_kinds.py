@@ -24,7 +24,7 @@ from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import BRIDGE, CONTROL, PLANNER, SUPERVISOR, process_specs
 from bridge.ros.processes import Parameters, ProcessSpec
-from controllers.command_key import write_key
+from controllers.commands.command_key import write_key
 from models.config import STRICT
 from models.errors import PoiseError
 

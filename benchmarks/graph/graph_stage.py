@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from benchmarks.graph.graph_kinds import GraphRow, Made, config
 from bridge.launch.graph import Graph
-from bridge.ros.observer import Observer
+from bridge.record.observer import Observer
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS

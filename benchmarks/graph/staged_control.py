@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from bridge.driver import stage_probe
+from bridge.driver.stage_probe import StageProbe
 from bridge.nodes.control import factories
-from bridge.ros import stage_probe
-from bridge.ros.stage_probe import StageProbe
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.nodes import topics

@@ -40,7 +40,7 @@ from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
 from benchmarks.speed.tick_timing import STATUSES, solution_figures
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.config import STRICT
 from models.errors import PoiseError
 from models.types import ControlResult, Reference, RobotState

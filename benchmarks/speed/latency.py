@@ -27,8 +27,8 @@ from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
 from benchmarks.speed.latency_stages import STAGES, answered, split, tails
 from bridge.driver.latency_probe import LatencyProbe
+from bridge.driver.stage_probe import LEFT, RIGHT, cost
 from bridge.ros.environment import free_domain
-from bridge.ros.stage_probe import LEFT, RIGHT, cost
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.types import Vector

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.core.timed_run import Spread, percentiles_of
-from bridge.ros.stage_probe import ARRIVED, COMMANDED, ESTIMATED, PLANNED, SOLVED, STAMP
+from bridge.driver.stage_probe import ARRIVED, COMMANDED, ESTIMATED, PLANNED, SOLVED, STAMP
 from models.types import Matrix, Vector
 
 STAGES = (
@@ -41,7 +41,7 @@ class Ticks:
     Attributes:
         total: From just before the sensors are published until the drivers have the command (n,) [us].
         stages: Parts of it by ``STAGES`` (n, 8) [us].
-        contacts: Feet in contact (n,), bits of ``bridge/ros/stage_probe.py``.
+        contacts: Feet in contact (n,), bits of ``bridge/driver/stage_probe.py``.
     """
 
     total: Vector

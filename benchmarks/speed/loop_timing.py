@@ -20,9 +20,9 @@ from benchmarks.core.harness import Report
 from benchmarks.core.loops import advance, keep_upright
 from benchmarks.core.timed_run import MICRO, Stopwatch
 from bridge.closed_loop import ClosedLoop
-from bridge.monitor import PlantMonitor
+from bridge.loop.monitor import PlantMonitor
 from bridge.plants.bare_physics import BarePhysics
-from controllers.supervisor import Supervisor
+from controllers.safety.supervisor import Supervisor
 from models.nodes.realtime import each_thread
 
 STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")

@@ -28,7 +28,7 @@ from benchmarks.speed.qp_records import RecordedQP, qp_config, record, write
 from bridge.plots import new_figure
 from controllers.qp.active_set import QP
 from controllers.qp.solve import INFINITE, TOLERANCE, QPSolver, backends, solver_options, to_qpsolvers
-from controllers.whole_body_config import SolverConfig, WholeBodyConfig
+from controllers.whole_body.config import SolverConfig, WholeBodyConfig
 from models.config import default_config
 from models.types import Vector
 

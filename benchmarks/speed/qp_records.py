@@ -14,9 +14,9 @@ from benchmarks.core.benchmark import Count, Positive, settings
 from benchmarks.core.loops import advance, demand
 from benchmarks.stability.exercise import exercise_config, push_forces
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.controller import WholeBodyController
 from models.config import STRICT
 from models.errors import ConfigError, PoiseError
 from models.types import Mode

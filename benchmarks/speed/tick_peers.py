@@ -19,8 +19,8 @@ import numpy as np
 import pinocchio as pin
 import placo
 
-from controllers.balance import BalanceController
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.balance.controller import BalanceController
+from controllers.whole_body.config import WholeBodyConfig
 from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.mujoco_model import build_mujoco, pin_to_mujoco

@@ -15,9 +15,9 @@ from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import Stopwatch, collector_off
 from benchmarks.speed.tick_peers import KinematicPeer, PinocchioCalls, PlacoTick
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from controllers.qp.terms import Terms
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.controller import WholeBodyController
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointTrajectory, Reference, RobotState, SolveStatus
 

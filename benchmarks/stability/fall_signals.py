@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.core.harness import Case
 from bridge.closed_loop import ClosedLoop
-from bridge.loop_log import LoopLog
+from bridge.loop.log import LoopLog
 from bridge.stability import balance
 from models.constants import GRAVITY
 from models.heading import heading, turned

@@ -27,7 +27,7 @@ from benchmarks.stability.torque_bound import torque_bound
 from bridge.closed_loop import ClosedLoop
 from bridge.stability import Balance, balance
 from bridge.support_polygon import distance_along
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.config import STRICT
 from models.robot_model import RobotModel
 from models.types import RobotState, Vector

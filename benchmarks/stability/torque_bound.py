@@ -25,8 +25,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import linprog
 
-from controllers.limits import CONE_ROWS as ROWS
-from controllers.limits import fill_cone
+from controllers.whole_body.limits import CONE_ROWS as ROWS
+from controllers.whole_body.limits import fill_cone
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

@@ -10,7 +10,7 @@ import numpy as np
 
 from bridge.actions.goals import Outcome, Turn
 from bridge.actions.robot import RobotClient
-from controllers.supervisor import GAIT_WORDS
+from controllers.safety.supervisor import GAIT_WORDS
 from models.nodes.messages import doubles
 from models.robot_model import RobotModel
 from models.status import MotionState

@@ -67,7 +67,7 @@ def black_box(
 ) -> None:
     """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
     from bridge.plots.black_box import plot_black_box
-    from controllers.black_box_file import BlackBoxRecord
+    from controllers.recording.black_box_file import BlackBoxRecord
     from models.robot_model import RobotModel
 
     with report_errors():

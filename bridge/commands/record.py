@@ -11,7 +11,7 @@ import typer
 from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors
 
 if TYPE_CHECKING:
-    from bridge.replay import ReplayReport
+    from bridge.replay.replay import ReplayReport
 
 File = Annotated[Path, typer.Argument(help="Recording: the MCAP file of poise record or of a ClosedLoop.")]
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")]
@@ -76,15 +76,15 @@ def replay(
 
 def _replay(file: Path, robot: str) -> ReplayReport:
     """Replay of a black box, which needs no ROS 2, or of a recording."""
-    from controllers.black_box_file import SUFFIX, BlackBoxRecord
+    from controllers.recording.black_box_file import SUFFIX, BlackBoxRecord
 
     if file.suffix == SUFFIX:
-        from bridge.replay_box import replay_box
+        from bridge.replay.box import replay_box
 
         return replay_box(BlackBoxRecord.load(file), robot)
     need_ros()
     from bridge.record.run_file import read_run
-    from bridge.replay import replay as run_again
+    from bridge.replay.replay import replay as run_again
 
     return run_again(read_run(file, robot))
 

@@ -16,8 +16,8 @@ from rich.table import Table
 
 from bridge.demo.config import DemoConfig
 from bridge.demo.stage import PUSH, STOP, WALK, WAVE
-from bridge.recording import Recording, sole_middle
-from bridge.render import DONE
+from bridge.record.recording import Recording, sole_middle
+from bridge.record.render import DONE
 from bridge.stability import Stability, analyse, stability_figures
 from models.constants import GRAVITY
 from models.heading import heading, turned

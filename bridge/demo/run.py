@@ -15,8 +15,8 @@ from bridge.demo.stage import WALK, SquareWalk, Stage
 from bridge.launch.graph import Graph
 from bridge.plots import plot_run
 from bridge.plots.walk import plot_walk
-from bridge.recording import Recording
-from bridge.render import render_filmstrip
+from bridge.record.recording import Recording
+from bridge.record.render import render_filmstrip
 from bridge.stability import stability_figures
 from models.config import default_config
 from models.errors import PoiseError

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64
 
 from bridge.demo.config import DemoConfig
 from bridge.launch.graph import Graph
-from bridge.ros.observer import Observer
+from bridge.record.observer import Observer
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR

@@ -9,7 +9,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from bridge.driver.drivers import Drivers
 from bridge.driver.latency_probe import LatencyProbe
-from controllers.motor_driver import check_stamp
+from controllers.joints.motor_driver import check_stamp
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from bridge.loop_config import LoopConfig
 from bridge.plants.base import Plant, SimulatedPlant
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.start_up import ReleaseGate, hanging_command
-from controllers.joint_servo import JointServo, ServoState
-from controllers.motor_driver import MotorDriverConfig, follow_mode
-from controllers.samples import mean_sample
-from controllers.supervisor import ACTIVE_MODES
+from controllers.estimation.assembler import mean_sample
+from controllers.joints.joint_servo import JointServo, ServoState
+from controllers.joints.motor_driver import MotorDriverConfig, follow_mode
+from controllers.safety.supervisor import ACTIVE_MODES
 from models.calibration import correct_encoders, encoder_command
 from models.config import default_config
 from models.errors import CommandError

@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from bridge.plants.camera_config import CameraConfig
-from bridge.render import GL_ADVICE
+from bridge.record.render import GL_ADVICE
 from controllers.nodes.estimate_topics import Due
 from models.camera import Pinhole
 from models.config import default_config

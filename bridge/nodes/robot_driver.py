@@ -20,8 +20,8 @@ from bridge.driver.sensor_topics import ScanTopic, SensorTopics
 from bridge.driver.services import SimulationServices
 from bridge.driver.status_topics import StatusTopics, TruthTopics
 from bridge.driver.world import DriverWorld, robot_name
-from bridge.loop_config import LoopConfig
 from bridge.plants.base import Plant, SimulatedPlant, make_plant
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensor_errors import read_sensor_errors
 from bridge.plants.world import ALONE, Place

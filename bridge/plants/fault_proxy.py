@@ -10,7 +10,7 @@ from msgspec import structs
 
 from bridge.plants.fault_effects import JOINT_STATES, SCAN, STAMPS, Channels, Effect, channels_of, effect_of
 from bridge.plants.fault_plan import RELEASE, START, Fault, FaultPlan, Faults, fault_plan
-from controllers.samples import MAX_AGE
+from controllers.estimation.assembler import MAX_AGE
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import SensorData, Vector

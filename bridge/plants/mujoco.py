@@ -11,7 +11,7 @@ from bridge.plants.fault_proxy import FaultProxy
 from bridge.plants.sensor_errors import SensorErrors
 from bridge.plants.sensors import SensorNoise
 from bridge.plants.world import ALONE, MujocoWorld
-from controllers.joint_servo import drive_torque
+from controllers.joints.joint_servo import drive_torque
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import mujoco_to_pin
 from models.robot_model import RobotModel

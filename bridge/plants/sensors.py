@@ -7,8 +7,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from bridge.plants.sensor_errors import SensorErrors
-from models.compiled import njit
 from models.errors import ConfigError
+from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, SensorData, Vector
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from bridge.loop_config import LoopConfig
 from bridge.plants.base import SimulatedPlant
+from bridge.plants.loop_config import LoopConfig
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

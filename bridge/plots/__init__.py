@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from bridge.recording import Recording
+from bridge.record.recording import Recording
 from bridge.stability import Stability
 from bridge.support_polygon import support_polygon
 from models.robot_model import RobotModel

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bridge.plots import new_figure, plot_run
-from bridge.recording import Recording
+from bridge.record.recording import Recording
 from bridge.stability import analyse
-from controllers.black_box_file import BlackBoxRecord
+from controllers.recording.black_box_file import BlackBoxRecord
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

@@ -8,9 +8,9 @@ import numpy as np
 
 from bridge.plots import new_figure, plot_run
 from bridge.plots.walk import plot_walk
+from bridge.record.recording import Recording
 from bridge.record.run_file import RecordedRun
 from bridge.record.run_topics import EVENTS
-from bridge.recording import Recording
 from bridge.stability import analyse
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from bridge.plots import COLOURS, new_figure
-from bridge.recording import Recording
-from bridge.render import DONE
+from bridge.record.recording import Recording
+from bridge.record.render import DONE
 from bridge.stability import analyse
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

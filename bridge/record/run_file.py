@@ -14,8 +14,8 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 
 from bridge.record.run_topics import DESCRIPTION, EVENTS, ROBOT
-from controllers.black_box_file import SUFFIX
 from controllers.input_log import TickInputs
+from controllers.recording.black_box_file import SUFFIX
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.messages import (

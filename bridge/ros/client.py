@@ -30,7 +30,7 @@ from models.status import MotionState, MotionStatus, Status, SupervisorStatus
 from models.types import CommandReply
 
 if TYPE_CHECKING:
-    from controllers.command_signature import Signer
+    from controllers.commands.command_signature import Signer
 
 S = TypeVar("S", bound=Status)
 

@@ -16,7 +16,7 @@ from typing import IO
 
 from models.errors import PoiseError
 from models.nodes.spin import SUPERVISED, log_variables
-from models.threads import THREAD_VARIABLES
+from models.numerics.threads import THREAD_VARIABLES
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.ros.client import Client, signed
-from controllers.command_signature import Signer
+from controllers.commands.command_signature import Signer
 from models.nodes import topics
 from models.nodes.odometry import Velocity, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT

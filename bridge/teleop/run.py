@@ -14,7 +14,7 @@ from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 from bridge.teleop.config import TeleopConfig
 from bridge.teleop.input import Gamepad, KeyLaw, keyboard, limits_of, read_keys
-from controllers.command_signature import Signer
+from controllers.commands.command_signature import Signer
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.odometry import Velocity

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from bridge.loop_config import Positive
+from bridge.plants.loop_config import Positive
 from models.config import STRICT
 
 

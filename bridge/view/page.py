@@ -19,8 +19,8 @@ from bridge.view.gains import Gains
 from bridge.view.listener import Listener
 from bridge.view.plots import LivePlots
 from bridge.view.robot_scene import WORLD, RobotScene
-from controllers.command_signature import Signer
-from controllers.supervisor_config import SupervisorConfig
+from controllers.commands.command_signature import Signer
+from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes.spin import Stop

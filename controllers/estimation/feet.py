@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
 from controllers.estimation.observer import ForceObserver
-from models.compiled import njit
+from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import njit
-from models.so3 import exponential, left_jacobian, logarithm, multiply, orthonormalise, rotate, turn_noise
+from models.numerics.compiled import njit
+from models.numerics.so3 import exponential, left_jacobian, logarithm, multiply, orthonormalise, rotate, turn_noise
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.filter_kernels import GYRO_BIAS, POSITION, ROTATION, VELOCITY, SolePoses
-from models.compiled import njit
 from models.errors import RobotModelError
+from models.numerics.compiled import njit
+from models.numerics.so3 import rotate, rotate_transposed, to_quaternion
 from models.robot_model import RobotModel
-from models.so3 import rotate, rotate_transposed, to_quaternion
 from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
 from models.types import Vector
 

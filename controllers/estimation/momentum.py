@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import njit
+from models.numerics.compiled import njit
+from models.numerics.so3 import quaternion_matrix, rotate, rotate_transposed
 from models.robot_model import RobotModel
-from models.so3 import quaternion_matrix, rotate, rotate_transposed
 from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from controllers.estimation.config import ObserverConfig
 from controllers.estimation.momentum import Dynamics, Momentum, generalised_momentum, read_dynamics
-from models.compiled import njit
+from models.numerics.compiled import njit
+from models.numerics.so3 import rotate, rotate_transposed
 from models.robot_model import RobotModel
-from models.so3 import rotate, rotate_transposed
 from models.types import CentroidalState, Matrix, PushEstimate, Vector
 
 Array = NDArray[np.float64]

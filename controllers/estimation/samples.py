@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.feet import NOT_FINITE, SATURATED, FootSensorState
-from controllers.stamps import JumpFilter
-from models.compiled import njit
+from controllers.estimation.stamps import JumpFilter
 from models.errors import MessageError
+from models.numerics.compiled import njit
 from models.profile import Sensors
 from models.types import SensorData
 

@@ -10,16 +10,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from controllers.head import HeadConfig
+from controllers.balance.head import HeadConfig
+from controllers.balance.tuning import TUNABLE
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
 from controllers.nodes.gain_parameters import GainParameters
 from controllers.nodes.head_topics import HeadTopics
 from controllers.nodes.motion_topics import MotionTopics
 from controllers.nodes.sample_topics import StateTopics
+from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack, StackConfig
-from controllers.supervisor import ACTIVE_MODES
-from controllers.tuning import TUNABLE
-from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
 from models.errors import MessageError
 from models.nodes import topics

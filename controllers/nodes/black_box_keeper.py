@@ -9,10 +9,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
-from controllers.black_box import BlackBox, BlackBoxConfig
-from controllers.black_box_file import BlackBoxFolder
+from controllers.recording.black_box import BlackBox, BlackBoxConfig
+from controllers.recording.black_box_file import BlackBoxFolder
+from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack
-from controllers.supervisor import ACTIVE_MODES
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import realtime, topics

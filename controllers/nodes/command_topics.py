@@ -10,11 +10,11 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty, String
 
-from controllers.arbitration import PLAIN, STILL, Arbiter, ArbitrationConfig, Velocity
-from controllers.command_signature import Verifier
+from controllers.commands.arbitration import PLAIN, STILL, Arbiter, ArbitrationConfig, Velocity
+from controllers.commands.command_signature import Verifier
+from controllers.commands.obstacle_stop import ObstacleStop
 from controllers.nodes.health_topics import HealthTopics
-from controllers.obstacle_stop import ObstacleStop
-from controllers.supervisor import Supervisor
+from controllers.safety.supervisor import Supervisor
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -51,8 +51,8 @@ class CommandTopics:
     are those of the source ``plain``. In mode ``walk`` every ``publish`` repeats the velocity, zero included: without
     it the gait comes to a standstill.
 
-    With a key, all words but ``stop`` must be signed (``controllers/command_signature.py``): the signature then
-    determines the source, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
+    With a key, all words but ``stop`` must be signed (``controllers/commands/command_signature.py``): the signature
+    then determines the source, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
     ``verifier`` is None for unsigned words; ``obstacles`` limits the velocity, disabled when None; ``reply`` is called
     with topic and answer.
     """

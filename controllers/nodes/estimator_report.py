@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from controllers.estimation.assembler import SampleAssembler
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.samples import EstimatorHealth
-from controllers.samples import SampleAssembler
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS

@@ -11,10 +11,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped, WrenchStamped
 from std_msgs.msg import Bool, String
 
+from controllers.estimation.assembler import FootPairs
 from controllers.estimation.config import ContactConfig, EstimatorConfig
 from controllers.estimation.feet import UNKNOWN, ContactDetector
 from controllers.nodes.estimate_topics import Due
-from controllers.samples import FootPairs
 from models.config import default_config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics

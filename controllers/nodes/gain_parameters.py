@@ -6,9 +6,9 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange
 
+from controllers.balance.tuning import FACTOR, TUNABLE, configured
 from controllers.stack import ControlStack
-from controllers.tuning import FACTOR, TUNABLE, configured
-from controllers.whole_body_config import BalanceConfig, WholeBodyConfig
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.nodes.base import PoiseNode
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
+from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack
-from controllers.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

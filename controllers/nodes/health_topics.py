@@ -11,9 +11,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from controllers.health import Health, tilt
-from controllers.stamps import ClockFilter
-from controllers.supervisor_config import SupervisorConfig
+from controllers.estimation.stamps import ClockFilter
+from controllers.safety.health import Health, tilt
+from controllers.safety.supervisor_config import SupervisorConfig
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

@@ -10,9 +10,9 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
+from controllers.estimation.orientation_filter import OrientationFilter, OrientationFilterConfig
+from controllers.estimation.stamps import StampFilter
 from controllers.nodes.estimate_topics import Due
-from controllers.orientation_filter import OrientationFilter, OrientationFilterConfig
-from controllers.stamps import StampFilter
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack
-from controllers.supervisor import ACTIVE_MODES
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

@@ -11,8 +11,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from controllers.joint_servo import JointServoConfig, ServoState
-from controllers.motor_driver import MotorDriver, MotorDriverConfig
+from controllers.joints.joint_servo import JointServoConfig, ServoState
+from controllers.joints.motor_driver import MotorDriver, MotorDriverConfig
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics

@@ -9,7 +9,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 
-from controllers.preflight import Evidence
+from controllers.safety.preflight import Evidence
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

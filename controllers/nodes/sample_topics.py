@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import UInt8MultiArray
 
-from controllers.samples import MAX_AGE, SampleAssembler
+from controllers.estimation.assembler import MAX_AGE, SampleAssembler
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

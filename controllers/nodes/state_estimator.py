@@ -8,12 +8,12 @@ from typing import Any
 
 from std_msgs.msg import String
 
+from controllers.estimation.assembler import mean_sample
 from controllers.estimation.config import EstimatorConfig
 from controllers.nodes.calibration_services import CalibrationServices
 from controllers.nodes.estimate_topics import EstimateTopics, declare_rates
 from controllers.nodes.estimator_report import EstimatorReport
 from controllers.nodes.sample_topics import SampleTopics, declare_ages
-from controllers.samples import mean_sample
 from controllers.stack import ControlStack
 from models.config import default_config
 from models.nodes import topics

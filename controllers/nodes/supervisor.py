@@ -12,17 +12,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from controllers.arbitration import PLAIN, ArbitrationConfig
-from controllers.command_key import read_key
-from controllers.command_signature import Verifier
-from controllers.health import second_publisher
+from controllers.commands.arbitration import PLAIN, ArbitrationConfig
+from controllers.commands.command_key import read_key
+from controllers.commands.command_signature import Verifier
+from controllers.commands.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
-from controllers.obstacle_stop import ObstacleStop, ObstacleStopConfig
-from controllers.preflight import attitude, preflight
-from controllers.supervisor import ACTIVE_MODES, Supervisor
-from controllers.supervisor_config import SupervisorConfig
+from controllers.safety.health import second_publisher
+from controllers.safety.preflight import attitude, preflight
+from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
+from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode

@@ -11,9 +11,9 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool
 
-from controllers.angle_history import AngleHistory
-from controllers.gaze import Gaze
-from controllers.target_config import TargetConfig
+from controllers.joints.angle_history import AngleHistory
+from controllers.vision.gaze import Gaze
+from controllers.vision.target_config import TargetConfig
 from models.camera import Pinhole, azimuth_elevation
 from models.config import default_config
 from models.errors import ConfigError, MessageError
@@ -28,7 +28,7 @@ from models.nodes.spin import run
 from models.types import Vector
 
 if TYPE_CHECKING:
-    from controllers.target_finder import TargetFinder
+    from controllers.vision.target_finder import TargetFinder
 
 
 class VisionNode(PoiseNode):
@@ -50,7 +50,7 @@ class VisionNode(PoiseNode):
         """Build the laws and the topics."""
         if find_spec("cv2") is None:
             raise ConfigError("OpenCV is not installed: pip install 'poise[vision]'")
-        from controllers.target_finder import TargetFinder
+        from controllers.vision.target_finder import TargetFinder
 
         self._finder = TargetFinder(self._config)
         self._gaze = Gaze(self.model) if self._follow else None

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import njit
-from models.unboxed import Unboxed
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

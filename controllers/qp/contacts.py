@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.qp.terms import Dynamics, pose_error
-from models.compiled import njit
+from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

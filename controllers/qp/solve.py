@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from controllers.qp.active_set import QP, Prepared, Workspace, all_finite, kkt_residual, make_workspace, solve_few
 from models.errors import ConfigError
+from models.numerics.unboxed import Unboxed, unbox
 from models.types import SolveStatus, Vector
-from models.unboxed import Unboxed, unbox
 
 Index = NDArray[np.int64]
 

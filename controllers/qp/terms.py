@@ -10,13 +10,13 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from models.compiled import njit
 from models.constants import GRAVITY
 from models.errors import ConfigError
+from models.numerics.compiled import njit
+from models.numerics.so3 import exponential, multiply, quaternion_matrix, rotation_error
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
-from models.so3 import exponential, multiply, quaternion_matrix, rotation_error
 from models.types import Matrix, RobotState, Vector
-from models.unboxed import Unboxed, unbox
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -10,9 +10,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from models.compiled import njit
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
-from models.unboxed import Unboxed, unbox
 from planners.gait import dcm
 from planners.gait.commands import CommandState
 from planners.gait.config import AdjustmentConfig, GaitConfig, ReachConfig

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 from msgspec import Struct, structs
 
-from models.compiled import njit
 from models.constants import GRAVITY
+from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 from planners.gait.config import GaitConfig, LiftConfig

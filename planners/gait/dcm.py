@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct, structs
 
-from models.compiled import njit, register_jitable
+from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
 from planners.gait.reaction import LegLever, swing_slope, whole_swing

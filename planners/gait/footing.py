@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from models.compiled import njit, register_jitable
+from models.numerics.compiled import njit, register_jitable
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig

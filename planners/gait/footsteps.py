@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct
 
-from models.compiled import njit, register_jitable
+from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix
 from planners.gait.config import ReachConfig
 

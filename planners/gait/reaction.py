@@ -30,9 +30,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from models.compiled import njit, register_jitable
 from models.constants import GRAVITY
 from models.errors import RobotModelError
+from models.numerics.compiled import njit, register_jitable
 from models.robot_model import Foot, RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector

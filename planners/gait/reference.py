@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from models.compiled import njit, register_jitable
+from models.numerics.compiled import njit, register_jitable
 from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import Matrix, Reference, RobotState, Vector

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct, structs
 
-from models.compiled import njit
+from models.numerics.compiled import njit
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig

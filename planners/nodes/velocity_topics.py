@@ -19,7 +19,7 @@ from planners.gait.commands import VelocityCommand
 
 
 class VelocityTopics:
-    """Fills the velocity ``command``. The supervisor arbitrates its sources (``controllers/arbitration.py``).
+    """Fills the velocity ``command``. The supervisor arbitrates its sources (``controllers/commands/arbitration.py``).
 
     A velocity may come just before its mode; leaving mode ``walk`` discards it. ``now`` returns the stamp of the newest
     state [ns], ``stop`` is called for a standstill and ``left`` after mode ``walk``; ``mode`` is empty before the first

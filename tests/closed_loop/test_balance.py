@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.constants import GRAVITY
 from models.types import Mode
 

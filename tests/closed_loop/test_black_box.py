@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
-from bridge.replay_box import replay_box
-from controllers.black_box_file import UNITS, BlackBoxRecord
+from bridge.replay.box import replay_box
+from controllers.recording.black_box_file import UNITS, BlackBoxRecord
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode
@@ -57,7 +57,7 @@ def fallen(g1: RobotModel, tmp_path_factory: pytest.TempPathFactory) -> ClosedLo
     """A G1 that waves, walks, stands, waves as it walks again, and is pushed over; with more checkpoints than usual."""
     folder = tmp_path_factory.mktemp("boxes")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("controllers.checkpoints.PERIOD", 0.45)
+        patch.setattr("controllers.recording.checkpoints.PERIOD", 0.45)
         return _fall(ClosedLoop(robot=g1, seed=0, record=False, black_box=folder))
 
 

@@ -10,7 +10,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.closed_loop import ClosedLoop
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
 from controllers.stack import Law
 from models.constants import GRAVITY
 from models.errors import ConfigError

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from bridge import lockstep
 from bridge.closed_loop import ClosedLoop
-from controllers.samples import mean_sample
+from bridge.loop import lockstep
+from controllers.estimation.assembler import mean_sample
 from models.errors import CommandError, PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, SensorData

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bridge.driver.drivers import SimulatedDrivers
-from bridge.loop_config import LoopConfig
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensor_errors import SensorErrors
 from bridge.plants.start_up import hanging_command
-from controllers.joint_servo import ServoState
+from controllers.joints.joint_servo import ServoState
 from models.config import default_config
 from models.errors import CommandError
 from models.robot_model import RobotModel

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.closed_loop import ClosedLoop
 from bridge.record.run_file import read_run
-from bridge.replay import replay
+from bridge.replay.replay import replay
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import Mode

@@ -12,8 +12,8 @@ pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.camera import SimulatedCamera
-from controllers.gaze import Gaze
-from controllers.target_finder import TargetFinder
+from controllers.vision.gaze import Gaze
+from controllers.vision.target_finder import TargetFinder
 from models.robot_model import RobotModel
 from models.types import Mode
 

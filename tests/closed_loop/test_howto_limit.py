@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
-from controllers.whole_body_config import HeightLimit, WholeBodyConfig
+from controllers.balance.controller import BalanceController
+from controllers.whole_body.config import HeightLimit, WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from bridge.closed_loop import ClosedLoop
-from controllers.balance import BalanceController
-from controllers.tasks import FramePositionTask
-from controllers.whole_body_config import PointTask, WholeBodyConfig
+from controllers.balance.controller import BalanceController
+from controllers.whole_body.config import PointTask, WholeBodyConfig
+from controllers.whole_body.tasks import FramePositionTask
 from models.config import default_config
 from models.robot_model import RobotModel
 

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from bridge.loop_config import LoopConfig
-from bridge.monitor import PlantMonitor
+from bridge.loop.monitor import PlantMonitor
+from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.start_up import ReleaseGate, hanging_command
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.start_up import hanging_command
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
 from models.constants import GRAVITY
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import pin_to_mujoco

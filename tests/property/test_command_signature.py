@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from controllers.command_signature import Signer, Verifier
+from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError
 
 KEY = b"k" * 32

@@ -7,7 +7,7 @@ import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.so3 import (
+from models.numerics.so3 import (
     exponential,
     left_jacobian,
     logarithm,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from controllers.support import cmp_command, convex_hull, edge_distance
+from controllers.balance.support import cmp_command, convex_hull, edge_distance
 
 SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [0.2, 0.1]])
 coordinate = st.floats(-3.0, 3.0)

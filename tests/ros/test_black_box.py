@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.launch.graph import Graph
-from bridge.replay_box import replay_box
+from bridge.replay.box import replay_box
 from bridge.ros.environment import free_domain
-from controllers.black_box_file import BlackBoxRecord
 from controllers.nodes.balance_controller import BalanceControllerNode
+from controllers.recording.black_box_file import BlackBoxRecord
 from controllers.stack import ControlStack
 from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED

@@ -20,10 +20,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from bridge.record.observer import Observer
 from bridge.ros.client import Client
 from bridge.ros.environment import join_graph
-from bridge.ros.observer import Observer
-from controllers.command_signature import Signer, Verifier
+from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec

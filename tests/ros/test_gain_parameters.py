@@ -9,8 +9,8 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter
 
+from controllers.balance.tuning import RAMP_TIME, TUNABLE
 from controllers.nodes.balance_controller import BalanceControllerNode
-from controllers.tuning import RAMP_TIME, TUNABLE
 from models.robot_model import RobotModel
 from tests.ros.conftest import Eyes
 from tests.ros.test_control_nodes import Controlled

@@ -19,7 +19,7 @@ from benchmarks.speed import latency
 from benchmarks.speed.latency import judge, summarise, verdict
 from benchmarks.speed.latency_stages import STAGES, split, tails
 from bridge.driver.latency_probe import LatencyProbe
-from bridge.ros.stage_probe import LEFT, RIGHT
+from bridge.driver.stage_probe import LEFT, RIGHT
 from models.errors import PoiseError
 
 pytestmark = pytest.mark.ros

@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from controllers.joint_servo import JointServo
+from controllers.joints.joint_servo import JointServo
 from controllers.nodes.motor_controller import MotorControllerNode
 from models.errors import JointNameError, MessageError
 from models.nodes import topics

@@ -14,8 +14,8 @@ import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType
 from rclpy.parameter import Parameter
 
-from bridge.ros.reference import NODES, make_node, parameters
-from controllers.tuning import TUNABLE
+from bridge.commands.reference import NODES, make_node, parameters
+from controllers.balance.tuning import TUNABLE
 from models.nodes.base import PoiseNode
 
 pytestmark = pytest.mark.ros

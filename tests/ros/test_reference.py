@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 @pytest.mark.skipif(bool(missing_types()), reason="services with types of this project are part of the reference")
 def test_the_reference_is_up_to_date(root: Path, tmp_path: Path, ros_domain_id: int) -> None:
     file = tmp_path / "reference.md"
-    command = [sys.executable, "-m", "bridge.ros.reference", str(file)]
+    command = [sys.executable, "-m", "bridge.commands.reference", str(file)]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr
     assert file.read_text() == (root / "docs/reference.md").read_text(), "run `make reference`"

@@ -17,7 +17,7 @@ from bridge.plants.fault_plan import Fault
 from bridge.record.mcap_log import McapLog
 from bridge.record.run_file import missing, read_run
 from bridge.record.run_topics import DESCRIPTION, ROBOT
-from bridge.replay import replay
+from bridge.replay.replay import replay
 from models.errors import ConfigError, PoiseError
 from models.nodes.messages import JointStateCodec
 from models.robot_model import RobotModel

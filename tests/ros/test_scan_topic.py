@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import LaserScan
 
+from controllers.commands.obstacle_stop import ObstacleStop
 from controllers.nodes.command_topics import ScanTopic
-from controllers.obstacle_stop import ObstacleStop
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode

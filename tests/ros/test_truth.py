@@ -49,7 +49,7 @@ def test_no_node_class_asks_for_it_or_imports_the_simulator() -> None:
     asked, modules = json.loads(built.stdout.splitlines()[-1])
     assert "/joint_states" in asked  # it really looked
     assert not [topic for topic in asked if "truth" in topic]
-    assert "controllers.balance" in modules
+    assert "controllers.balance.controller" in modules
     assert [name for name in modules if "mujoco" in name] == []
     composed = {"bridge", "bridge.nodes", "bridge.nodes.control"}
     assert {name for name in modules if name.split(".")[0] == "bridge"} == composed

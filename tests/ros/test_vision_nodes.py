@@ -23,7 +23,7 @@ from bridge.nodes.camera_node import CameraNode
 from bridge.ros.environment import free_domain
 from bridge.ros.layout import process_specs
 from bridge.ros.processes import ProcessSpec
-from controllers.angle_history import AngleHistory
+from controllers.joints.angle_history import AngleHistory
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.vision_node import VisionNode
 from models.camera import Pinhole, azimuth_elevation

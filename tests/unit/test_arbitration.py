@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.arbitration import NO_SOURCE, STILL, Arbiter, ArbitrationConfig, LockConfig, SourceConfig, Velocity
+from controllers.commands.arbitration import (
+    NO_SOURCE,
+    STILL,
+    Arbiter,
+    ArbitrationConfig,
+    LockConfig,
+    SourceConfig,
+    Velocity,
+)
 from models.config import default_config, parse_config
 from models.errors import CommandError, ConfigError
 

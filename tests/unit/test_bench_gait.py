@@ -24,7 +24,7 @@ from benchmarks.speed.gait import (
     summarise,
 )
 from benchmarks.speed.tick_timing import STATUSES
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, RobotState, SolveStatus

@@ -29,9 +29,9 @@ from benchmarks.speed.loop_timing import (
     time_pieces,
 )
 from bridge.closed_loop import ClosedLoop
-from bridge.monitor import PlantMonitor
+from bridge.loop.monitor import PlantMonitor
 from bridge.plants.bare_physics import BarePhysics
-from controllers.supervisor import Supervisor
+from controllers.safety.supervisor import Supervisor
 
 CONFIG = settings(LoopBenchConfig, "loop")
 BENCH = catalogue()["loop"].load()

@@ -14,8 +14,8 @@ from benchmarks.core.timed_run import Stopwatch, tick_bounds
 from benchmarks.speed.tick import TickConfig, beside_kinematics, summarise
 from benchmarks.speed.tick_peers import PlacoTick, installed_peers
 from benchmarks.speed.tick_timing import STAGES, STATUSES, SUBJECTS, StageProbe, TimedController
-from controllers.balance import BalanceController
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.balance.controller import BalanceController
+from controllers.whole_body.config import WholeBodyConfig
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bridge.replay_box import replay_box
-from controllers.black_box import BlackBox, BlackBoxConfig
-from controllers.black_box_file import FORMAT, UNITS, BlackBoxFolder, BlackBoxRecord
+from bridge.replay.box import replay_box
+from controllers.recording.black_box import BlackBox, BlackBoxConfig
+from controllers.recording.black_box_file import FORMAT, UNITS, BlackBoxFolder, BlackBoxRecord
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel

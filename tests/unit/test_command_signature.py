@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from controllers.command_key import read_key, write_key
-from controllers.command_signature import MAX_TEXT, Signer, Verifier
+from controllers.commands.command_key import read_key, write_key
+from controllers.commands.command_signature import MAX_TEXT, Signer, Verifier
 from models.errors import CommandError, ConfigError
 
 KEY = bytes(range(32))

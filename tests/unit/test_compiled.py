@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from models import compiled
-from models.compiled import KernelCacheLocator, source_hash
+from models.numerics import compiled
+from models.numerics.compiled import KernelCacheLocator, source_hash
 from planners.gait import swing
 
 ROOT = Path(__file__).parents[2]
@@ -24,12 +24,13 @@ def test_the_cache_follows_a_kernel_and_what_it_calls(tmp_path: Path, changed: s
     folder = tmp_path / "models"
     folder.mkdir()
     (folder / "constants.py").write_text("GAIN = 2.0\n")
-    (folder / "callee.py").write_text("from models.compiled import njit\nfrom models.constants import GAIN\n")
+    (folder / "callee.py").write_text("from models.numerics.compiled import njit\nfrom models.constants import GAIN\n")
     (folder / "records.py").write_text("class Gains(NamedTuple):\n    kp: float\n")
     (folder / "kernel.py").write_text(
-        "from models.compiled import njit\nfrom models.callee import double\nfrom models.records import Gains\n"
+        "from models.numerics.compiled import njit\n"
+        "from models.callee import double\nfrom models.records import Gains\n"
     )
-    (folder / "other.py").write_text("from models.compiled import njit\n")
+    (folder / "other.py").write_text("from models.numerics.compiled import njit\n")
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy / "models")
     (copy / "models" / changed).write_text((folder / changed).read_text() + "# changed\n")

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bridge.demo.config import DemoConfig
 from bridge.demo.report import Check, judge, judge_speed, print_report, write_report
-from bridge.recording import Recording
+from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

@@ -18,7 +18,7 @@ from benchmarks.core.executors import Executor, InProcess, ProcessPool, local_ex
 from benchmarks.core.harness import Options, Sweep, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import PoiseError, WorkersError
-from models.threads import THREAD_VARIABLES
+from models.numerics.threads import THREAD_VARIABLES
 from tests.sweep_cases import deadly, refused, slow_square, square
 
 CASES = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.samples import FootPairs
+from controllers.estimation.assembler import FootPairs
 from models.errors import MessageError
 
 MS = 1_000_000

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from controllers.head import Head, HeadConfig
+from controllers.balance.head import Head, HeadConfig
 from controllers.stack import ControlStack
 from models.config import default_config
 from models.errors import CommandError, ConfigError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from controllers.joint_monitor import JointMonitor
+from controllers.safety.joint_monitor import JointMonitor
 from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 from tests.support import standing

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from controllers.joint_servo import JointServo, ServoState
+from controllers.joints.joint_servo import JointServo, ServoState
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from controllers.orientation_filter import OrientationFilter
+from controllers.estimation.orientation_filter import OrientationFilter
 from models.constants import GRAVITY
 from models.errors import MessageError
 from models.robot_model import RobotModel

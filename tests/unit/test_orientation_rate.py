@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from models.robot_model import RobotModel
 from tests.support import standing
 

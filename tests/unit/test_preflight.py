@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.preflight import Evidence, described_mass, preflight
-from controllers.supervisor import Supervisor
+from controllers.safety.preflight import Evidence, described_mass, preflight
+from controllers.safety.supervisor import Supervisor
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
 

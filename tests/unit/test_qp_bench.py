@@ -14,7 +14,7 @@ from benchmarks.speed import qp
 from benchmarks.speed.qp import BACKENDS, OWN, available, certify, own_solver, solve_all, summarise, through_qpsolvers
 from benchmarks.speed.qp_records import RecordedQP, copied, qp_config, read, write
 from bridge.plots import new_figure
-from controllers.balance import BalanceController
+from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP
 from models.errors import ConfigError
 from models.robot_model import RobotModel

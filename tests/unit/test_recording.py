@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 
 import models
-from bridge.recording import Recorder, Recording
-from bridge.render import frame_times, render_filmstrip
+from bridge.record.recording import Recorder, Recording
+from bridge.record.render import frame_times, render_filmstrip
 from bridge.stability import GRAVITY, LEAST_HEIGHT, analyse, balance, stability_figures
 from models.errors import PoiseError
 from models.robot_model import RobotModel

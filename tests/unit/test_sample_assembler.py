@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from controllers.samples import SampleAssembler, mean_sample
+from controllers.estimation.assembler import SampleAssembler, mean_sample
 from models.errors import MessageError
 from models.types import SensorData
 

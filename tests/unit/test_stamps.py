@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controllers.stamps import ClockFilter, JumpFilter
+from controllers.estimation.stamps import ClockFilter, JumpFilter
 from models.errors import MessageError
 
 HOUR = 3_600_000_000_000

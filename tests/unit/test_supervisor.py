@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from controllers.health import Health
-from controllers.supervisor import Supervisor
+from controllers.safety.health import Health
+from controllers.safety.supervisor import Supervisor
 from models.robot_model import RobotModel
 from models.types import Mode, SolveStatus
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.memory import Block, part_1, part_2, part_3
-from controllers.posture_reference import PostureReference
+from controllers.balance.posture_reference import PostureReference
 from controllers.qp.active_set import (
     MANY,
     QP,
@@ -20,6 +19,7 @@ from controllers.qp.active_set import (
     make_workspace,
     mark_broken,
 )
+from controllers.qp.memory import Block, part_1, part_2, part_3
 from controllers.qp.solve import QPSolver
 from models.robot_model import RobotModel
 from models.types import SolveStatus

@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
-from controllers import tuning
-from controllers.balance import BalanceController
-from controllers.tuning import RAMP_TIME, TUNABLE, Tuning, configured
+from controllers.balance import tuning
+from controllers.balance.controller import BalanceController
+from controllers.balance.tuning import RAMP_TIME, TUNABLE, Tuning, configured
 from models.errors import CommandError
 from models.robot_model import RobotModel
 

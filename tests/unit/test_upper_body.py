@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers.upper_body import UpperBodyMotion, free_joints
+from controllers.balance.upper_body import UpperBodyMotion, free_joints
 from models.errors import TrajectoryError
 from models.robot_model import RobotModel
 from models.types import JointTrajectory, Reference

@@ -14,8 +14,8 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
-from controllers.gaze import Gaze
-from controllers.target_finder import TargetFinder
+from controllers.vision.gaze import Gaze
+from controllers.vision.target_finder import TargetFinder
 from models.camera import Pinhole, azimuth_elevation
 from models.errors import ConfigError
 from models.profile import CAMERA_FRAME

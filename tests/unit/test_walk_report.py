@@ -12,7 +12,7 @@ import pytest
 from bridge.demo.config import DemoConfig
 from bridge.demo.report import judge_walk
 from bridge.plots.walk import footsteps, plot_walk
-from bridge.recording import Recording
+from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

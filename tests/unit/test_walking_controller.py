@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from controllers.balance import BalanceController
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.balance.controller import BalanceController
+from controllers.whole_body.config import WholeBodyConfig
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState

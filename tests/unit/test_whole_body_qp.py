@@ -11,12 +11,12 @@ import pytest
 import quadprog
 from msgspec import structs
 
-from controllers.balance import BalanceController
-from controllers.limits import JointLimit, TorqueLimit, WrenchConeLimit
+from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP, kkt_residual
 from controllers.qp.solve import QPSolver, backends
-from controllers.whole_body import WholeBodyController
-from controllers.whole_body_config import WholeBodyConfig
+from controllers.whole_body.config import WholeBodyConfig
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.limits import JointLimit, TorqueLimit, WrenchConeLimit
 from models.config import default_config
 from models.errors import ConfigError
 from models.robot_model import RobotModel

@@ -9,9 +9,11 @@ import pinocchio as pin
 import pytest
 from msgspec.structs import replace
 
-from controllers.limits import CONE_ROWS, CoMHeightLimit, JointLimit, TorqueLimit, WrenchConeLimit, fill_cone
 from controllers.qp.terms import Terms, frame_id_of
-from controllers.tasks import (
+from controllers.whole_body.config import PointTask, WholeBodyConfig
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.limits import CONE_ROWS, CoMHeightLimit, JointLimit, TorqueLimit, WrenchConeLimit, fill_cone
+from controllers.whole_body.tasks import (
     AngularMomentumTask,
     CoMTask,
     FootTask,
@@ -20,12 +22,10 @@ from controllers.tasks import (
     PostureTask,
     Task,
 )
-from controllers.whole_body import WholeBodyController
-from controllers.whole_body_config import PointTask, WholeBodyConfig
 from models.config import default_config
 from models.errors import ConfigError
+from models.numerics.so3 import rotation_error
 from models.robot_model import RobotModel
-from models.so3 import rotation_error
 from models.types import Reference, RobotState
 from tests.support import standing
 

@@ -1,0 +1,153 @@
+"""Trials of a robot in the closed loop: stand, squat, wave, walk, and the cause of a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from pydantic.dataclasses import dataclass as config_dataclass
+
+from bridge.closed_loop import ClosedLoop
+from bridge.plants.loop_config import Fraction, Positive
+from models.config import STRICT
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import Mode
+
+
+@config_dataclass(frozen=True, slots=True, config=STRICT)
+class TrialConfig:
+    """Schema of ``bridge/config/check_robot.yaml``, which has the units."""
+
+    stand_time: Positive
+    pause: Positive
+    walk_speed: Fraction
+    walk_time: Positive
+    stop_time: Positive
+    drift_max: Positive
+    hand_min: Positive
+    squat_min: Positive
+    stride_min: Positive
+    at_limit: Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One trial; ``detail`` has the figures, or the cause of the failure."""
+
+    name: str
+    passed: bool
+    detail: str
+
+
+class Trials:
+    """Runs the trials one after the other in one loop, and in a new one after a fall; ``seed``: sensor noise."""
+
+    def __init__(self, model: RobotModel, config: TrialConfig, seed: int = 0) -> None:
+        self._model, self._config, self._seed = model, config, seed
+        self._data = model.data()
+        self._height = float(pin.centerOfMass(model.pin, self._data, model.standing_configuration())[2])
+        self._loop: ClosedLoop | None = None
+
+    def run(self) -> list[Trial]:
+        """Stand, squat, wave, walk; stops when the robot cannot stand."""
+        trials = [self._try("stand", self._stand)]
+        if trials[0].passed:
+            trials += [self._try("squat", self._squat), self._try("wave", self._wave), self._try("walk", self._walk)]
+        return trials
+
+    def _try(self, name: str, trial: Callable[[ClosedLoop], Trial]) -> Trial:
+        try:
+            if self._loop is None or self._loop.mode is not Mode.STAND or self._loop.fallen:
+                self._loop = ClosedLoop(self._model, seed=self._seed)
+            return trial(self._loop)
+        except PoiseError as error:
+            return Trial(name, False, str(error))
+
+    def _stand(self, loop: ClosedLoop) -> Trial:
+        start = loop.plant.com.copy()
+        loop.run(self._config.stand_time)
+        drift = float(np.linalg.norm((loop.plant.com - start)[:2]))
+        if not self._standing(loop) or drift > self._config.drift_max:
+            return Trial("stand", False, self._why(loop, f"the CoM moved by {1e3 * drift:.1f} mm"))
+        text = (
+            f"{self._config.stand_time:g} s: CoM drift {1e3 * drift:.1f} mm, slip {1e3 * loop.foot_slip.max():.2f} mm"
+        )
+        return Trial("stand", True, f"{text}, {self._effort(loop, 0)}")
+
+    def _squat(self, loop: ClosedLoop) -> Trial:
+        start, first = float(loop.truth.q[2]), len(loop.log)
+        refusal = self._motion(loop, "squat")
+        if refusal:
+            return Trial("squat", False, refusal)
+        sunk = start - float(loop.log.true_q[first:, 2].min())
+        text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop, first)}"
+        return Trial("squat", self._standing(loop) and sunk > self._config.squat_min * self._height, text)
+
+    def _wave(self, loop: ClosedLoop) -> Trial:
+        first = len(loop.log)
+        refusal = self._motion(loop, "wave")
+        if refusal:
+            return Trial("wave", False, refusal)
+        hand = self._model.frame_id("r_wrist")
+        heights = []
+        for q in loop.log.true_q[first::10]:
+            pin.framesForwardKinematics(self._model.pin, self._data, q)
+            heights.append(float(self._data.oMf[hand].translation[2]))
+        raised = max(heights) - heights[0]
+        text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop, first)}"
+        return Trial("wave", self._standing(loop) and raised > self._config.hand_min * self._height, text)
+
+    def _motion(self, loop: ClosedLoop, name: str) -> str:
+        """Play a motion; returns why it did not end, or an empty text."""
+        reply = loop.command(name)
+        if not reply.accepted:
+            return reply.reason
+        if not loop.wait_motion():
+            return self._why(loop, "it did not come to its end")
+        loop.run(self._config.pause)
+        return "" if self._standing(loop) else self._why(loop, "it fell afterwards")
+
+    def _walk(self, loop: ClosedLoop) -> Trial:
+        start, first = loop.truth.q[:2].copy(), len(loop.log)
+        reply = loop.command("walk")
+        if not reply.accepted:
+            return Trial("walk", False, reply.reason)
+        speed = self._config.walk_speed * loop.gait.config.velocity.forward
+        loop.set_velocity(speed, 0.0, 0.0)
+        loop.run(self._config.walk_time)
+        if loop.mode is Mode.WALK:
+            loop.command("stop")
+            loop.run(self._config.stop_time)
+        way = float(np.linalg.norm(loop.truth.q[:2] - start))
+        if not self._standing(loop) or way < self._config.stride_min * self._height:
+            return Trial("walk", False, self._why(loop, f"it got {way:.2f} m far"))
+        swings = loop.log.swing[first:]
+        steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
+        text = f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop, first)}"
+        return Trial("walk", True, text)
+
+    def _standing(self, loop: ClosedLoop) -> bool:
+        return loop.mode is Mode.STAND and not loop.fallen
+
+    def _effort(self, loop: ClosedLoop, first: int) -> str:
+        """The joint with the highest torque relative to its limit since a row of the log."""
+        shares = np.abs(loop.log.tau[first:]) / self._model.tau_max
+        joint = int(shares.max(axis=0).argmax())
+        return f"'{self._model.joint_names[joint]}' at {100.0 * shares[:, joint].max():.0f} % of its torque"
+
+    def _why(self, loop: ClosedLoop, otherwise: str) -> str:
+        """Faults, kind of fall, and the first joint at its torque limit before it."""
+        shares = np.abs(loop.log.tau) / self._model.tau_max
+        end = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
+        reasons = list(loop.faults) or ([loop.fall_reason] if loop.fallen else [otherwise])
+        full = shares[:end] > self._config.at_limit
+        if full.any():
+            row = int(full.any(axis=1).argmax())
+            joint = int(shares[row].argmax())
+            ahead = float(loop.log.t[end - 1] - loop.log.t[row])
+            name, limit = self._model.joint_names[joint], self._model.tau_max[joint]
+            reasons.append(f"joint '{name}' was the first at its limit of {limit:g} N.m, {ahead:.2f} s before")
+        return "; ".join(reasons)

@@ -1,0 +1,207 @@
+"""One tick of everything: sensors, estimator, supervisor, controller, delay line, drivers, physics."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from bridge.loop.monitor import PlantMonitor
+from bridge.plants.loop_config import LoopConfig
+from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.start_up import hanging_command, release_loaded
+from controllers.estimation.assembler import mean_sample
+from controllers.joints.joint_servo import JointServo, ServoState
+from controllers.stack import ControlStack
+from models.calibration import correct_encoders, encoder_command
+from models.constants import NANOSECONDS
+from models.errors import PoiseError
+from models.types import JointCommand, Mode, SensorData, SolveStatus, Vector
+
+if TYPE_CHECKING:
+    from bridge.loop.recorder import LoopRecorder
+
+
+class Lockstep:
+    """The laws and the plant, advanced together.
+
+    Args:
+        plant: Simulated robot; the stack gets its ``SensorData`` only.
+        stack: Control stack.
+        config: Start-up and supervision.
+        control_ticks: Physics ticks to a tick of estimator and controller.
+        delay_ticks: Physics ticks from a measurement to the arrival of its command in the drivers.
+        use_truth: Whether the true state replaces the estimate.
+        note: Takes a sentence about what happened.
+        after_tick: Called at the end of every tick.
+        recorder: Writes inputs and outputs of the stack into a file; optional.
+
+    Attributes:
+        plant: The simulated robot.
+        stack: Control stack.
+        monitor: Fall and slip of the true robot.
+        servo: Drivers.
+        stamp: Of the tick of the last sample that the stack got [ns].
+        tick: Ticks since the controller took over.
+        listener: Gets every sample as measured, uncorrected; optional.
+        hanging: Whether the robot hangs from the crane and only its drivers run.
+    """
+
+    def __init__(
+        self,
+        plant: MujocoPlant,
+        stack: ControlStack,
+        config: LoopConfig,
+        *,
+        control_ticks: int,
+        delay_ticks: int,
+        use_truth: bool,
+        note: Callable[[str], None],
+        after_tick: Callable[[], None],
+        recorder: LoopRecorder | None = None,
+    ) -> None:
+        self.plant, self.stack, self._config = plant, stack, config
+        self._recorder = recorder
+        self.monitor = PlantMonitor(plant, config)
+        self.servo = JointServo(plant.robot)
+        self.tick = self._missed = 0
+        self.listener: Callable[[SensorData], None] | None = None
+        self.hanging = False
+        self.stamp = 0
+        self._encoder_offsets: Vector | None = None
+        self._control_ticks, self._delay_ticks = control_ticks, delay_ticks
+        self._control_dt = control_ticks * plant.period
+        self._supervise_ticks = max(round(config.supervise_period / plant.period), 1)
+        self._use_truth = use_truth
+        self._note, self._after_tick = note, after_tick
+        self._hang = hanging_command(plant.robot)
+        self._queue: deque[tuple[int, JointCommand]] = deque()
+
+    def start(self, seed: int | None = None) -> None:
+        """Reset everything; hang, average, hand over to the controller, and let go when the feet carry the robot.
+
+        Raises:
+            PoiseError: The preflight checks fail, the feet do not take the weight within ``settle_limit``, or a fault
+                comes first.
+        """
+        plant, config = self.plant, self._config
+        self._rewind(seed)
+        sensors = self._hang_and_average()
+        self.servo.blend()
+        self.tick = self._missed = 0
+        if self._recorder is not None:
+            self._recorder.start()
+        self.stack.reset(sensors, plant.truth if self._use_truth else None)
+        reply = self.stack.arm()
+        if not reply.accepted:
+            raise PoiseError(f"{plant.robot.name} cannot stand: {reply.reason}")
+        self.monitor.reset()
+        release_loaded(plant.robot, plant, config, self.step, self._fault)
+        self.monitor.reset()
+        self._note("released")
+
+    def _fault(self) -> str:
+        """Why the robot does not stand any more; empty while it does."""
+        if self.stack.mode is Mode.STAND:
+            return ""
+        return "; ".join(self.stack.supervisor.faults) or f"mode '{self.stack.mode.value}'"
+
+    def hang(self, seed: int | None = None) -> None:
+        """Reset everything and hang the robot from the crane, feet in the air, in its 'stand' posture; mode off."""
+        self._rewind(seed)
+        self.plant.hoist(self._config.hoist_height)
+        self.tick = 0
+        self.hanging = True
+        self._hang_and_average()
+        self._note("hanging")
+
+    def _rewind(self, seed: int | None) -> None:
+        """Plant, drivers and supervisor as new; a new calibration takes effect."""
+        self.plant.reset(seed)
+        calibration = self.stack.calibration
+        self._encoder_offsets = None if calibration is None else calibration.encoder_offsets
+        self.servo = JointServo(self.plant.robot)
+        self.servo.arm()
+        self.stack.switch_off()
+        self._queue.clear()
+        self.hanging = False
+
+    def _hang_and_average(self) -> SensorData:
+        """Hang under gravity compensation; returns the mean of the last sensor samples."""
+        samples: list[SensorData] = []
+        keep = max(round(self._config.average_time / self.plant.period), 1)
+        for left in range(round(self._config.hang_time / self.plant.period), 0, -1):
+            sensors = self.plant.read()
+            if left <= keep:
+                samples.append(sensors)
+            self.servo.command(self._hang, sensors.t)
+            self._drive(sensors)
+            self.plant.step()
+        return mean_sample(samples)
+
+    def step(self) -> None:
+        """Run one tick."""
+        self.before_physics()
+        self.plant.step()
+        self.after_physics()
+
+    def before_physics(self) -> None:
+        """First part of a tick: everything up to the torques."""
+        sensors = self.plant.read()
+        if self.listener is not None:
+            self.listener(sensors)
+        if self.hanging:
+            self.servo.command(self._hang, sensors.t)
+            self._drive(sensors)
+            return
+        if self.tick % self._control_ticks == 0:
+            self._missed += 1
+            received = self.plant.transmit(sensors) if self.tick else sensors  # the estimator started from the first
+            if received is not None:
+                self._control(received, self._missed * self._control_dt)
+                self._missed = 0
+        if self.tick % self._supervise_ticks == 0:
+            self._supervise()
+        while self._queue and self._queue[0][0] <= self.tick:
+            self.servo.command(self._queue.popleft()[1], sensors.t)
+        self._drive(sensors)
+
+    def after_physics(self) -> None:
+        """Last part of a tick, once the world has moved."""
+        self.tick += 1
+        if not self.hanging:
+            self._after_tick()
+
+    def _control(self, sensors: SensorData, dt: float) -> None:
+        """A tick of the stack, a time [s] after the last sample; the command enters the delay line."""
+        stack = self.stack
+        self.stamp = round(self.plant.t * NANOSECONDS)
+        command = stack.step(sensors, dt, self.plant.truth if self._use_truth else None)
+        if stack.log is not None:
+            note = stack.log.take(self.stamp)
+            if self._recorder is not None:
+                result = None if command is None else stack.result
+                self._recorder.tick(self.plant, sensors, stack.state, result, stack.mode, note)
+        if command is not None:
+            if stack.result.status is SolveStatus.DAMPED:
+                self.servo.damp()
+            self._queue.append((self.tick + self._delay_ticks, command))
+
+    def _supervise(self) -> None:
+        """Supervisor, scores, and what a mode means for the drivers."""
+        self.monitor.update()
+        before = self.stack.mode
+        mode = self.stack.supervise(self.plant.t, drivers_damped=self.servo.state is ServoState.DAMPED)
+        if mode is Mode.DAMP and self.servo.state is ServoState.ACTIVE:
+            self.servo.damp()
+        if mode is not before:
+            faults = self.stack.supervisor.faults
+            self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
+
+    def _drive(self, sensors: SensorData) -> None:
+        """Drivers, which correct the encoders themselves; the plant counts from the raw ones."""
+        offsets = self._encoder_offsets
+        if offsets is not None:
+            sensors = correct_encoders(sensors, offsets)
+        command = self.servo.step(sensors.t, sensors.q, sensors.v, self.plant.period)
+        self.plant.write(command if offsets is None else encoder_command(command, offsets))

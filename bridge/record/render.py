@@ -1,0 +1,160 @@
+"""Film strip of a recorded run, or of runs of several robots in one world, drawn by MuJoCo without a display.
+
+Run as ``python -m bridge.record.render [--profile PROFILE] RECORDING... PICTURE`` in a separate process: broken OpenGL
+libraries end the process that loads them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes.util
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from bridge.record.recording import Recording
+from models.errors import PoiseError
+
+FRAMES, ROWS = 12, 2
+"""Pictures in a film strip, and rows of it [-]."""
+
+FRAME_SIZE = (300, 480)
+"""Width and height of one picture [pixel]."""
+
+DONE = "done"
+"""Last word of the events that end a part of the run."""
+
+NOT_OURS = 3
+"""Exit status for errors of the recording or the profile, not of the graphics."""
+
+GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
+
+
+def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
+    """Draw a film strip from a file of ``Recording.save`` to a PNG file, in another process.
+
+    ``robot`` is a profile, by name or path, that of the recording when empty; ``timeout`` is in [s]. Returns an empty
+    text, or why the picture was not written and which package to install.
+    """
+    if ctypes.util.find_library("EGL") is None:
+        return GL_ADVICE
+    command = [sys.executable, "-m", "bridge.record.render", "--profile", robot, str(recording_file), str(picture)]
+    try:
+        result = subprocess.run(
+            command,
+            env=os.environ | {"MUJOCO_GL": "egl"},
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no pictures: drawing took more than {timeout:.0f} s"
+    if result.returncode == 0 and picture.is_file():
+        return ""
+    last = (result.stderr.strip().splitlines() or [f"exit status {result.returncode}"])[-1]
+    if result.returncode == NOT_OURS:
+        return f"no pictures: {last}"
+    return f"{GL_ADVICE} (drawing failed: {last})"
+
+
+def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
+    """Stamps to draw, increasing [s]: beginning, end, and in each part of the run the posture farthest from its first.
+
+    A part lasts from an event to the next one. The rest of the ``count`` (at least two) shows each part on the way to
+    that posture, then the middle of the widest gaps.
+    """
+    t = recording.t
+    deviation = np.linalg.norm(recording.q[:, 7:] - recording.q[0, 7:], axis=1) + np.abs(
+        recording.q[:, 2] - recording.q[0, 2]
+    )
+    edges = [*(time for time, _ in recording.events), float(t[-1])]
+    peaks, ways = [], []
+    for (start, text), end in zip(recording.events, edges[1:], strict=True):
+        part = np.flatnonzero((t >= start) & (t <= end))
+        if len(part) == 0 or text.endswith(DONE):
+            continue
+        peak = int(part[np.argmax(deviation[part])])
+        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])  # 0.6 of the way
+        peaks.append(float(t[peak]))
+        ways.append(float(t[way]))
+    times = {float(t[0]), float(t[-1])}
+    for candidate in (*peaks, *ways):
+        if len(times) < count:
+            times.add(candidate)
+    result = sorted(times)
+    while len(result) < count:
+        gaps = np.diff(result)
+        widest = int(np.argmax(gaps))
+        result.insert(widest + 1, result[widest] + float(gaps[widest]) / 2.0)
+    return result
+
+
+def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> None:
+    """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
+
+    The recordings, one for each robot, have the same stamps; the events of the first are shown. ``picture`` is PNG or
+    JPEG by its name; ``profile`` replaces those of the recordings unless empty.
+    """
+    import mujoco
+    from PIL import Image, ImageDraw, ImageFont
+
+    from models.mujoco_model import build_mujoco, build_mujoco_world, pin_to_mujoco
+    from models.robot_model import RobotModel
+
+    robots = {str(number): RobotModel.load(profile or each.robot) for number, each in enumerate(recordings)}
+    alone = len(robots) == 1
+    world = {"0": build_mujoco(robots["0"], visuals=True)} if alone else build_mujoco_world(robots, visuals=True)
+    model, recording = world["0"].model, recordings[0]
+    data = mujoco.MjData(model)
+    width, height = FRAME_SIZE
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+    camera = mujoco.MjvCamera()
+    tall = max(float(each.q[0, 2]) for each in recordings) / 0.55  # the pelvis is a little above half a body's height
+    places = np.array([each.q[:, :2] for each in recordings])  # (robots, n, 2)
+    spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
+    camera.distance, camera.azimuth, camera.elevation = 1.45 * (tall + spread), 150.0, -12.0
+    model.vis.map.shadowclip, model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
+    font = ImageFont.load_default(size=18)
+    strip = Image.new("RGB", (width * FRAMES // ROWS, height * ROWS))
+    with mujoco.Renderer(model, height, width) as renderer:
+        for number, time in enumerate(frame_times(recording)):
+            index = min(int(np.searchsorted(recording.t, time)), len(recording.t) - 1)
+            for name, each in zip(world, recordings, strict=True):
+                mj = world[name]
+                state = pin_to_mujoco(robots[name], mj, each.q[index], each.v[index])
+                data.qpos[mj.qpos], data.qvel[mj.qvel] = state
+            mujoco.mj_forward(model, data)
+            camera.lookat[:] = *places[:, index].mean(axis=0), 0.5 * tall
+            renderer.update_scene(data, camera)
+            frame = Image.fromarray(renderer.render())
+            happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
+            label = f"{time - recording.t[0]:.1f} s  {happened[-1] if happened else ''}"
+            ImageDraw.Draw(frame).text((8, 6), label, fill=(30, 40, 60), font=font)
+            row, column = divmod(number, FRAMES // ROWS)
+            strip.paste(frame, (column * width, row * height))
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    strip.save(picture)
+
+
+def main(arguments: list[str]) -> int:
+    """Draw the last argument from the recordings before it."""
+    parser = argparse.ArgumentParser(prog="python -m bridge.record.render")
+    parser.add_argument("--profile", default="")
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("picture", type=Path)
+    given = parser.parse_args(arguments)
+    try:
+        draw([Recording.load(file) for file in given.recordings], given.picture, given.profile)
+    except PoiseError as error:
+        print(error, file=sys.stderr)
+        return NOT_OURS
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

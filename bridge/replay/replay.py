@@ -1,0 +1,201 @@
+"""Runs the laws on a recording and compares their commands with the recorded ones, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bridge.record.run_file import RecordedRun
+from bridge.replay.stack import ReplayedStack
+from controllers.estimation.assembler import IMU, SOURCES
+from controllers.input_log import TickInputs
+from models.constants import NANOSECONDS
+from models.errors import PoiseError
+from models.types import FOOT_NAMES, JointCommand, SensorData, Vector
+
+QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))
+"""Quantities of a command, and their units."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first number that differs, of the command's ``q``, ``v`` or ``tau``, at a stamp [s]."""
+
+    t: float
+    joint: str
+    quantity: str
+    recorded: float
+    replayed: float
+
+    def __str__(self) -> str:
+        unit = dict(QUANTITIES)[self.quantity]
+        return (
+            f"t={self.t:.3f} s, {self.joint}, {self.quantity}: {self.replayed!r} instead of {self.recorded!r} "
+            f"({abs(self.replayed - self.recorded):.2g} {unit})"
+        )
+
+
+@dataclass(slots=True)
+class ReplayReport:
+    """Result of a replay.
+
+    Attributes:
+        ticks: Samples given to the estimator.
+        compared: Commands that were compared, all identical when ``first`` is None.
+        different: Commands that differ.
+        unrecorded: Commands of the replay that the recording lacks.
+        unmatched: Commands of the recording, from the start of the laws on, that the replay lacks.
+        lost: Ticks with missing sensors.
+        gaps: Missing notes, by their running number.
+        largest: Largest difference of each quantity [rad, rad/s, N.m].
+        first: The first difference.
+        end: Why the replay ended before the recording; empty when it did not.
+        since: Start of the replay, if that is a checkpoint [s].
+    """
+
+    ticks: int = 0
+    compared: int = 0
+    different: int = 0
+    unrecorded: int = 0
+    unmatched: int = 0
+    lost: int = 0
+    gaps: int = 0
+    largest: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    first: Difference | None = None
+    end: str = ""
+    since: float | None = None
+
+    @property
+    def identical(self) -> bool:
+        """Whether every command is identical to the last bit, and none is missing on either side."""
+        wrong = self.different + self.unrecorded + self.unmatched + self.lost + self.gaps
+        return self.compared > 0 and wrong == 0 and not self.end
+
+
+def replay(run: RecordedRun) -> ReplayReport:
+    """Run the laws from the estimator's first start in a recording; ``PoiseError`` without one or without sensors.
+
+    Raises ``ConfigError`` when the settings are not of this version.
+    """
+    start = next((note for note in run.notes if note.value("start") is not None), None)
+    if start is None:
+        raise PoiseError(
+            "the recording does not hold a start of the laws, so nothing can be reproduced: begin to record before the "
+            "robot is started, or have it start over meanwhile (service reset)"
+        )
+    laws = ReplayedStack(run.robot, start.value("start")["settings"], run.motions)
+    report = ReplayReport(gaps=_gaps([note for note in run.notes if note.stamp >= start.stamp]))
+    last_command = max(run.commands, default=0)
+    given: set[int] = set()
+    again: dict[int, list[TickInputs]] = {}
+    for each in run.notes:
+        if each.again:
+            again.setdefault(each.stamp, []).append(each)
+    begun: int | None = None
+    for stamp, sensors, note, dt in _ticks(run, start.stamp, report):
+        if stamp > last_command:
+            break  # the recording ended between the sensors and the command
+        try:
+            command = laws.tick(sensors, note, dt)
+            for more in again.get(stamp, ()):
+                command = laws.again(more) or command
+        except PoiseError as error:
+            report.end = f"t={stamp / NANOSECONDS:.3f} s: {error}"
+            break
+        report.ticks += 1
+        begun = stamp if begun is None and laws.begun else begun
+        if command is not None:
+            given.add(stamp)
+            compare(run.robot.joint_names, stamp, run.commands.get(stamp), command, report)
+    report.unmatched = len([s for s in run.commands if begun is not None and s >= begun and s not in given])
+    return report
+
+
+def _gaps(notes: list[TickInputs]) -> int:
+    """Number of missing notes between the first and the last."""
+    numbers = {note.number for note in notes}
+    return max(numbers) - min(numbers) + 1 - len(numbers)
+
+
+def _ticks(
+    run: RecordedRun, start: int, report: ReplayReport
+) -> Iterator[tuple[int, SensorData, TickInputs | None, float | None]]:
+    """Stamp, sample and note of every tick of the laws; and its length [s], where samples are missing.
+
+    A tick follows the last one by the noted time; samples in between were not received by the laws. Where the sample of
+    a tick is missing, the next one is used for a longer tick.
+    """
+    notes = {note.stamp: note for note in run.notes if not note.again}
+    before: dict[int, int] = {}  # stamp of a tick and of the one before, where it is noted
+    starts = {note.stamp: note.value("start")["after"] for note in run.notes if note.value("start") is not None}
+    for note in run.notes:
+        if (dt := note.value("dt")) is not None:
+            before[note.stamp] = note.stamp - round(dt * NANOSECONDS)
+    stamps = sorted(stamp for stamp in run.joints if stamp >= start)
+    unheard = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
+    period = last = 0
+    for stamp in stamps:
+        heard = notes.get(stamp)
+        if stamp in before:
+            period = stamp - before[stamp]
+        due = last + period
+        if stamp in unheard or (last and stamp < due and heard is None):
+            continue
+        sensors = _sample(run, stamp, heard)
+        if sensors is None:
+            continue  # the next tick finds that this one is missing
+        late = bool(last) and stamp != due and stamp not in starts
+        if late:
+            report.lost += 1
+        yield stamp, sensors, heard, (stamp - last) / NANOSECONDS if late else None
+        last = stamp
+
+
+def _between(stamps: list[int], low: int, high: int) -> list[int]:
+    """The sorted stamps strictly between two others."""
+    first, last = np.searchsorted(stamps, [low + 1, high])
+    return stamps[first:last]
+
+
+def _sample(run: RecordedRun, stamp: int, note: TickInputs | None) -> SensorData | None:
+    """The sensors of a tick as the laws received them; None where one is missing."""
+    mixed = (note.value("sample") if note is not None else None) or {}
+    own, q, v, tau = run.joints[stamp]
+    at = [mixed.get(source, stamp) for source in SOURCES[IMU:]]
+    nothing: Vector = np.full(3, np.nan)
+    imu = (nothing, nothing) if at[0] is None else run.imu.get(at[0])
+    wrenches = np.full((len(FOOT_NAMES), 6), np.nan)
+    for foot, kept in enumerate(run.feet):
+        if not run.robot.profile.sensors.feet.fitted or at[1 + foot] is None:
+            continue
+        wrench = kept.get(at[1 + foot])
+        if wrench is None:
+            return None
+        wrenches[foot] = wrench
+    return None if imu is None else SensorData(own * 1e-9, q, v, tau, *imu, wrenches)
+
+
+def compare(
+    joints: Sequence[str], stamp: int, recorded: JointCommand | None, command: JointCommand, report: ReplayReport
+) -> None:
+    """Compare a command with the recorded one (None where unknown) at a stamp [ns], and count it in ``report``."""
+    if recorded is None:
+        report.unrecorded += 1
+        return
+    report.compared += 1
+    largest = list(report.largest)
+    first: Difference | None = None
+    for i, (quantity, _) in enumerate(QUANTITIES):
+        old, new = getattr(recorded, quantity), getattr(command, quantity)
+        wrong = old.view(np.int64) != np.ascontiguousarray(new).view(np.int64)  # bits: -0.0 is not 0.0 here
+        if not wrong.any():
+            continue
+        largest[i] = max(largest[i], float(np.abs(new - old).max()))
+        j = int(np.flatnonzero(wrong)[0])
+        first = first or Difference(stamp / NANOSECONDS, joints[j], quantity, float(old[j]), float(new[j]))
+    if first is not None:
+        report.different += 1
+        report.largest = (largest[0], largest[1], largest[2])
+        report.first = report.first or first

@@ -1,0 +1,182 @@
+"""The control stack of a recording, run on the same samples and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from controllers.balance.head import HeadConfig
+from controllers.estimation.config import EstimatorConfig
+from controllers.input_log import Entry, InputLog, TickInputs
+from controllers.recording.checkpoints import ReplayStart
+from controllers.stack import ControlStack, StackConfig, StackMemory
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
+from models.calibration import Calibration
+from models.config import parse_config
+from models.errors import PoiseError
+from models.law_state_file import restore
+from models.robot_model import RobotModel
+from models.types import ContactState, JointCommand, JointTrajectory, Mode, RobotState, SensorData
+from planners.gait.config import GaitConfig
+from planners.gait.footsteps import Foothold
+from planners.gait.route import Footstep
+
+T = TypeVar("T")
+
+
+def stack_config(settings: Mapping[str, dict[str, Any]]) -> StackConfig:
+    """Configuration from a log; ``PoiseError`` for missing settings, ``ConfigError`` for those of another version."""
+
+    def given(schema: type[T], stage: str) -> T:
+        if stage not in settings:
+            raise PoiseError(f"the recording does not hold the settings of '{stage}'")
+        return parse_config(schema, settings[stage], f"settings of '{stage}' in the recording")
+
+    return StackConfig(
+        estimator=given(EstimatorConfig, "estimator"),
+        gait=given(GaitConfig, "gait"),
+        balance=given(BalanceConfig, "balance"),
+        whole_body=given(WholeBodyConfig, "whole_body"),
+        head=given(HeadConfig, "head") if "head" in settings else None,  # a robot without a head has none
+    )
+
+
+class ReplayedStack:
+    """A stack configured as the recorded one, driven by samples and inputs.
+
+    ``settings`` are those of every stage, as in ``InputLog``; ``motions`` are trajectories by their number. ``begun``
+    is set once the laws have started over: from then on their commands are those of the recording.
+    """
+
+    def __init__(
+        self, model: RobotModel, settings: Mapping[str, dict[str, Any]], motions: Mapping[int, JointTrajectory]
+    ) -> None:
+        self._log = InputLog()
+        self._stack = stack = ControlStack(model, stack_config(settings), log=self._log, supervised=False)
+        self._motions = motions
+        self._estimating = self._steps = False
+        self._dt = self._law_dt = 0.0
+        self.begun = False
+        self._inputs: dict[str, Callable[..., None]] = {
+            "start": self._start,
+            "sample": lambda _: None,  # has served to put the sample together
+            "dt": self._set_dt,
+            "law_dt": self._set_law_dt,
+            "reset": self._reset,
+            "mode": lambda name: stack.enter(Mode(name)),
+            "follow": self._follow,
+            "stop_motion": self._stop_motion,
+            "head": stack.look,
+            "gain": stack.set_gain,
+            "velocity": stack.set_velocity,
+            "hold_velocity": stack.hold_velocity,
+            "stop": stack.stop,
+            "walk_to": lambda *hold: stack.walk_to(Foothold(*hold)),
+            "take_steps": lambda steps: stack.take_steps(
+                [Footstep(int(foot), Foothold(*hold)) for foot, *hold in steps]
+            ),
+        }
+
+    def restore(self, start: ReplayStart) -> None:
+        """Continue from a checkpoint of a black box; ``PoiseError`` for another version."""
+        record = start.record
+        if "memory" not in record or set(record["stages"]) != set(self._log.stages):
+            raise PoiseError("the state of the stack is of another version of poise")
+        for name, stage in record["stages"].items():
+            begin = stage["begin"]
+            restore(self._log.stages[name], start.data[begin : begin + stage["size"]], stage)
+        self._stack.recall(_memory(record["memory"]))
+        for word in ("dt", "law_dt"):
+            self._apply((word, *record["in_force"].get(word, (0.0,))))
+        self.begun = self._estimating = self._steps = True
+
+    def tick(self, sensors: SensorData, inputs: TickInputs | None, dt: float | None = None) -> JointCommand | None:
+        """One tick.
+
+        Args:
+            sensors: The sample as measured.
+            inputs: Of the stack; None without any.
+            dt: Time since the last sample where it is not the recorded one, because samples are missing [s].
+
+        Returns:
+            The command; None when no law moved the joints, or when the initial state of the laws is unknown.
+
+        Raises:
+            PoiseError: An input cannot be repeated.
+        """
+        self._steps = True
+        self._apply(*(() if inputs is None else inputs.before))
+        if not self._estimating:
+            return None
+        if self._steps:
+            self._stack.estimate(sensors, dt or self._dt)
+        return self._answer(inputs, dt)
+
+    def again(self, inputs: TickInputs) -> JointCommand | None:
+        """Repeat the answer to the last state, as the stack did when the plant repeated its request; see ``tick``."""
+        self._apply(*inputs.before)
+        return self._answer(inputs, None)
+
+    def _answer(self, inputs: TickInputs | None, dt: float | None) -> JointCommand | None:
+        self._apply(*(() if inputs is None else inputs.after))
+        self._log.clear()
+        result = self._stack.control(dt or self._law_dt) if self.begun and self._estimating else None
+        return None if result is None else result.command
+
+    def _apply(self, *entries: Entry) -> None:
+        for word, *values in entries:
+            if word not in self._inputs:
+                raise PoiseError(f"the recording is of another version: '{word}' is not known")
+            if not self._estimating and word in ("reset", "mode", "stop_motion"):
+                raise PoiseError("the recording holds an input before the estimator has started")
+            self._inputs[word](*values)
+
+    def _start(self, start: dict[str, Any]) -> None:
+        sample = {name: np.array(value, dtype=float) for name, value in start["sample"].items() if name != "t"}
+        self._stack.calibration = _calibration(start["calibration"])
+        self._stack.reset_estimator(SensorData(t=start["sample"]["t"], **sample))
+        self._estimating, self._steps = True, bool(start["steps"])
+
+    def _set_dt(self, dt: float) -> None:
+        self._dt = dt
+
+    def _set_law_dt(self, dt: float) -> None:
+        self._law_dt = dt
+
+    def _reset(self) -> None:
+        self._stack.reset_law(self._stack.state)
+        self.begun = True
+
+    def _follow(self, number: int, times: list[float]) -> None:
+        if not self.begun:
+            return
+        if number not in self._motions:
+            raise PoiseError("the recording lacks the trajectory of a motion")
+        self._stack.follow(replace(self._motions[number], times=np.array(times)))
+
+    def _stop_motion(self) -> None:
+        if self.begun:
+            self._stack.stop_motion()
+
+
+def _memory(record: dict[str, Any]) -> StackMemory:
+    state = {name: np.array(record["state"][name], dtype=float) for name in ("q", "v", "tau")}
+    left, right = (ContactState(active, np.array(wrench)) for active, wrench in record["state"]["contacts"])
+    return StackMemory(
+        RobotState(record["state"]["t"], contacts=(left, right), **state),
+        None if record["scheduled"] is None else (record["scheduled"][0], record["scheduled"][1]),
+        Mode(record["mode"]),
+        None if record["held"] is None else (record["held"][0], record["held"][1], record["held"][2]),
+        _calibration(record["correction"]),
+    )
+
+
+def _calibration(given: dict[str, Any] | None) -> Calibration | None:
+    if given is None:
+        return None
+    names = ("gyro_bias", "accel_bias", "encoder_offsets", "wrench_offsets", "force_gains")
+    arrays: list[Any] = [np.array(given[name], dtype=float) for name in names]
+    return Calibration(given["robot"], *arrays)

@@ -1,0 +1,444 @@
+"""Balance: DCM feedback on a posture, a motion or the steps of a gait, executed by the whole-body QP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+from msgspec.structs import replace
+
+from controllers.balance.gain_schedule import GainSchedule
+from controllers.balance.head import Head
+from controllers.balance.kernels import feedback_gains
+from controllers.balance.motion_player import MotionPlayer
+from controllers.balance.posture_reference import PostureReference
+from controllers.balance.tick_kernels import BALANCE, blend_rotations, feedback_tick, standing_reference
+from controllers.qp.memory import Block
+from controllers.qp.terms import finite_state
+from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.limits import RowLimit
+from controllers.whole_body.tasks import Task
+from models.config import default_config
+from models.constants import GRAVITY
+from models.errors import TrajectoryError
+from models.robot_model import RobotModel, corners_of
+from models.spline import min_jerk
+from models.types import (
+    ContactState,
+    ControlResult,
+    JointCommand,
+    JointTrajectory,
+    Mode,
+    Reference,
+    RobotState,
+    SolveStatus,
+    Vector,
+)
+from planners.gait.config import leg_length
+from planners.gait.state import GaitPhase, Rest
+
+_STANCE = 0.005
+"""Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]."""
+
+_UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
+
+
+class Gait(Protocol):
+    """Gait planner that the law follows."""
+
+    @property
+    def phase(self) -> GaitPhase:
+        """Phase now."""
+        ...
+
+    @property
+    def settled(self) -> bool:
+        """Whether the robot has come to a standstill."""
+        ...
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a robot that stands on both feet."""
+        ...
+
+    def stop(self) -> None:
+        """Come to a standstill within two steps."""
+        ...
+
+    def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
+        """One tick: the reference to track; ``rest`` is where a standing robot comes to rest."""
+        ...
+
+
+class BalanceController:
+    r"""Keeps the CoM over the soles while the joints follow a posture, a motion or the steps of a gait.
+
+    .. math::
+        \xi = c + \dot c / \omega, \quad \omega = \sqrt{g / z}, \quad
+        p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad
+        \ddot c_{xy} = \omega^2 (c - \bar p)
+
+    where ``p_bar`` is p brought into the soles that bear, or standing beyond their edge by a bounded reach when the DCM
+    nears the edge (``controllers/balance/support.py``): then arms and hips add the momentum that ankles cannot. In
+    single support the soles are shifted by the planned reaction of the swing leg (``Reference.cmp_offset``).
+
+    The gait runs in every tick. While it stands, the reference is that of the posture on the soles; while it steps, the
+    reference is the gait's, with arms and head of the posture. In between both are blended, and with them the gains. A
+    gait that stands steps when the DCM leaves the soles, in every mode; the part of a motion that moves legs and torso
+    then ends, arms and head go on.
+
+    Args:
+        model: The robot.
+        config: Gains; the packaged default when None.
+        whole_body: Gains of the QP; the packaged default when None.
+        extra_tasks: Further tasks for the stack of the QP.
+        head: Turns the head; optional.
+        gait: Plans steps; without one the robot keeps its feet where they are.
+        extra_limits: Further limits of the QP.
+
+    Attributes:
+        reference: What the last tick tracked.
+        capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
+        gains: Of the feedback, in force, as ``feedback_gains`` orders them, then ``reaction_reach_max`` (8,).
+        schedule: Gains that depend on whether the robot stands or steps.
+        walking: Whether the gait may follow its commands: mode ``walk``.
+        no_step: Whether a standing robot keeps its feet where they are whatever happens.
+
+    Assumptions:
+        Standing, both soles are on the same plane. The state comes from the estimator.
+
+    References:
+        Englsberger, Ott, Albu-Schaeffer: Three-dimensional bipedal walking control based on divergent component of
+        motion (2015), eq. 12; Pratt et al.: Capture point (2006); Stephens: Humanoid push recovery (2007).
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        config: BalanceConfig | None = None,
+        whole_body: WholeBodyConfig | None = None,
+        extra_tasks: Sequence[Task] = (),
+        head: Head | None = None,
+        gait: Gait | None = None,
+        extra_limits: Sequence[RowLimit] = (),
+    ) -> None:
+        self.model, self.head = model, head
+        self.gait: Gait | None = None
+        self._gait_timer: AbstractContextManager[None] = nullcontext()
+        self._begun = False  # whether the gait has been reset
+        self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
+        self.whole_body = WholeBodyController(model, whole_body, extra_tasks, extra_limits)
+        self.motions = MotionPlayer(model, config, head)
+        self.no_step, self.walking = config.no_step, False
+        posture = PostureReference(model)
+        shapes = ((2, 4, 3), (8,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
+        self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))
+        block["corners"][:] = [foot.corners for foot in model.feet]
+        height = self.whole_body.config.com
+        standing, stepping = (
+            np.array((*feedback_gains(gains, height), config.reaction_reach_max)) for gains in (config, config.stepping)
+        )
+        self.schedule = GainSchedule(self.whole_body)
+        self.schedule.add("balance", block["gains"], standing, stepping)
+        self.gains = block["gains"]
+        self._rotations, self._positions = block["rotations"], block["positions"]
+        self._anchor_rotation, self._anchor = block["anchor_rotation"], block["anchor"]
+        self._dcm, self._cmp = block["dcm"], block["cmp"]
+        terms = self.whole_body.terms
+        measured = terms.dynamics.poses, terms.com, terms.com_velocity
+        self._feedback: tuple[Any, ...] = GRAVITY, *measured, block.data, block.layout
+        self._standing = (
+            terms.dynamics.poses,
+            posture.tree,
+            posture.frames,
+            block.data,
+            block.layout,
+        )
+        self._least_load = config.foothold_load * model.mass * GRAVITY
+        self._nothing, self._no_shift = np.zeros(3), np.zeros(2)
+        self._still = np.zeros((2, 6))
+        self._data, self._leg = model.data(), leg_length(model)
+        self._apart = np.zeros(3)  # of the soles in 'stand', in the anchor frame [m]
+        self._fresh, self._moved, self._share = True, False, 0.0
+        self.reference: Reference
+        self.capture_margin = 0.0
+        self._warm_up()
+        if gait is not None:
+            self.set_gait(gait)
+
+    def set_gait(self, gait: Gait, timer: AbstractContextManager[None] | None = None) -> None:
+        """Take steps from now on, planned by a gait; the timer surrounds its ticks."""
+        self.gait, self._gait_timer, self._begun = gait, timer or nullcontext(), False
+
+    @property
+    def motion_active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self.motions.active
+
+    @property
+    def stepping(self) -> bool:
+        """Whether steps are being taken, or the robot has not come to rest after them."""
+        return self.gait is not None and self._begun and not self.gait.settled
+
+    def reset(self, state: RobotState) -> None:
+        """Start over from a measured state, holding its joint positions as the posture."""
+        self.whole_body.reset(state.q[7:])
+        self.motions.reset(state.q[7:])
+        # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
+        self._anchor[:] = self._positions[:] = 0.0
+        self._anchor_rotation[:] = self._rotations[:] = np.eye(3)
+        self._fresh, self._moved, self.walking = True, False, False
+        self._set_share(0.0)
+        self._begin(state)
+
+    def _begin(self, state: RobotState) -> None:
+        if self.gait is not None:
+            self.gait.reset(state)
+        self._begun = True
+
+    def enter(self, mode: Mode) -> None:
+        """Go on in another mode: ``walk`` lets the gait follow its commands, every other one ends a walk."""
+        walk = mode is Mode.WALK and self.gait is not None
+        if walk and not self.walking:
+            self.motions.stand_up()
+        elif self.walking and not walk and self.gait is not None:
+            self.gait.stop()
+            self.motions.end_walk()
+        self.walking = walk
+
+    def follow(self, trajectory: JointTrajectory) -> None:
+        """Start a motion from the present posture; walking, only its arms and head count. See ``MotionPlayer.follow``.
+
+        Raises:
+            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
+            JointNameError: It names an unknown joint, or one twice.
+        """
+        if self._fresh:
+            raise TrajectoryError("the controller has not run yet: there is no posture to start from")
+        self.motions.follow(trajectory, self.reference, walking=self.walking, stepping=self._share > 0.0)
+
+    def stop_motion(self) -> None:
+        """Slow down from where the motion is, and hold the posture reached; walking, return to that of the walk."""
+        self.motions.stop(self.reference)
+
+    def step(self, state: RobotState, dt: float) -> ControlResult:
+        """One tick.
+
+        Args:
+            state: Estimated state.
+            dt: Time since the last tick [s].
+
+        Returns:
+            Set-point and everything worth recording.
+        """
+        if finite_state(state.q, state.v):
+            self.whole_body.terms.update(state)
+            return self._track(state, self._refer(state, dt))
+        command, status = self.whole_body.fall_back()  # nothing that is kept from tick to tick may see the state
+        return self._result(command, status)
+
+    def track(self, state: RobotState, reference: Reference) -> ControlResult:
+        """One tick on a given reference with ``dcm`` and ``dcm_velocity``, with the gains of stepping."""
+        self._set_share(1.0)
+        self.whole_body.terms.update(state)
+        return self._track(state, reference)
+
+    def _track(self, state: RobotState, reference: Reference) -> ControlResult:
+        self.reference = reference
+        if not any(reference.contacts):
+            return self._hang(state, reference)
+        if self.whole_body.set_support_areas(reference.sole_areas):
+            self._block["corners"][:] = [corners_of(area) for area in self.whole_body.areas]
+        led = reference.dcm is not None and reference.dcm_velocity is not None
+        self.capture_margin = feedback_tick(
+            *reference.contacts,
+            reference.com,
+            reference.com_velocity,
+            self._no_shift if reference.dcm is None else reference.dcm,
+            self._no_shift if reference.dcm_velocity is None else reference.dcm_velocity,
+            led,
+            reference.sole_positions,
+            self._no_shift if reference.cmp_offset is None else reference.cmp_offset,
+            *self._feedback,
+        )
+        self.whole_body.com_task.override = self._block["acceleration"]
+        return self._result(*self.whole_body.step(state, reference))
+
+    def _result(self, command: JointCommand, status: SolveStatus) -> ControlResult:
+        whole_body = self.whole_body
+        return ControlResult(
+            command=command,
+            status=status,
+            residual=whole_body.solution.residual if status not in _UNSOLVED else float("nan"),
+            acceleration=whole_body.acceleration,
+            wrenches=whole_body.wrenches,
+            com=whole_body.terms.com.copy(),
+            dcm=self._dcm.copy(),
+            zmp=self._cmp.copy(),
+            solve_time=whole_body.solution.time,
+        )
+
+    def _hang(self, state: RobotState, reference: Reference) -> ControlResult:
+        """In the air there is no ground force: the drivers hold the posture and compensate gravity."""
+        model, com = self.model, self.whole_body.terms.com
+        gravity = pin.computeGeneralizedGravity(model.pin, self._data, state.q)[6:]
+        tau = np.clip(gravity, -model.tau_max, model.tau_max)
+        return ControlResult(
+            command=JointCommand(reference.posture.copy(), reference.posture_velocity.copy(), tau),
+            status=SolveStatus.OPTIMAL,
+            residual=0.0,
+            acceleration=np.zeros(model.nv),
+            wrenches=np.zeros((2, 6)),
+            com=com.copy(),
+            dcm=com[:2].copy(),
+            zmp=com[:2].copy(),
+        )
+
+    def _refer(self, state: RobotState, dt: float) -> Reference:
+        """Reference of this tick: that of the posture, that of the gait, or a blend."""
+        gait, standing = self.gait, self._stand(state, dt)
+        if gait is None:
+            return standing
+        standing.com[2] -= self._drop()
+        omega = np.sqrt(GRAVITY / max(standing.com[2] - self._anchor[2], 0.1))
+        rest = Rest(
+            dcm=standing.com[:2] + standing.com_velocity[:2] / omega,
+            velocity=standing.com_velocity[:2],
+            height=float(standing.com[2] - self._anchor[2]),
+            walk=self.walking,
+            step=not self.no_step,
+            still=self._share == 0.0,
+        )
+        if not self._begun:
+            self._begin(state)
+        with self._gait_timer:
+            planned = gait.step(state, dt, rest)
+        self._advance(gait.phase, dt)
+        if self._share == 0.0:
+            return replace(standing, sole_areas=planned.sole_areas)
+        if not any(planned.contacts):
+            return planned
+        return self._blend(standing, planned, rest, gait.phase)
+
+    def _stand(self, state: RobotState, dt: float) -> Reference:
+        """Reference of the posture on the soles."""
+        posture, velocity, acceleration = self.motions.step(dt)
+        moving = velocity is not self.motions.zero
+        fresh, (left, right) = self._fresh, state.contacts
+        placed = np.empty((8, 3))
+        standing_reference(
+            posture,
+            fresh or moving or self._moved,
+            fresh,
+            dt,
+            left.wrench,
+            right.wrench,
+            self._least_load,
+            1.0 if fresh or self._share == 1.0 else min(dt / self.config.anchor_time_s, 1.0),
+            *self._standing,
+            placed,
+        )
+        self._fresh, self._moved = False, moving
+        return Reference(
+            com=placed[0],
+            com_velocity=placed[1],
+            com_acceleration=self._nothing,
+            base_orientation=placed[2:5],
+            torso_orientation=placed[5:],
+            posture=posture,
+            posture_velocity=velocity,
+            posture_acceleration=acceleration,
+            sole_rotations=self._rotations,
+            sole_positions=self._positions,
+            sole_velocities=self._still,
+            sole_accelerations=self._still,
+        )
+
+    def _drop(self) -> float:
+        """How much lower the CoM has to be for legs no longer than in 'stand', as the soles are farther apart [m]."""
+        away = self._anchor_rotation.T @ (self._positions[0] - self._positions[1]) - self._apart
+        half = min(max(0.5 * float(np.hypot(away[0], away[1])) - _STANCE, 0.0), 0.5 * self._leg)
+        return self._leg - float(np.sqrt(self._leg**2 - half**2))
+
+    def _advance(self, phase: GaitPhase, dt: float) -> None:
+        """Share of the gait in the references: it rises when the gait starts and falls when it stands again."""
+        if phase is GaitPhase.STAND:
+            share = max(self._share - dt / self.config.blend_out_s, 0.0)
+        else:
+            share = min(self._share + dt / self.config.blend_in_s, 1.0)
+            if self._share == 0.0:
+                self.motions.hold_legs()
+        if share == 1.0:
+            self.motions.release_legs()
+        self._share = share
+        self.schedule.apply(1.0 if phase.airborne else share)
+
+    def _set_share(self, share: float) -> None:
+        self._share = share
+        self.schedule.apply(share)
+
+    def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
+        """Arms and head of the posture; the rest goes from the posture's reference to the gait's.
+
+        Once a foot is in the air, DCM and soles are the gait's, and only body and joints are blended.
+        """
+        share = min_jerk(self._share)[0]
+        free, away = self.motions.free, planned.posture - standing.posture
+        weight = np.where(free, 0.0, share)
+        posture = standing.posture + weight * away
+        velocity = standing.posture_velocity + weight * (planned.posture_velocity - standing.posture_velocity)
+        acceleration = (1.0 - weight) * standing.posture_acceleration + weight * planned.posture_acceleration
+        if self._share == 1.0:
+            return replace(planned, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
+        bodies = np.empty((2, 3, 3))
+        blend_rotations(
+            np.array((standing.base_orientation, standing.torso_orientation)),
+            np.array((planned.base_orientation, planned.torso_orientation)),
+            share,
+            bodies,
+        )
+        blended = replace(
+            planned,
+            base_orientation=bodies[0],
+            torso_orientation=bodies[1],
+            posture=posture,
+            posture_velocity=velocity,
+            posture_acceleration=acceleration,
+        )
+        dcm, drift = planned.dcm, planned.dcm_velocity
+        if phase.airborne or dcm is None or drift is None:
+            return blended
+        soles = np.empty((2, 3, 3))
+        blend_rotations(standing.sole_rotations, planned.sole_rotations, share, soles)
+
+        def mix(first: Vector, second: Vector) -> Vector:
+            return (1.0 - share) * first + share * second
+
+        return replace(
+            blended,
+            com=mix(standing.com, planned.com),
+            com_velocity=mix(standing.com_velocity, planned.com_velocity),
+            dcm=mix(rest.dcm, dcm),
+            dcm_velocity=mix(standing.com_velocity[:2], drift),
+            sole_rotations=soles,
+            sole_positions=mix(standing.sole_positions, planned.sole_positions),
+        )
+
+    def _warm_up(self) -> None:
+        """Compile and fill every cache at construction: the loop itself never waits for a compiler."""
+        model = self.model
+        foot = ContactState(active=True, wrench=np.zeros(6))
+        state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))
+        self.reset(state)
+        if self.step(state, 1e-3).status is not SolveStatus.OPTIMAL:
+            raise TrajectoryError(f"{model.name}: the whole-body QP has no solution at the standing posture")
+        self._apart = self._anchor_rotation.T @ (self._positions[0] - self._positions[1])
+        planned = replace(self.reference, dcm=self.reference.com[:2].copy(), dcm_velocity=np.zeros(2))
+        for contacts in ((True, True), (True, False), (False, True)):
+            for offset in (None, np.zeros(2)):
+                self.track(state, replace(planned, contacts=contacts, cmp_offset=offset))
+        blend_rotations(planned.sole_rotations, planned.sole_rotations, 0.5, np.empty((2, 3, 3)))
+        self.reset(state)

@@ -1,0 +1,72 @@
+"""Gains that depend on whether the robot stands or steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.whole_body.controller import WholeBodyController
+from models.types import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduledGains:
+    """One array of gains: the live values, and those of either end."""
+
+    live: Vector
+    standing: Vector
+    stepping: Vector
+
+
+class GainSchedule:
+    """Gains between those of standing and those of stepping, linear in the share of the gait in the references.
+
+    The gains of ``whole_body`` are those of standing, ``WholeBodyConfig.stepping`` holds the others. ``share`` is 0
+    standing, 1 stepping.
+    """
+
+    def __init__(self, whole_body: WholeBodyController) -> None:
+        self._config = config = whole_body.config.stepping
+        self._whole_body, tasks = whole_body, whole_body.tasks
+        self.gains: dict[str, ScheduledGains] = {}
+        self.share = 0.0
+        self._momentum = tasks["angular_momentum"]
+        com, momentum, base = (tasks[name].weight for name in ("com", "angular_momentum", "base_orientation"))
+        stepping = com.copy()
+        stepping[2] = config.com_weight_height
+        self.add("com", com, com, stepping)
+        stepping = momentum.copy()
+        stepping[2] = config.momentum_weight_vertical / whole_body.model.mass**2
+        self.add("angular_momentum", momentum, momentum, stepping)
+        self.add("base_orientation", base, base, base * 0.0 + config.base_weight)
+        joints, contacts = whole_body.body_limits.joints.bounds, whole_body.builder.contacts
+        linear, angular = config.contact_linear_max, config.contact_angular_max
+        for name, live, target in (
+            ("contact_stiffness", contacts.stiffness, config.contact_stiffness),
+            ("contact_damping", contacts.damping, config.contact_damping),
+            ("contact_largest", contacts.largest, np.repeat((linear, angular), 3)),
+            ("joint_position", joints.position_gain, config.position_gain),
+            ("joint_velocity", joints.velocity_gain, config.velocity_gain),
+        ):
+            self.add(name, live, live, np.full(len(live), target))
+
+    def add(self, name: str, live: Vector, standing: Vector, stepping: Vector) -> None:
+        """Schedule an array of gains, which is set to its standing values."""
+        self.gains[name] = ScheduledGains(live, standing.copy(), stepping)
+        live[:] = standing
+
+    def apply(self, share: float) -> None:
+        """Set the gains for a share."""
+        if share != self.share:
+            self.share = share
+            self.update()
+
+    def update(self) -> None:
+        """Set the gains after a change of their standing values."""
+        for gains in self.gains.values():
+            gains.live[:] = gains.standing + self.share * (gains.stepping - gains.standing)
+        config = self._config
+        solver = self._whole_body.config.solver
+        self._whole_body.hold_ticks = config.hold_ticks if self.share > 0.0 else solver.hold_ticks
+        self._momentum.active = bool(self._momentum.weight.any())

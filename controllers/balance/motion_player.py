@@ -1,0 +1,147 @@
+"""Posture of every tick: a held one, a motion of the whole body, or one of arms and head while the legs walk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from controllers.balance.head import Head
+from controllers.balance.upper_body import UpperBodyMotion
+from controllers.whole_body.config import BalanceConfig
+from models.robot_model import RobotModel
+from models.trajectory import TrajectorySampler, validate_trajectory
+from models.types import JointTrajectory, Reference, Vector
+
+
+class MotionPlayer:
+    """Samples the posture that the robot holds or moves through, with the optional ``head`` on top of it.
+
+    A motion during which the robot has to step continues with arms and head; legs and torso end it in the 'stand'
+    posture. A motion that begins while it steps moves arms and head only.
+
+    Attributes:
+        free: Whether each joint moves neither a foot nor the torso: arms and head (nj,).
+        zero: The velocity array that ``step`` returns while nothing moves.
+    """
+
+    def __init__(self, model: RobotModel, config: BalanceConfig, head: Head | None) -> None:
+        self._model, self._config, self._head = model, config, head
+        self._upper = UpperBodyMotion(model, config.motion_fade)
+        self.free = self._upper.free
+        self.zero = np.zeros(model.nj)
+        self._stand = model.posture("stand")
+        self.reset(self._stand)
+
+    @property
+    def active(self) -> bool:
+        """Whether a motion is being executed."""
+        return self._upper.active or (self._motion is not None and not self._standing_up)
+
+    def reset(self, joints: Vector) -> None:
+        """Hold joint positions (nj,) [rad], brought into their limits."""
+        self._motion: TrajectorySampler | None = None
+        self._time, self._standing_up = 0.0, False
+        self._legs: Vector | None = None  # posture of legs and torso while a motion moves arms and head only
+        self._hold = np.clip(joints, self._model.q_lower, self._model.q_upper)
+        self._rate = self._hold, self.zero
+        self._upper.drop()
+
+    def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
+        """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
+
+        A lone point without velocities takes at least ``set_point_time_s``; so a stream of them is followed smoothly. A
+        motion that does not end at rest slows down after its end as a stopped one does. While ``walking``, only arms
+        and head follow, blended in and out; while ``stepping``, legs and torso are the gait's until the motion ends.
+
+        Raises:
+            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
+            JointNameError: It names an unknown joint, or one twice.
+        """
+        start, speed = self._start(reference, trajectory)
+        if walking:
+            self._upper.follow(trajectory, start)
+            return
+        if len(trajectory.times) == 1 and trajectory.velocities is None:  # a setpoint, perhaps one of a stream
+            trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.set_point_time_s))
+        validate_trajectory(trajectory, self._model, start_q=start)
+        if stepping and self._legs is None:
+            self._legs = self._rate[0]
+        self._begin(trajectory, start, speed)
+
+    def stop(self, reference: Reference) -> None:
+        """Slow down from where the motion is, within ``stop_time_s``, and hold the posture reached."""
+        self._upper.stop()
+        if self._motion is None:
+            return
+        self._slow_down(*self._start(reference, None))
+
+    def stand_up(self) -> None:
+        """End any motion and go from the present posture to 'stand', which a walk's arms keep."""
+        self._upper.drop()
+        if self._motion is None and np.array_equal(self._rate[0], self._stand):
+            return
+        self._begin(self._to(self._stand, self._config.stand_up_s), *self._rate)
+        self._standing_up = True
+
+    def end_walk(self) -> None:
+        """Blend a motion of a walk's arms out."""
+        self._upper.stop()
+
+    def hold_legs(self) -> None:
+        """End the part of a motion that moves legs and torso: the robot steps."""
+        if self._motion is not None:
+            self._legs = self._rate[0]
+
+    def release_legs(self) -> None:
+        """Legs and torso follow the gait alone; the motion that was interrupted ends with them in 'stand'."""
+        if self._legs is not None:
+            self._legs = self._stand
+
+    def step(self, dt: float) -> tuple[Vector, Vector, Vector]:
+        """Posture (nj,) [rad], its rate and the rate of that, a tick of so many seconds later."""
+        posture, velocity, acceleration = self._sample(dt)
+        self._rate = posture, velocity
+        posture, velocity, acceleration = self._upper.step(posture, velocity, acceleration, dt)
+        if self._head is not None:
+            posture, velocity, acceleration = self._head.step(posture, velocity, acceleration, dt)
+        return posture, velocity, acceleration
+
+    def _sample(self, dt: float) -> tuple[Vector, Vector, Vector]:
+        if self._motion is None:
+            return self._hold, self.zero, self.zero
+        self._time += dt
+        if self._time >= self._motion.duration and self._motion.ends_moving:
+            self._slow_down(*self._rate)
+            self._time = dt
+        sample = self._motion.sample(self._time)
+        if self._legs is not None:
+            sample = (
+                np.where(self.free, sample[0], self._legs),
+                np.where(self.free, sample[1], 0.0),
+                np.where(self.free, sample[2], 0.0),
+            )
+        if self._time >= self._motion.duration:
+            self._hold = sample[0].copy()
+            self._motion = self._legs = None
+        return sample
+
+    def _start(self, reference: Reference, motion: JointTrajectory | None) -> tuple[Vector, Vector]:
+        """Posture and rate at the start of a motion, or of the end of one."""
+        if self._head is None:
+            return reference.posture, reference.posture_velocity
+        return self._head.without(reference, motion)
+
+    def _slow_down(self, start: Vector, speed: Vector) -> None:
+        """Come to rest from a posture and its rate."""
+        time = self._config.stop_time_s
+        end = np.clip(start + 0.5 * time * speed, self._model.q_lower, self._model.q_upper)
+        self._begin(self._to(end, time), start, speed)
+
+    def _begin(self, trajectory: JointTrajectory, start: Vector, speed: Vector) -> None:
+        self._motion = TrajectorySampler(trajectory, self._model, start, speed)
+        self._time, self._standing_up = 0.0, False
+
+    def _to(self, end: Vector, time: float) -> JointTrajectory:
+        """To a posture (nj,) [rad] at rest within a time [s]."""
+        return JointTrajectory(self._model.joint_names, np.array([time]), end[None], np.zeros((1, self._model.nj)))

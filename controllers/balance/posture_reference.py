@@ -1,0 +1,94 @@
+"""Turns joint positions into whole-body references for a robot whose soles stay where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.numerics.compiled import njit
+from models.numerics.so3 import exponential, multiply, rotate, rotation_error
+from models.robot_model import RobotModel
+from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
+from models.types import Vector
+
+Array = NDArray[np.float64]
+
+
+class PostureReference:
+    """CoM and orientations that a posture has when its soles stand on the anchor.
+
+    The anchor is the frame half-way between the soles. With ``T_mid_B(q)`` the base in that frame by forward
+    kinematics, ``T_WB = T_W_anchor T_mid_B``.
+
+    Args:
+        model: The robot.
+
+    Attributes:
+        com: CoM in the anchor frame (3,) [m].
+        base: Rotation of the base in the anchor frame (3, 3).
+        torso: Rotation of the torso in the anchor frame (3, 3).
+        tree: Kinematic tree, for kernels.
+        frames: Left sole, right sole and torso, for kernels.
+
+    Raises:
+        RobotModelError: A joint is not revolute; names it.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.com, self.base, self.torso = np.zeros(3), np.eye(3), np.eye(3)
+        self.tree = read_tree(model.pin)
+        self.frames = read_frames(model.pin, (*(foot.frame_id for foot in model.feet), model.frame_id("torso")))
+
+    def update(self, joints: Vector) -> None:
+        """Evaluate a posture (nj,) [rad]."""
+        posture_reference(joints, self.tree, self.frames, self.com, self.base, self.torso)
+
+
+@njit(cache=True)
+def posture_reference(
+    joints: Array, tree: KinematicTree, frames: TreeFrames, com: Array, base: Array, torso: Array
+) -> None:
+    """CoM and orientations of a posture, seen from the mid-frame of its soles.
+
+    With ``T_mid`` the frame half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base::
+
+        com = R_mid' (c - p_mid),    base = R_mid',    torso = R_mid' R_T
+
+    Args:
+        joints: Joint positions (nj,) [rad].
+        tree: The robot.
+        frames: Left sole, right sole, torso.
+        com: Out (3,) [m].
+        base: Out (3, 3).
+        torso: Out (3, 3).
+    """
+    count = joints.shape[0] + 1
+    rotations, origins = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    placed, positions = np.zeros((3, 3, 3)), np.zeros((3, 3))
+    turn, middle, step, centre = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.zeros(3)
+    for i in range(3):
+        rotations[0, i, i] = 1.0
+    place_bodies(tree, joints, rotations, origins)
+    total = 0.0
+    for body in range(count):
+        total += tree[body].mass
+    for body in range(count):
+        rotate(rotations[body], tree[body].lever, step)
+        for i in range(3):
+            centre[i] += tree[body].mass / total * (origins[body, i] + step[i])
+    for k in range(3):
+        place_frame(frames, k, rotations, origins, placed[k], positions[k])
+    rotation_error(placed[0], placed[1], step)
+    for i in range(3):
+        step[i] *= 0.5
+    exponential(step, turn)
+    multiply(placed[0], turn, middle)
+    for i in range(3):
+        com[i] = 0.0
+        for k in range(3):
+            com[i] += middle[k, i] * (centre[k] - 0.5 * (positions[0, k] + positions[1, k]))
+            base[i, k] = middle[k, i]
+        for j in range(3):
+            torso[i, j] = (
+                middle[0, i] * placed[2, 0, j] + middle[1, i] * placed[2, 1, j] + middle[2, i] * placed[2, 2, j]
+            )

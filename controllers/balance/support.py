@@ -1,0 +1,167 @@
+"""The support polygon: convex hull of the soles' contact rectangles, and projection onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.numerics.compiled import njit
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True)
+def convex_hull(points: Array, hull: Array) -> int:
+    """Convex hull in the plane, counter-clockwise, by Andrew's monotone chain.
+
+    Args:
+        points: (n, 2).
+        hull: Out (>= 2 n, 2).
+
+    Returns:
+        Number of vertices written.
+    """
+    n = points.shape[0]
+    order = np.arange(n)
+    for i in range(1, n):
+        k = order[i]
+        j = i - 1
+        while j >= 0 and (
+            points[order[j], 0] > points[k, 0]
+            or (points[order[j], 0] == points[k, 0] and points[order[j], 1] > points[k, 1])
+        ):
+            order[j + 1] = order[j]
+            j -= 1
+        order[j + 1] = k
+    count = 0
+    for turn in range(2):
+        base = count
+        for step in range(n):
+            k = order[step] if turn == 0 else order[n - 1 - step]
+            while count - base >= 2:
+                ax = hull[count - 1, 0] - hull[count - 2, 0]
+                ay = hull[count - 1, 1] - hull[count - 2, 1]
+                bx = points[k, 0] - hull[count - 2, 0]
+                by = points[k, 1] - hull[count - 2, 1]
+                if ax * by - ay * bx > 0.0:
+                    break
+                count -= 1
+            hull[count, 0] = points[k, 0]
+            hull[count, 1] = points[k, 1]
+            count += 1
+        count -= 1  # the last point starts the other chain
+    return count
+
+
+@njit(cache=True)
+def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, out: Array) -> float:
+    """Signed distance to the hull shrunk by a margin (negative inside) and the outward direction.
+
+    Args:
+        hull: Vertices, counter-clockwise (>= count, 2).
+        count: Number of vertices.
+        x: Point [m].
+        y: Point [m].
+        margin: Taken off every edge [m].
+        out: Out: nearest point of the shrunk hull's boundary (2,), outward unit direction (2,), as (4,).
+
+    Returns:
+        Signed distance [m].
+    """
+    inside = True
+    best = -1e30
+    for i in range(count):
+        j = (i + 1) % count
+        ex, ey = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
+        length = np.sqrt(ex * ex + ey * ey)
+        if length < 1e-9:
+            continue
+        nx, ny = ey / length, -ex / length
+        distance = nx * (x - hull[i, 0]) + ny * (y - hull[i, 1]) + margin
+        if distance > best:
+            best = distance
+            out[0], out[1] = x - distance * nx, y - distance * ny
+            out[2], out[3] = nx, ny
+        if distance > 0.0:
+            inside = False
+    if inside:
+        return best
+    # Outside: the nearest point of the shrunk hull's edges.
+    nearest = 1e30
+    px, py = out[0], out[1]
+    shrunk = np.zeros((count, 2))
+    for i in range(count):
+        h = (i - 1) % count
+        j = (i + 1) % count
+        ax, ay = hull[i, 0] - hull[h, 0], hull[i, 1] - hull[h, 1]
+        bx, by = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
+        la, lb = max(np.sqrt(ax * ax + ay * ay), 1e-9), max(np.sqrt(bx * bx + by * by), 1e-9)
+        n1x, n1y = ay / la, -ax / la
+        n2x, n2y = by / lb, -bx / lb
+        determinant = n1x * n2y - n1y * n2x
+        if abs(determinant) < 1e-6:
+            shrunk[i, 0], shrunk[i, 1] = hull[i, 0] - margin * n1x, hull[i, 1] - margin * n1y
+        else:
+            c1 = n1x * hull[i, 0] + n1y * hull[i, 1] - margin
+            c2 = n2x * hull[i, 0] + n2y * hull[i, 1] - margin
+            shrunk[i, 0] = (c1 * n2y - c2 * n1y) / determinant
+            shrunk[i, 1] = (n1x * c2 - n2x * c1) / determinant
+    for i in range(count):
+        j = (i + 1) % count
+        ex, ey = shrunk[j, 0] - shrunk[i, 0], shrunk[j, 1] - shrunk[i, 1]
+        square = ex * ex + ey * ey
+        share = 0.0
+        if square > 0.0:
+            share = min(max(((x - shrunk[i, 0]) * ex + (y - shrunk[i, 1]) * ey) / square, 0.0), 1.0)
+        cx, cy = shrunk[i, 0] + share * ex, shrunk[i, 1] + share * ey
+        distance = np.sqrt((x - cx) ** 2 + (y - cy) ** 2)
+        if distance < nearest:
+            nearest = distance
+            px, py = cx, cy
+    out[0], out[1] = px, py
+    if nearest > 1e-12:
+        out[2], out[3] = (x - px) / nearest, (y - py) / nearest
+    return nearest
+
+
+@njit(cache=True)
+def cmp_command(
+    hull: Array,
+    count: int,
+    dcm: Array,
+    wanted: Array,
+    margin: float,
+    momentum_margin: float,
+    momentum_gain: float,
+    momentum_reach_max: float,
+    out: Array,
+) -> float:
+    """Admissible CMP: the wanted one inside the polygon, plus a reach beyond the edge when the DCM nears it.
+
+    Inside, ankles suffice and the CMP is a CoP. A DCM that nears or passes the edge can only be turned round by a CMP
+    beyond it, which costs angular momentum: the reach grows with the DCM's depth past ``momentum_margin``.
+
+    Args:
+        hull: Support polygon (>= count, 2).
+        count: Number of vertices.
+        dcm: (2,) [m].
+        wanted: CMP that the feedback asks for (2,) [m].
+        margin: Distance the CoP keeps from the edge [m].
+        momentum_margin: Distance of the DCM from the edge at which the reach starts [m].
+        momentum_gain: Reach per metre past it [-].
+        momentum_reach_max: [m].
+        out: Out, CMP (2,) [m].
+
+    Returns:
+        Capture margin: distance of the DCM inside the polygon's edge, negative outside [m].
+    """
+    work = np.zeros(4)
+    if edge_distance(hull, count, wanted[0], wanted[1], margin, work) > 0.0:
+        out[0], out[1] = work[0], work[1]
+    else:
+        out[0], out[1] = wanted[0], wanted[1]
+    depth = edge_distance(hull, count, dcm[0], dcm[1], 0.0, work)
+    reach = min(max(momentum_gain * (depth + momentum_margin), 0.0), momentum_reach_max)
+    out[0] += reach * work[2]
+    out[1] += reach * work[3]
+    return -depth

@@ -1,0 +1,1 @@
+"""Commands: arbitration, signatures, obstacle stop."""

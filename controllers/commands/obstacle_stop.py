@@ -1,0 +1,194 @@
+"""Obstacle stop: limits a walking velocity by the readings of a planar scanner in the direction of travel."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from controllers.commands.arbitration import Velocity
+from controllers.commands.body_outline import BodyOutline
+from models.config import STRICT, default_config
+from models.errors import MessageError
+from models.robot_model import RobotModel
+from models.scan import SCAN_FRAME, Scan, check_scan
+from models.types import Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ObstacleStopConfig:
+    """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
+
+    stop_distance: Annotated[float, Field(gt=0, le=5, description="Gap at which the robot is to stand still [m]")]
+    release_distance: Annotated[float, Field(gt=0, le=10, description="Gap from which on it may walk again [m]")]
+    release_time: Annotated[float, Field(ge=0, le=60, description="For how long the gap must have been so long [s]")]
+    margin: Annotated[float, Field(ge=0, le=2, description="Corridor beyond the body, each side [m]")]
+    deceleration: Annotated[float, Field(gt=0, le=10, description="How fast a walk is counted on to slow down [m/s^2]")]
+    reaction_time: Annotated[float, Field(ge=0, le=5, description="From a reading to the first effect [s]")]
+    speed_min: Annotated[float, Field(gt=0, le=1, description="Slowest walk towards an obstacle [m/s]")]
+    scan_timeout: Annotated[float, Field(gt=0, le=5, description="Oldest usable scan [s]")]
+    points_min: Annotated[int, Field(ge=1, le=100, description="Readings that make an obstacle [1]")]
+
+    def __post_init__(self) -> None:
+        if self.release_distance <= self.latch_distance:
+            raise ValueError(
+                f"release_distance {self.release_distance} m is not beyond {self.latch_distance:.3f} m, "
+                "where the robot stops"
+            )
+
+    @property
+    def latch_distance(self) -> float:
+        """Gap below which not even ``speed_min`` is allowed [m]."""
+        return self.stop_distance + self.speed_min * (self.reaction_time + 0.5 * self.speed_min / self.deceleration)
+
+
+SIDES = ("ahead", "on the left", "behind", "on the right")
+"""Words for a direction in B, counter-clockwise in quarters from x."""
+
+_SAME_WAY = math.cos(math.radians(45.0))
+"""Cosine of the angle between directions that share a stop: an eighth of a turn to either side."""
+
+
+@dataclasses.dataclass(slots=True)
+class _Stop:
+    """A direction in which the robot may not walk."""
+
+    direction: Vector  # unit vector in B (2,)
+    reason: str
+    free_since: float | None = None  # stamp since which the gap has been long enough [s]; None while it is not
+
+
+class ObstacleStop:
+    """Limits a walking velocity by the gap between the body and the nearest obstacle in its way.
+
+    The corridor is the area that the body sweeps when it walks straight in the commanded direction, widened by
+    ``margin``. With the gap ``g`` between body and obstacle along it, the speed stays below the one from which the walk
+    still halts at ``stop_distance``:
+
+        v t_r + v^2 / (2 a) <= g - stop_distance,    t_r = reaction_time, a = deceleration
+
+    Where that leaves less than ``speed_min``, translation in this direction stops, and is free again once the gap has
+    been at least ``release_distance`` for ``release_time``. Turning is always allowed. A scan older than
+    ``scan_timeout`` stops translation in every direction. A robot whose profile has no scanner is not limited.
+
+    Directions are those of B, so a robot that turns away from an obstacle becomes free. The frame ``scan`` of the robot
+    is level and that of the 'stand' posture.
+
+    Assumptions:
+        The scan shows obstacles only. Returns from the floor come from farther away than ``release_distance`` unless
+        the robot leans by more than a standing one can; returns from the robot itself are removed by its driver.
+    """
+
+    def __init__(self, model: RobotModel, config: ObstacleStopConfig | None = None) -> None:
+        self.config = config or default_config(ObstacleStopConfig, "controllers", "obstacle_stop")
+        self._outline = BodyOutline(model)
+        self._rotation, self._origin = np.eye(2), np.zeros(2)
+        self.expected = model.profile.sensors.scan is not None
+        if self.expected:
+            mount = self._outline.placement(model.frame_id(SCAN_FRAME))
+            self._rotation, self._origin = mount.rotation[:2, :2], mount.translation[:2]
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard every scan and every stop."""
+        self._t: float | None = None
+        self._points: Matrix = np.empty((0, 2))
+        self._stops: list[_Stop] = []
+
+    @property
+    def stamp(self) -> float | None:
+        """Stamp of the newest scan [s]; None before the first."""
+        return self._t
+
+    @property
+    def stopped(self) -> bool:
+        """Whether there is a direction in which the robot may not walk because of an obstacle."""
+        return bool(self._stops)
+
+    def update(self, scan: Scan) -> None:
+        """Accept the newest scan.
+
+        Raises:
+            MessageError: It is malformed or not newer than the last one; the field is named, and the last one stays.
+        """
+        check_scan(scan)
+        if self._t is not None and scan.t <= self._t:
+            raise MessageError(f"t: {scan.t:.6f} s is not after {self._t:.6f} s")
+        self._t = scan.t
+        self._points = scan.points @ self._rotation.T + self._origin  # (k, 2) in B
+        self._stops = [stop for stop in self._stops if not self._released(stop, scan.t)]
+
+    def limit(self, velocity: Velocity, t: float) -> tuple[Velocity, str]:
+        """The allowed part of a velocity in B [m/s, m/s, rad/s], and why it is less; empty when it is not.
+
+        It is never faster and never in another direction. ``t`` is now on the scans' clock [s].
+        """
+        forward, left, turn = velocity
+        if not all(math.isfinite(value) for value in velocity):
+            return (0.0, 0.0, 0.0), "stopped: the velocity is not finite"
+        speed = math.hypot(forward, left)
+        if not self.expected or speed == 0.0:
+            return velocity, ""
+        reason = self._blind(t) or self._stop(np.array([forward / speed, left / speed]))
+        if reason:
+            return (0.0, 0.0, turn), reason
+        share = self._speed_within(self.gap(np.array([forward / speed, left / speed]))) / speed
+        if share >= 1.0:
+            return velocity, ""
+        return (share * forward, share * left, turn), f"slowed: obstacle {_side(forward, left)}"
+
+    def gap(self, direction: Vector) -> float:
+        """Free way of the body in a direction, a unit vector in B (2,) [m]; inf where nothing is in the way."""
+        across = np.array([-direction[1], direction[0]])
+        side = self._points @ across  # (k,)
+        margin, outline = self.config.margin, self._outline
+        inside = (side <= outline.reach(across) + margin) & (side >= -outline.reach(-across) - margin)
+        along = self._points[inside] @ direction
+        along = along[along > 0.0]
+        count = self.config.points_min
+        if len(along) < count:
+            return math.inf
+        return float(np.partition(along, count - 1)[count - 1]) - outline.reach(direction)
+
+    def _blind(self, t: float) -> str:
+        """Why there is no usable scan; empty when there is one."""
+        if self._t is None:
+            return "stopped: no scan"
+        if abs(t - self._t) > self.config.scan_timeout:
+            return f"stopped: no scan within {self.config.scan_timeout:g} s"
+        return ""
+
+    def _stop(self, direction: Vector) -> str:
+        """Why the robot may not walk in a direction (2,), from now on or still; empty when it may."""
+        for stop in self._stops:
+            if stop.direction @ direction >= _SAME_WAY:
+                return stop.reason
+        gap = self.gap(direction)
+        if gap >= self.config.latch_distance:
+            return ""
+        reason = f"stopped: obstacle {gap:.2f} m {_side(*direction)}"
+        self._stops.append(_Stop(direction, reason))
+        return reason
+
+    def _released(self, stop: _Stop, t: float) -> bool:
+        """Whether a stop is over at the stamp of a new scan [s]."""
+        if self.gap(stop.direction) < self.config.release_distance:
+            stop.free_since = None
+            return False
+        stop.free_since = t if stop.free_since is None else stop.free_since
+        return t - stop.free_since >= self.config.release_time
+
+    def _speed_within(self, gap: float) -> float:
+        """Largest speed from which the robot halts at ``stop_distance`` before an obstacle at a gap [m]."""
+        config = self.config
+        lag = config.deceleration * config.reaction_time
+        return math.sqrt(lag**2 + 2.0 * config.deceleration * max(gap - config.stop_distance, 0.0)) - lag
+
+
+def _side(forward: float, left: float) -> str:
+    """Name of a direction in B."""
+    return SIDES[round(math.atan2(left, forward) / (0.5 * math.pi)) % 4]

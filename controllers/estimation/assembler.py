@@ -1,0 +1,174 @@
+"""Joins samples that arrive one by one on several topics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controllers.estimation.stamps import StampFilter
+from models.constants import NANOSECONDS
+from models.types import FOOT_NAMES, SensorData, Vector
+
+JOINTS, IMU = 0, 1
+"""Rows of the stamp table; the feet follow."""
+
+MAX_AGE = 0.005
+"""Age up to which a sample of another source is used by default [s]."""
+
+SOURCES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
+"""Names of the sources, in the order of the stamp table."""
+
+
+class SampleAssembler:
+    """One ``SensorData`` for each joint sample.
+
+    A tick is complete when every source has given a sample of the joints' stamp. When the next joint sample comes
+    before that, the newest samples of the other sources are used instead if they are young enough: a source may be
+    slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
+    bridges for a while; the assembler waits for it again once it has given another sample.
+
+    Args:
+        max_age_ns: Oldest usable sample of another source [ns].
+        max_gap_ns: Largest step of a source's stamp that is accepted at once [ns]. A larger one is refused, unless the
+            source continues from there: then samples had been missing.
+        strict: Never mix stamps: wait for the complete tick; the plant may repeat a sample without an answer, which is
+            skipped (lockstep).
+        feet: Whether the robot has foot sensors; without, their values are NaN.
+
+    Attributes:
+        incomplete: Ticks made of samples with different stamps.
+        silent: Ticks with a source whose newest sample was too old.
+        dropped: Ticks abandoned because a source had not given any sample yet.
+        mixed: Sources whose sample in the newest tick has another stamp than the joints [ns]; None for no sample.
+    """
+
+    def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, feet: bool = True) -> None:
+        self._max_age, self._max_gap, self._strict = max_age_ns, max_gap_ns, strict
+        self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(SOURCES)))
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard every sample."""
+        self._filters = [StampFilter(self._max_gap, f"header.stamp of {source}") for source in SOURCES]
+        self._silent = set(self._absent)
+        self._emitted: int | None = None
+        self._joints: tuple[Vector, Vector, Vector] | None = None
+        self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
+        self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
+        self.incomplete = self.silent = self.dropped = 0
+        self.mixed: dict[str, int | None] = {}
+
+    @property
+    def stamp(self) -> int | None:
+        """Stamp of the newest joint sample [ns]; None before the first."""
+        return self._filters[JOINTS].last
+
+    @property
+    def whole(self) -> bool:
+        """Whether the newest tick has values of every source there is."""
+        return self._silent == self._absent
+
+    def add_joints(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> SensorData | None:
+        """Add joint positions, velocities and torques (nj,) of a stamp [ns]; see ``add_imu``."""
+        pending = self.stamp != self._emitted
+        self._accept(JOINTS, stamp)
+        self._joints = (q, v, tau)
+        return self._emit(mixed=pending and not self._strict)
+
+    def add_imu(self, stamp: int, gyro: Vector, accel: Vector) -> SensorData | None:
+        """Add an inertial sample of a stamp [ns]; returns the tick's sensor data if this completes it.
+
+        Raises:
+            MessageError: The stamp is not newer than this source's last one, or jumps ahead.
+        """
+        self._accept(IMU, stamp)
+        self._imu = (gyro, accel)
+        return self._emit(mixed=False)
+
+    def add_foot(self, foot: int, stamp: int, wrench: Vector) -> SensorData | None:
+        """Add the wrench (6,) of a foot (0 left, 1 right) of a stamp [ns]; see ``add_imu``."""
+        self._accept(IMU + 1 + foot, stamp)
+        self._wrenches[foot] = wrench
+        return self._emit(mixed=False)
+
+    def _accept(self, source: int, stamp: int) -> None:
+        if self._strict and stamp == self._filters[source].last:
+            return
+        self._filters[source].step(stamp)
+        self._silent.discard(source)
+
+    def _emit(self, *, mixed: bool) -> SensorData | None:
+        stamp, stamps = self.stamp, [each.last for each in self._filters]
+        if self._joints is None or stamp is None or stamp == self._emitted:
+            return None
+        late = {source for source, other in enumerate(stamps) if other != stamp}
+        if not mixed and not late <= self._silent:
+            return None
+        ages = {source: None if (given := stamps[source]) is None else stamp - given for source in late}
+        if any(age is None and source not in self._absent for source, age in ages.items()):
+            self.dropped += 1
+            return None
+        self._silent = {source for source, age in ages.items() if age is None or age > self._max_age}
+        self.silent += not self.whole
+        self.incomplete += late != self._silent
+        self.mixed = {
+            SOURCES[source]: None if source in self._silent else stamps[source] for source in late - self._absent
+        }
+        self._emitted = stamp
+        wrenches = np.array(self._wrenches)
+        for foot in range(len(FOOT_NAMES)):
+            if IMU + 1 + foot in self._silent:
+                wrenches[foot] = np.nan
+        gyro, accel = (np.full(3, np.nan), np.full(3, np.nan)) if IMU in self._silent else self._imu
+        return SensorData(stamp * 1e-9, *self._joints, gyro, accel, wrenches)
+
+
+def mean_sample(samples: Sequence[SensorData]) -> SensorData:
+    """Mean of every measurement, with the stamp of the last sample: a quieter start for an estimator at rest."""
+    fields = ("q", "v", "tau", "gyro", "accel", "wrenches")
+    return SensorData(samples[-1].t, *(np.mean([getattr(s, name) for s in samples], axis=0) for name in fields))
+
+
+class FootPairs:
+    """A pair is complete when both feet have given a newer sample, or the other one is silent.
+
+    A foot is silent when its sample is older than the other's by more than ``max_age``; ``max_gap`` is the largest step
+    of a stamp that is accepted at once [ns].
+
+    Attributes:
+        wrenches: Newest sample of each foot, in its sole frame (2, 6) [N, N.m]; zeros before the first.
+        silent: Whether each foot's newest sample is too old (2,).
+        stamp: Of the last pair [ns].
+    """
+
+    def __init__(self, max_age: int, max_gap: int) -> None:
+        self.wrenches = np.zeros((len(FOOT_NAMES), 6))
+        self.silent = [True] * len(FOOT_NAMES)
+        self.stamp = 0
+        self._max_age = max_age
+        self._guards = [StampFilter(max_gap) for _ in FOOT_NAMES]
+        self._begun: int | None = None
+
+    def add(self, foot: int, stamp: int, wrench: Vector) -> float | None:
+        """Add a ground reaction (6,) [N, N.m] of a foot at a stamp [ns].
+
+        Returns:
+            Time since the last pair [s], 0 for the first; None until the other foot's sample.
+
+        Raises:
+            MessageError: The stamp is not newer than this foot's last, or jumps ahead alone.
+        """
+        self._guards[foot].step(stamp)
+        self.wrenches[foot] = wrench
+        other = self._guards[1 - foot].last
+        begun = stamp if self._begun is None else self._begun
+        self._begun = begun
+        late = stamp - (begun if other is None else other) > self._max_age
+        if not late and (other is None or other <= self.stamp):
+            return None
+        self.silent[foot], self.silent[1 - foot] = False, late
+        newest = stamp if other is None else max(stamp, other)
+        dt = 0.0 if self.stamp == 0 else (newest - self.stamp) / NANOSECONDS
+        self.stamp = newest
+        return dt

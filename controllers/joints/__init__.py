@@ -1,0 +1,1 @@
+"""Joint drives: servo, torque limits."""

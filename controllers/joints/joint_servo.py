@@ -1,0 +1,313 @@
+"""Joint servo: the law of the joint drivers, between a setpoint and the command of each drive."""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import inf
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from controllers.joints.torque_limiter import TorqueLimiter
+from models.config import STRICT, default_config
+from models.errors import PoiseError
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.trajectory import TrajectorySampler, validate_trajectory
+from models.types import JointCommand, JointTrajectory, Matrix, Vector
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class JointServoConfig:
+    """Schema of ``controllers/config/joint_servo.yaml``."""
+
+    command_timeout: Annotated[float, Field(gt=0, description="age of a set-point at which the driver damps [s]")]
+    arming_blend: Annotated[float, Field(ge=0, description="fade-in of the first set-points after arming [s]")]
+    damped_ramp: Annotated[float, Field(ge=0, description="fade of the last torque into damping [s]")]
+    damping_scale: Annotated[float, Field(ge=0, description="damping of the fallback in multiples of kd [1]")]
+    position_margin: Annotated[float, Field(gt=0, description="from a joint limit, where torque fades [rad]")]
+    velocity_margin: Annotated[float, Field(gt=0, description="share beyond the speed limit, to no torque [1]")]
+
+
+class ServoState(Enum):
+    """State of the drivers."""
+
+    OFF = "off"  # no torque; commands are ignored
+    ACTIVE = "active"  # tracks setpoints; before the first one, holds the posture measured on arming
+    DAMPED = "damped"  # damping only, after a fault; commands are ignored until ``arm``
+
+
+class JointServo:
+    """Joint PD with feed-forward and every protection of a motor driver.
+
+    tau = kp (q_d - q) + kd (v_d - v) + tau_d, where (q_d, v_d, tau_d, kp, kd) (5, nj) is the last accepted setpoint,
+    held until the next, or the sample of the trajectory being executed; the gains are those of the profile where the
+    setpoint has none. tau (nj,) [N.m] then passes the limits of ``controllers/joints/torque_limiter.py``.
+
+    ``step`` returns the target of the drives: the setpoint with its gains, evaluated by the drive at its own rate.
+    A joint whose torque is limited gets the limited torque alone, with zero gains.
+
+    After ``arm`` the setpoints are faded in from the measured posture with s = 3 u^2 - 2 u^3, after ``blend`` from the
+    setpoint in force, so nothing jumps; gains take effect at once. A setpoint that is not finite, of the wrong size
+    or with a negative gain is refused, counted, and the previous one kept. When no setpoint was accepted for
+    ``command_timeout`` (after the end of a trajectory), the driver damps: tau fades from its last value to
+    -damping_scale kd v. That state holds until ``arm``.
+
+    Attributes:
+        state: State of the drivers.
+        refused: Setpoints refused because they were not finite, of the wrong size or had a negative gain.
+        timeouts: Times that the driver damped because no setpoint came.
+        silence: From the last setpoint to the newest of these times [s].
+
+    Assumptions:
+        ``step`` is called at the rate of the drivers with times that do not decrease.
+    """
+
+    def __init__(self, model: RobotModel, config: JointServoConfig | None = None) -> None:
+        self.config = config or default_config(JointServoConfig, "controllers", "joint_servo")
+        self.state = ServoState.OFF
+        self.refused = 0
+        self.timeouts = 0
+        self.silence = 0.0
+        self.model = model
+        nj = model.nj
+        self._gains = np.array([model.kp, model.kd])  # (2, nj)
+        self._damping = self.config.damping_scale * model.kd
+        self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
+        self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
+        self._limiter = TorqueLimiter(model, self.config.position_margin, self.config.velocity_margin)
+        # Rows of a setpoint: q, v, tau, kp, kd
+        self._setpoint, self._incoming, self._faded = np.zeros((3, 5, nj))
+        self._setpoint[3:] = self._gains
+        self._damped, self._drive = np.zeros((2, 5, nj))
+        self._command = JointCommand(*self._drive)
+        self._torques, self._measured = np.zeros((2, nj)), np.zeros((2, nj))  # desired and limited; q and v
+        self._tau_at_fault = np.zeros(nj)
+        self._sampler: TrajectorySampler | None = None
+        self._sampler_start = 0.0
+        self._measured_once = self._fading = False
+        self._fade_start = np.zeros((3, nj))
+        self._first_command: float | None = None
+        self._last_command = 0.0
+        self._deadline = inf
+        self._fault_time: float | None = None
+
+    @property
+    def sensor_faults(self) -> int:
+        """Steps with a measurement that was not finite."""
+        return self._limiter.sensor_faults
+
+    @property
+    def torque(self) -> Vector:
+        """Torques that the command of the last step gives at the state measured then (nj,) [N.m]."""
+        return self._limiter.tau
+
+    @property
+    def setpoint(self) -> JointCommand:
+        """A copy of the setpoint in force, before any fade."""
+        return JointCommand(*self._setpoint.copy())
+
+    def arm(self) -> None:
+        """Accept commands from now on; clears a latched fault. The first setpoints are faded in."""
+        self.state = ServoState.ACTIVE
+        self._setpoint[3:] = self._gains
+        self._measured_once = self._fading = False
+        self._first_command = self._sampler = self._fault_time = None
+        self._deadline = inf
+
+    def blend(self) -> None:
+        """Fade in the first setpoints of another source from the setpoint in force.
+
+        Like ``arm`` when the driver is not active or has not measured the joints yet.
+        """
+        if self.state is not ServoState.ACTIVE or not self._measured_once:
+            self.arm()
+            return
+        self._fade_start[:] = (self._faded if self._fading else self._setpoint)[:3]
+        self._first_command = self._sampler = None
+        self._deadline = inf
+
+    def damp(self) -> None:
+        """Go to damping and stay there until ``arm``."""
+        if self.state is not ServoState.DAMPED:
+            self.state = ServoState.DAMPED
+            self._tau_at_fault[:] = self._limiter.tau
+            self._fault_time = None
+
+    def off(self) -> None:
+        """Take the torque away (at the torque-rate limit) and ignore commands until ``arm``."""
+        self.state = ServoState.OFF
+
+    def command(self, cmd: JointCommand, t: float) -> bool:
+        """Accept a setpoint that holds until the next one; values beyond the joint's limits are clipped to them.
+
+        ``t`` is the time of arrival on the clock of ``step`` [s]. Returns whether the setpoint is in force: False when
+        the driver is not active or the setpoint was refused.
+        """
+        if self.state is not ServoState.ACTIVE:
+            return False
+        new, gains = self._incoming, self._gains
+        kp, kd = gains[0] if cmd.kp is None else cmd.kp, gains[1] if cmd.kd is None else cmd.kd
+        shape = kp.shape
+        if not cmd.q.shape == cmd.v.shape == cmd.tau.shape == kd.shape == shape == gains[0].shape:
+            self.refused += 1
+            return False
+        new[0], new[1], new[2], new[3], new[4] = cmd.q, cmd.v, cmd.tau, kp, kd
+        if not _accept(new, self._low, self._high, self._setpoint):
+            self.refused += 1
+            return False
+        self._sampler = None
+        self._restart_timeout(t, t)
+        return True
+
+    def command_trajectory(self, traj: JointTrajectory, t: float) -> bool:
+        """Execute a trajectory from now on, from the setpoint in force; joints that it does not name hold theirs.
+
+        Its times count from ``t``, the time of arrival on the clock of ``step`` [s]. Returns False when the driver is
+        not active or has not measured the joints yet.
+
+        Raises:
+            JointNameError: A joint is unknown or named twice; the previous setpoint stays in force.
+            TrajectoryError: As ``validate_trajectory`` raises it; the previous setpoint stays in force.
+        """
+        if self.state is not ServoState.ACTIVE or not self._measured_once:
+            return False
+        commanded = self._first_command is not None
+        start_q = self._setpoint[0].copy() if commanded else self._fade_start[0].copy()
+        start_v = self._setpoint[1].copy() if commanded else None
+        elapsed = t - self._last_command if commanded else 0.0
+        try:
+            validate_trajectory(traj, self.model, start_q=start_q, start_v=start_v, elapsed=max(elapsed, 0.0))
+        except PoiseError:
+            self.refused += 1
+            raise
+        self._sampler = TrajectorySampler(traj, self.model, start_q, start_v)
+        self._setpoint[3:] = self._gains
+        self._sampler_start = t
+        self._restart_timeout(t, t + self._sampler.duration)
+        return True
+
+    def overdue(self, t: float) -> bool:
+        """Whether ``step`` at this time [s] would damp because no setpoint came."""
+        return self.state is ServoState.ACTIVE and t > self._deadline
+
+    def _restart_timeout(self, t: float, valid_until: float) -> None:
+        """Restart the timeout at the arrival of a setpoint that is valid until a time [s]."""
+        if self._first_command is None:
+            self._first_command = t
+        self._last_command = t
+        self._deadline = valid_until + self.config.command_timeout
+
+    def step(self, t: float, q: Vector, v: Vector, dt: float) -> JointCommand:
+        """Command of the drives for one period; the arrays are overwritten by the next call.
+
+        Args:
+            t: Time [s].
+            q: Measured joint positions (nj,) [rad].
+            v: Measured joint velocities (nj,) [rad/s].
+            dt: Time since the last step [s].
+        """
+        if self.overdue(t):
+            self.timeouts += 1
+            self.silence = t - self._last_command
+            self.damp()
+        if self.state is ServoState.ACTIVE:
+            desired = self._track(t, q)
+        else:
+            desired = self._damped
+            self._damp(t, desired)
+        measured, (desired_tau, limited) = self._measured, self._torques
+        measured[0], measured[1] = q, v
+        _pd(desired, measured, desired_tau)
+        limited[:] = desired_tau
+        tau = self._limiter.limit(q, v, dt, limited)
+        _fit(desired, desired_tau, tau, self._drive)
+        return self._command
+
+    def _track(self, t: float, q: Vector) -> Matrix:
+        """The setpoint in force, faded in (5, nj)."""
+        if not self._measured_once:
+            if not np.isfinite(q).all():
+                self._damped[1:] = 0.0
+                return self._damped
+            self._measured_once = True
+            self._fade_start[0] = q
+            self._fade_start[1:] = 0.0
+            if self._first_command is None:
+                self._setpoint[:3] = self._fade_start
+        if self._sampler is not None:
+            at = t - self._sampler_start
+            self._setpoint[0], self._setpoint[1], _ = self._sampler.sample(at)
+            self._setpoint[2] = self._sampler.effort(at)
+        setpoint = self._setpoint
+        start = self._first_command
+        self._fading = start is None or t < start + self.config.arming_blend
+        if self._fading:
+            u = 0.0 if start is None else max(t - start, 0.0) / self.config.arming_blend
+            share = u * u * (3.0 - 2.0 * u)
+            np.multiply(setpoint[:3], share, out=self._faded[:3])
+            self._faded[:3] += (1.0 - share) * self._fade_start
+            self._faded[3:] = setpoint[3:]
+            setpoint = self._faded
+        return setpoint
+
+    def _damp(self, t: float, desired: Matrix) -> None:
+        """Fade from the torque at the fault to viscous damping; no torque at all when off (5, nj)."""
+        desired[1:] = 0.0
+        if self.state is ServoState.OFF:
+            return
+        if self._fault_time is None:
+            self._fault_time = t
+        ramp = self.config.damped_ramp
+        share = (t - self._fault_time) / ramp if t < self._fault_time + ramp else 1.0
+        np.multiply(self._damping, share, out=desired[4])
+        if share < 1.0:
+            np.multiply(self._tau_at_fault, 1.0 - share, out=desired[2])
+
+
+def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector) -> Vector:
+    """The law of the drives: torques (nj,) of a command at measured positions and velocities (nj,).
+
+    Zero where a measurement that a gain acts on is not finite.
+    """
+    kp, kd = model.kp if command.kp is None else command.kp, model.kd if command.kd is None else command.kd
+    desired = np.array([command.q, command.v, command.tau, kp, kd])  # (5, nj)
+    tau = np.empty(len(q))
+    _pd(desired, np.array([q, v]), tau)
+    tau[~np.isfinite(tau)] = 0.0
+    return tau
+
+
+@njit("boolean(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])", cache=True)
+def _accept(new: Matrix, low: Matrix, high: Matrix, setpoint: Matrix) -> bool:
+    """Put a new setpoint (5, nj) in force, q, v and tau clipped to ``low``, ``high`` (3, nj); False when invalid."""
+    if not np.isfinite(new).all() or (new[3:] < 0.0).any():
+        return False
+    for i in range(3):
+        for j in range(new.shape[1]):
+            setpoint[i, j] = max(min(new[i, j], high[i, j]), low[i, j])
+    setpoint[3:] = new[3:]
+    return True
+
+
+@njit("void(float64[:, ::1], float64[:, ::1], float64[::1])", cache=True)
+def _pd(desired: Matrix, measured: Matrix, tau: Vector) -> None:
+    """Torques (nj,) of PD and feed-forward about a setpoint (5, nj), from measured q and v (2, nj)."""
+    for j in range(tau.shape[0]):
+        tau[j] = desired[2, j]
+        if desired[3, j] != 0.0 or desired[4, j] != 0.0:
+            stiff = (desired[0, j] - measured[0, j]) * desired[3, j]
+            tau[j] = stiff + (desired[1, j] - measured[1, j]) * desired[4, j] + desired[2, j]
+
+
+@njit("void(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1])", cache=True)
+def _fit(desired: Matrix, desired_tau: Vector, tau: Vector, drive: Matrix) -> None:
+    """Command of the drives (5, nj): the setpoint where its torque is not limited, else the limited torque alone."""
+    for j in range(tau.shape[0]):
+        for i in range(5):
+            drive[i, j] = desired[i, j]
+        if tau[j] != desired_tau[j]:
+            drive[2, j] = tau[j]
+            drive[3, j] = drive[4, j] = 0.0

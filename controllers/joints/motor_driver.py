@@ -1,0 +1,146 @@
+"""Motor drivers: which modes and commands they accept, and ``JointServo`` on the clock of joint samples."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from controllers.estimation.stamps import StampFilter
+from controllers.joints.joint_servo import JointServo, JointServoConfig, ServoState
+from controllers.safety.supervisor import ACTIVE_MODES
+from models.config import STRICT
+from models.constants import NANOSECONDS
+from models.errors import CommandError, MessageError
+from models.robot_model import RobotModel
+from models.types import JointCommand, JointTrajectory, Mode, Vector
+
+TOO_OLD = "commands too old"
+"""Key of the counter of commands that answer sensors too old."""
+
+
+def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
+    """Arm, damp or switch off the drivers by the change of the supervisor's mode.
+
+    Drivers that have damped by themselves are armed only by a new mode to move in.
+
+    Raises:
+        CommandError: Off, while the drivers are active: the robot would drop.
+    """
+    if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
+        raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
+    if mode in ACTIVE_MODES:
+        if before not in ACTIVE_MODES:
+            servo.arm()
+    elif mode is Mode.DAMP:
+        servo.damp()
+    else:
+        servo.off()
+
+
+def check_stamp(stamp: int, last: int, now: int, max_age: int, counters: Counter[str]) -> None:
+    """Check the stamp of a command against the last command's and the newest sensors'; all times in [ns].
+
+    The stamp is that of the sensors that the command answers; 0 means now. ``counters`` counts commands older than
+    ``max_age``.
+
+    Raises:
+        MessageError: The stamp is not newer than the last command's, not yet due, or too old.
+    """
+    if stamp and not last < stamp <= now:
+        raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
+    if stamp and now - stamp > max_age:
+        counters[TOO_OLD] += 1
+        raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {max_age} ns")
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class MotorDriverConfig:
+    """Schema of ``controllers/config/motor_driver.yaml``."""
+
+    max_command_age: Annotated[
+        float, Field(gt=0.0, description="age of the sensors a command answers above which it is refused [s]")
+    ]
+    max_gap: Annotated[float, Field(gt=0.0, description="largest step of the joints' stamp accepted at once [s]")]
+    step_max: Annotated[
+        float, Field(gt=0.0, description="step that the torque rate is counted over at most, after lost samples [s]")
+    ]
+    sensor_timeout: Annotated[float, Field(gt=0.0, description="silence of the joints after which it damps [s]")]
+
+
+class MotorDriver:
+    """``JointServo`` on the clock of the joint samples, with validation of the commands.
+
+    Each joint sample gives one vector of torques. A command is validated by the stamp of the sensors that it answers,
+    its limits and, for a trajectory, its start. No torque steps by more than the drives' rate times ``step_max``,
+    whatever the command and however many samples were lost.
+
+    A mode to move in that was there before the drivers does not arm them: motors must not come alive because a process
+    was started. ``counters`` counts gaps and commands that are too old; ``servo`` is the law of the drivers.
+    """
+
+    def __init__(
+        self, model: RobotModel, config: MotorDriverConfig, servo: JointServoConfig | None, counters: Counter[str]
+    ) -> None:
+        self.servo = JointServo(model, servo)
+        self._config, self._counters = config, counters
+        self._max_age = round(config.max_command_age * NANOSECONDS)
+        self._max_gap = round(config.max_gap * NANOSECONDS)
+        self._stamps = StampFilter(self._max_gap)
+        self._mode: Mode | None = None
+        self._last_command = 0
+
+    def set_mode(self, mode: Mode) -> None:
+        """Follow the supervisor: arm, damp or switch off.
+
+        Raises:
+            CommandError: Off, while the drivers are active. A mode to move in that was there before the drivers.
+        """
+        before, self._mode = self._mode, self._mode or mode
+        if before is None and mode in ACTIVE_MODES:
+            raise CommandError(f"mode '{mode.value}' was there before the drivers: 'damp' comes first")
+        follow_mode(self.servo, before or Mode.OFF, mode)
+        self._mode = mode
+
+    def sample(self, stamp: int, q: Vector, v: Vector) -> Vector:
+        """Answer joint positions (nj,) [rad] and velocities (nj,) [rad/s] of a stamp [ns] with torques (nj,) [N.m].
+
+        Raises:
+            MessageError: The stamp is not newer than the last one, or jumps ahead alone.
+        """
+        step = self._stamps.step(stamp)
+        if step > self._max_gap:
+            self._counters["gaps bridged"] += 1
+        self.servo.step(stamp / NANOSECONDS, q, v, min(step / NANOSECONDS, self._config.step_max))
+        return self.servo.torque
+
+    def command(self, stamp: int, command: JointCommand | JointTrajectory) -> bool:
+        """Accept a command that answers the sensors of a stamp [ns], 0 for now; returns whether it is in force.
+
+        Raises:
+            MessageError: The stamp is not newer than the last command's, not yet due, or too old.
+            JointNameError: A joint of a trajectory is unknown or named twice.
+            TrajectoryError: The trajectory is refused.
+        """
+        now = self._stamps.last
+        if now is None:
+            return False
+        check_stamp(stamp, self._last_command, now, self._max_age, self._counters)
+        t = now / NANOSECONDS
+        if isinstance(command, JointTrajectory):
+            taken = self.servo.command_trajectory(command, t)
+        else:
+            taken = self.servo.command(command, t)
+        if taken:
+            self._last_command = stamp or self._last_command
+        return taken
+
+    def silence(self) -> bool:
+        """The joints have been silent for ``sensor_timeout``: damp; returns whether this has just begun."""
+        if self.servo.state is not ServoState.ACTIVE:
+            return False
+        self._counters["joint silences"] += 1
+        self.servo.damp()
+        return True

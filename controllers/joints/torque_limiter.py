@@ -1,0 +1,93 @@
+"""Last guard between a law and the motors: torque, joint range, speed and torque-rate limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+
+class TorqueLimiter:
+    """Limits desired torques to what motors and joints bear.
+
+    In this order, tau (nj,) [N.m] is
+
+    - limited to tau_max; torque towards a joint limit fades out over the last ``position_margin`` before it, torque
+      that speeds a joint up further fades out over ``velocity_margin`` beyond its velocity limit;
+    - zero at a joint whose measurement, or whose desired torque, is not finite;
+    - limited to a change of tau_rate_max dt since the last call.
+
+    Args:
+        model: Robot; gives the limits, all (nj,).
+        position_margin: Distance from a joint limit over which the torque towards it fades [rad].
+        velocity_margin: Share of the velocity limit beyond it over which torque fades [1].
+
+    Attributes:
+        tau: Torques of the last call (nj,) [N.m].
+        sensor_faults: Calls with a measurement or torque that was not finite.
+    """
+
+    def __init__(self, model: RobotModel, position_margin: float, velocity_margin: float) -> None:
+        nj = model.nj
+        self.tau = np.zeros(nj)
+        self.sensor_faults = 0
+        self._tau_max, self._tau_rate_max = np.array(model.tau_max), np.array(model.tau_rate_max)
+        # Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)
+        half = np.maximum(0.5 * (model.q_upper - model.q_lower) - position_margin, np.finfo(np.float64).eps)
+        self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
+        self._inverse_half = 1.0 / np.array([half, model.v_max])
+        self._fade_rate = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
+        self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
+        self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
+        self._measured = np.zeros((2, nj))
+        # Compiles both kernels now: the loop itself never waits for a compiler.
+        _bound(self._measured, self._centre, self._inverse_half, self._tau_max, np.zeros(nj))
+        _approach(np.zeros(nj), self._tau_rate_max, 0.0, self.tau)
+
+    def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
+        """Limited torques of one driver period (nj,) [N.m]: ``tau``, overwritten by the next call.
+
+        ``target`` holds the desired torques (nj,) [N.m] and is overwritten.
+        """
+        measured = self._measured
+        measured[0], measured[1] = q, v
+        if not _bound(measured, self._centre, self._inverse_half, self._tau_max, target):
+            self._fade(target)
+        _approach(target, self._tau_rate_max, dt, self.tau)
+        return self.tau
+
+    def _fade(self, target: Vector) -> None:
+        """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
+        up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
+        down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
+        np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
+        np.maximum(target, np.maximum(down, 0.0) * -self._tau_max, out=target)
+        blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
+        if blind.any():
+            self.sensor_faults += 1
+            target[blind] = 0.0
+
+
+@njit(cache=True)
+def _bound(measured: Matrix, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
+    """Limit torques (nj,) to ``most`` where no torque needs to fade; returns False, and does nothing, elsewhere.
+
+    ``measured`` is q and v (2, nj); ``centre`` and ``inverse_half`` describe the box in which no torque needs to fade.
+    """
+    for i in range(2):
+        for j in range(target.shape[0]):
+            if not abs((measured[i, j] - centre[i, j]) * inverse_half[i, j]) <= 1.0:  # nor where it is not a number
+                return False
+    for j in range(target.shape[0]):
+        target[j] = np.maximum(np.minimum(target[j], most[j]), -most[j])
+    return True
+
+
+@njit(cache=True)
+def _approach(target: Vector, rate: Vector, dt: float, tau: Vector) -> None:
+    """Move torques towards their target, at most at a rate [N.m/s] for a time [s]; all (nj,)."""
+    for j in range(tau.shape[0]):
+        step, change = rate[j] * dt, target[j] - tau[j]
+        tau[j] = target[j] if abs(change) <= step else tau[j] + np.maximum(np.minimum(change, step), -step)

@@ -1,0 +1,1 @@
+"""Black box of the control stack."""

@@ -1,0 +1,196 @@
+"""The file of a black box, and the folder that keeps the newest ones."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.recording.checkpoints import ReplayStart
+from models.constants import NANOSECONDS
+from models.errors import PoiseError
+from models.files import state_folder
+from models.types import Matrix, Mode, SolveStatus, Vector
+
+FORMAT = 2
+"""Version of the file."""
+
+SINGLE = 1
+"""Version before it: single precision, no numbers of ticks, no state of the laws. Read, but not run again."""
+
+SUFFIX = ".npz"
+"""Of the files."""
+
+_TOLD, _MEMORY = "replay", "replay_memory"
+"""Of a file that can be run again: inputs of the laws (JSON), and their state."""
+
+Array = NDArray[np.float32]
+
+
+UNITS = {
+    "t": "s",
+    "stamp": "ns",
+    "number": "1",
+    "sample_t": "s",
+    "q": "m, quaternion xyzw, rad",
+    "v": "m/s, rad/s, rad/s",
+    "joint_q": "rad",
+    "joint_v": "rad/s",
+    "joint_tau": "N.m",
+    "gyro": "rad/s",
+    "accel": "m/s^2",
+    "wrenches": "N, N.m",
+    "command_q": "rad",
+    "command_v": "rad/s",
+    "command_tau": "N.m",
+    "planned_wrenches": "N, N.m",
+    "dcm": "m",
+    "zmp": "m",
+    "residual": "1",
+    "status": "place in statuses",
+    "mode": "place in modes",
+}
+"""Arrays of the file and their units."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlackBoxRecord:
+    """Content of a black box: n rows, the oldest first; NaN where a value is unknown."""
+
+    robot: str  # name of the profile
+    reason: str  # cause of the record
+    joint_names: tuple[str, ...]  # of the columns of joints
+    events: tuple[tuple[float, str], ...]  # stamp [s] and text
+    replay: ReplayStart | None  # start and inputs of a replay; None without one
+    t: Vector  # stamps on the robot's clock (n,) [s]
+    stamp: NDArray[np.int64]  # of the tick (n,) [ns]
+    number: NDArray[np.int64]  # counts the ticks; rows are missing where it leaps (n,)
+    sample_t: Vector  # stamps of the sensors' sample (n,) [s]
+    q: Array  # estimated configuration in Pinocchio's order (n, nq)
+    v: Array  # estimated velocity in Pinocchio's order (n, nv)
+    joint_q: Matrix  # measured joint positions (n, nj)
+    joint_v: Matrix  # measured joint velocities (n, nj)
+    joint_tau: Matrix  # measured joint torques (n, nj)
+    gyro: Matrix  # in the IMU's frame (n, 3)
+    accel: Matrix  # measured specific force in the IMU's frame (n, 3)
+    wrenches: Matrix  # measured ground reaction on each foot in its sole frame (n, 2, 6)
+    command_q: Matrix  # (n, nj)
+    command_v: Matrix  # (n, nj)
+    command_tau: Matrix  # (n, nj)
+    planned_wrenches: Array  # contact wrenches of the QP's solution (n, 2, 6)
+    dcm: Array  # measured, in the frame of the estimate (n, 2)
+    zmp: Array  # commanded, in the frame of the estimate (n, 2)
+    residual: Array  # largest KKT residual of the QP (n,)
+    status: NDArray[np.int8]  # index in ``SolveStatus``; -1 without a command (n,)
+    mode: NDArray[np.int8]  # index in ``Mode`` (n,)
+    format: int = FORMAT  # version of the file that it was read from
+
+    @property
+    def modes(self) -> list[Mode]:
+        """Mode of each row."""
+        return [tuple(Mode)[int(i)] for i in self.mode]
+
+    def last(self, duration: float) -> BlackBoxRecord:
+        """The rows of the last so many seconds, and the events among them; to look at, not to run again."""
+        begin = float(self.t.max(initial=-np.inf)) - duration
+        rows = self.t >= begin
+        arrays = {name: getattr(self, name)[rows] for name in UNITS}
+        events = tuple(event for event in self.events if event[0] >= begin)
+        return replace(self, events=events, replay=None, **arrays)
+
+    def save(self, path: Path) -> None:
+        """Write the record beside its place, flush it to the disk, and rename it: the name never holds half a file.
+
+        Raises:
+            PoiseError: The disk refuses; no file is left then.
+        """
+        fresh = path.with_name(f".{path.name}.tmp")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                with fresh.open("wb") as stream:
+                    arrays = {name: getattr(self, name) for name in UNITS}
+                    if self.replay is not None:
+                        arrays |= {_TOLD: np.array(json.dumps(self.replay.record)), _MEMORY: self.replay.data}
+                    np.savez(stream, meta=np.array(json.dumps(self._meta())), **arrays)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+                fresh.replace(path)
+            finally:
+                fresh.unlink(missing_ok=True)
+        except OSError as error:
+            raise PoiseError(f"{path}: black box not written: {error.strerror or error}") from error
+
+    def _meta(self) -> dict[str, object]:
+        return {
+            "format": FORMAT,
+            "robot": self.robot,
+            "reason": self.reason,
+            "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "joint_names": self.joint_names,
+            "units": UNITS,
+            "modes": [mode.value for mode in Mode],
+            "statuses": [status.value for status in SolveStatus],
+            "events": self.events,
+        }
+
+    @classmethod
+    def load(cls, path: Path) -> BlackBoxRecord:
+        """Read a file of ``save``; PoiseError when it is not the file of a black box, or of another version."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                meta = json.loads(str(data["meta"]))
+                if meta["format"] not in (SINGLE, FORMAT):
+                    raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")
+                arrays = {name: data[name] for name in UNITS if name in data or meta["format"] == FORMAT}
+                if meta["format"] == SINGLE:
+                    t = arrays["t"]
+                    arrays["stamp"], arrays["number"] = np.round(t * NANOSECONDS).astype(np.int64), np.arange(len(t))
+                    arrays["sample_t"] = np.full(len(t), np.nan)
+                replay = ReplayStart(json.loads(str(data[_TOLD])), data[_MEMORY]) if _TOLD in data else None
+                return cls(
+                    replay=replay,
+                    robot=meta["robot"],
+                    reason=meta["reason"],
+                    joint_names=tuple(meta["joint_names"]),
+                    events=tuple((float(t), str(text)) for t, text in meta["events"]),
+                    format=meta["format"],
+                    **arrays,
+                )
+        except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
+            raise PoiseError(f"{path}: not the file of a black box: {error}") from error
+
+
+class BlackBoxFolder:
+    """Keeps the newest ``keep`` files of one robot; other robots' files are left alone.
+
+    ``name`` is that of the robot, and of its namespace if it has one; ``folder`` is ``poise/black_box`` in the user's
+    state folder when empty, a ConfigError without one.
+    """
+
+    def __init__(self, name: str, folder: str | Path, keep: int) -> None:
+        self._folder = Path(folder).expanduser() if str(folder) else state_folder("black_box")
+        self._name, self._keep = name, keep
+
+    def files(self) -> list[Path]:
+        """Files of this robot, the oldest first."""
+        return sorted(self._folder.glob(f"{self._name}-*{SUFFIX}"))
+
+    def save(self, record: BlackBoxRecord) -> Path:
+        """Write a record under the present time, and remove the oldest files; PoiseError when the disk refuses."""
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
+        path = self._folder / f"{self._name}-{stamp}Z{SUFFIX}"
+        record.save(path)
+        others = [file for file in self.files() if file != path]  # a clock set back must not cost the new one
+        for file in others[: max(len(others) - self._keep + 1, 0)]:
+            try:
+                file.unlink(missing_ok=True)
+            except OSError as error:
+                raise PoiseError(f"{file}: old black box not removed: {error.strerror}") from error
+        return path

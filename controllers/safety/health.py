@@ -1,0 +1,86 @@
+"""Reports of the other nodes at one instant, for the supervisor, and the problems that follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from controllers.safety.supervisor_config import SupervisorConfig
+from models.types import SolveStatus, Vector
+
+
+class Severity(IntEnum):
+    """Effect of a fault; the most severe one wins."""
+
+    HOLD = 1  # no velocity and no new motion; ends with its cause
+    STAND = 2  # a walk ends with its step, a motion where it is; no other begins before ``reset_faults``
+    DAMP = 3  # damped until ``reset_faults``; removing all torque is left to people
+
+
+class Problem(NamedTuple):
+    """One fault."""
+
+    severity: Severity  # capability that it takes away
+    reason: str  # one sentence with the figure that broke the limit, or the culprit's name
+
+
+def second_publisher(topic: str) -> str:
+    """The sentence about a topic with a second publisher."""
+    return f"'{topic}' has a second publisher"
+
+
+def tilt(quaternion: Vector) -> float:
+    """Angle of the base's z axis to the vertical [rad], of the orientation in W, xyzw (4,); NaN when not finite."""
+    x, y, z, w = quaternion
+    cosine = (z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w)
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """Newest reports, by stamp."""
+
+    state_stamp: float  # of the newest state estimate [s]
+    command_stamp: float  # of the newest whole-body command [s]
+    tilt: float  # of the base from upright [rad]
+    status: SolveStatus = SolveStatus.OPTIMAL  # origin of the newest command
+    drivers_damped: bool = False  # the joint drivers fell back to damping by themselves
+    motion_active: bool = False  # the controller is following a motion
+    overruns: int = 0  # consecutive ticks over the controller's time budget
+    gait_active: bool = False  # the robot walks, or has not yet come to a standstill
+    coasting: float = 0.0  # time without samples of the IMU or the joints [s]
+    silent: tuple[str, ...] = ()  # nodes without a sign of life, apart from those that the stamps cover
+    intruders: tuple[str, ...] = ()  # sensor topics with a second publisher
+    joint_fault: str = ""  # of a motor or an encoder; empty without one
+
+    def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
+        """Problems at time t [s], most severe first; empty when healthy."""
+        found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
+        found += [Problem(Severity.STAND, second_publisher(topic)) for topic in self.intruders]
+        return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
+
+    def _damping(self, config: SupervisorConfig, t: float) -> list[str]:
+        """Faults that end standing, the most informative first."""
+        found = []
+        if not self.tilt < config.fall_tilt:
+            found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")
+        if t - self.state_stamp > config.state_timeout:
+            found.append(f"state estimate older than {config.state_timeout:.3f} s")
+        if not self.coasting <= config.coasting_max:
+            found.append(
+                f"no usable samples of the IMU (or the joints) for {self.coasting:.3f} s, "
+                f"more than {config.coasting_max:.3f} s"
+            )
+        if t - self.command_stamp > config.controller_timeout:
+            found.append(f"whole-body command older than {config.controller_timeout:.3f} s")
+        if self.joint_fault:
+            found.append(self.joint_fault)
+        if self.drivers_damped:
+            found.append("joint drivers fell back to damping")
+        if self.status is SolveStatus.DAMPED:
+            found.append("whole-body controller found no usable torques")
+        if self.overruns >= config.overruns_max:
+            found.append(f"whole-body controller overran its time budget in {self.overruns} ticks in a row")
+        return found

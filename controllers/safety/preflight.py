@@ -1,0 +1,101 @@
+"""Checks before the robot may move: whether the messages match the robot that the laws were built for."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.safety.health import tilt
+from controllers.safety.supervisor_config import SupervisorConfig
+from models.errors import RobotModelError
+from models.robot_model import RobotModel
+from models.types import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Observations of the robot; None where no message arrived."""
+
+    description: str | None = None  # URDF that the robot publishes
+    joints: Vector | None = None  # measured positions by the model's order (nj,) [rad]
+    refusals: Mapping[str, str] = field(default_factory=dict)  # reasons of refused messages, by topic
+    base_quaternion: Vector | None = None  # estimated orientation of B in W, xyzw (4,)
+    rates: Mapping[str, float] = field(default_factory=dict)  # measured rate of each sensor topic by stamp [Hz]
+    incompatible: Mapping[str, str] = field(default_factory=dict)  # endpoint and QoS policy that differs, by topic
+
+
+def preflight(
+    model: RobotModel, config: SupervisorConfig, evidence: Evidence, nominal_rates: Mapping[str, float]
+) -> tuple[str, ...]:
+    """Findings that forbid arming, one sentence each; empty when the robot may be armed.
+
+    ``nominal_rates`` are the expected rates by topic [Hz]; other topics are not checked.
+    """
+    return (
+        *(f"{topic}: {reason}" for topic, reason in evidence.refusals.items()),
+        *(f"'{topic}' has incompatible QoS: {who}" for topic, who in evidence.incompatible.items()),
+        *_mass(model, config, evidence.description),
+        *_joints(model, config, evidence.joints),
+        *_attitude(config, evidence.base_quaternion),
+        *_rates(config, evidence.rates, nominal_rates),
+    )
+
+
+def described_mass(urdf: str) -> float:
+    """Total mass of a URDF [kg]; RobotModelError when the text is not XML, or a mass is not a number."""
+    try:
+        root = ET.fromstring(urdf)
+        return sum(float(mass.attrib["value"]) for mass in root.iterfind("link/inertial/mass"))
+    except (ET.ParseError, KeyError, ValueError) as error:
+        raise RobotModelError(f"robot_description: {error}") from error
+
+
+def _mass(model: RobotModel, config: SupervisorConfig, description: str | None) -> list[str]:
+    if description is None:
+        return ["robot_description has not arrived"]
+    try:
+        mass = described_mass(description)
+    except RobotModelError as error:
+        return [str(error)]
+    if abs(mass - model.mass) > config.mass_tolerance * model.mass:
+        return [f"robot_description weighs {mass:.2f} kg, the model '{model.name}' {model.mass:.2f} kg"]
+    return []
+
+
+def _joints(model: RobotModel, config: SupervisorConfig, joints: Vector | None) -> list[str]:
+    if joints is None:
+        return ["no joint states have arrived"]
+    margin = config.limit_margin
+    outside = np.flatnonzero((joints < model.q_lower - margin) | (joints > model.q_upper + margin))
+    return [
+        f"joint '{model.joint_names[i]}' measures {joints[i]:.3f} rad, outside "
+        f"[{model.q_lower[i]:.3f}, {model.q_upper[i]:.3f}]"
+        for i in outside
+    ]
+
+
+def _attitude(config: SupervisorConfig, quaternion: Vector | None) -> list[str]:
+    if quaternion is None:
+        return ["no state estimate has arrived"]
+    return attitude(config, tilt(quaternion))
+
+
+def attitude(config: SupervisorConfig, angle: float) -> list[str]:
+    """Reason to forbid arming at a tilt of the base [rad]; empty without one."""
+    if not angle <= config.preflight_tilt:
+        return [
+            f"base tilted by {angle:.2f} rad: more than {config.preflight_tilt:.2f} rad, or its IMU is mounted wrong"
+        ]
+    return []
+
+
+def _rates(config: SupervisorConfig, rates: Mapping[str, float], nominal: Mapping[str, float]) -> list[str]:
+    found = []
+    for topic, expected in nominal.items():
+        rate = rates.get(topic, 0.0)
+        if abs(rate - expected) > config.rate_tolerance * expected:
+            found.append(f"{topic} arrives at {rate:.0f} Hz instead of {expected:.0f} Hz")
+    return found

@@ -1,0 +1,60 @@
+"""Finds a target by its colour in a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.vision.target_config import TargetConfig
+from models.config import default_config
+from models.types import Vector
+
+_DEGREES_PER_HUE = 2.0
+"""OpenCV counts hues of 8 bits in steps of two degrees."""
+
+_NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)
+"""Patches that do not hold a square of this size are noise [pixel]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """A target in a picture."""
+
+    pixel: Vector  # its middle, u to the right and v down (2,) [pixel]
+    pixels: int  # its size [pixel]
+    whole: bool  # it ends before the edge of the picture; otherwise its middle is not the target's
+
+
+class TargetFinder:
+    """Finds the largest patch of a colour; the packaged one when ``config`` is None.
+
+    Hue, saturation and value of each pixel are compared with their ranges, single pixels are removed, and the largest
+    patch of connected pixels is the target; its middle is the mean of its pixels.
+    """
+
+    def __init__(self, config: TargetConfig | None = None) -> None:
+        self.config = config or default_config(TargetConfig, "controllers", "vision")
+        low, high = self.config.hue_from / _DEGREES_PER_HUE, self.config.hue_to / _DEGREES_PER_HUE
+        hues = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
+        rest = 255.0 * self.config.saturation_min, 255.0 * self.config.value_min
+        self._ranges = [(np.array([first, *rest]), np.array([last, 255.0, 255.0])) for first, last in hues]
+
+    def find(self, picture: NDArray[np.uint8]) -> Sighting | None:
+        """The target in rows of red, green, blue (height, width, 3); None when it is not in the picture."""
+        hsv = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2HSV)
+        mask = np.zeros(hsv.shape[:2], dtype=np.uint8)
+        for low, high in self._ranges:
+            mask |= cv2.inRange(hsv, low, high)
+        mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _NOISE_KERNEL)
+        count, _, boxes, middles = cv2.connectedComponentsWithStats(mask)
+        if count < 2:  # the first is the background
+            return None
+        best = 1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))
+        left, top, width, height, pixels = (int(value) for value in boxes[best])
+        if pixels < self.config.pixels_min:
+            return None
+        whole = left > 0 and top > 0 and left + width < mask.shape[1] and top + height < mask.shape[0]
+        return Sighting(np.array(middles[best], dtype=np.float64), pixels, whole)

@@ -1,0 +1,1 @@
+"""Whole-body QP of one tick: tasks, limits, problem."""

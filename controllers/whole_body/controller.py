@@ -1,0 +1,263 @@
+"""Whole-body controller: terms, tasks, limits, QP, solution, driver set-points, with a documented fallback."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from controllers.qp.active_set import QP
+from controllers.qp.contacts import ContactGains
+from controllers.qp.solve import QPSolver, Solution
+from controllers.qp.terms import Terms
+from controllers.whole_body.config import Gains, WholeBodyConfig
+from controllers.whole_body.limits import (
+    BodyLimits,
+    CoMHeightLimit,
+    JointBounds,
+    JointLimit,
+    Limit,
+    RowLimit,
+    TorqueLimit,
+    WrenchConeLimit,
+)
+from controllers.whole_body.problem import QPBuilder
+from controllers.whole_body.tasks import (
+    AngularMomentumTask,
+    BodyTasks,
+    CoMTask,
+    FootTask,
+    FrameOrientationTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+)
+from models.config import default_config
+from models.constants import GRAVITY
+from models.robot_model import RobotModel
+from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatus, Vector
+
+
+class WholeBodyController:
+    r"""Accelerations, wrenches and torques that serve weighted tasks within contact and joint limits.
+
+    .. math::
+        \min_{a, w} \sum_k \tfrac12 \|J_k a + \dot J_k v - a_k^*\|_{W_k}^2 + \tfrac12 \|w - w_0\|_Q^2
+        \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = k\,e_c - d\,v_c,\;
+        w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
+
+    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or
+    one that tips, comes back to where it stood.
+
+    The set-point integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
+    opposes only what happens after the measurement.
+
+    Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
+
+    Args:
+        model: The robot.
+        config: Gains and limits; the packaged default when None.
+        extra_tasks: Further tasks for the stack, beside those of ``config.tasks``.
+        extra_limits: Further limits.
+
+    Attributes:
+        terms: Model terms of the last state.
+        tasks: The stack by name.
+        limits: The limits by name.
+        body_limits: Those of joints, wrench cones and torques.
+        com_task: Takes the balance law's feedback.
+        acceleration: Last solution (nv,).
+        wrenches: Last solution (2, 6), in the sole frames.
+        torque: Last solution (nj,).
+        areas: x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m].
+        wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
+        hold_ticks: Ticks without a solution for which the last command is repeated.
+        builder: Builds the QP.
+        solver: Solves it.
+        problem: Last QP, overwritten by the next tick; None before the first.
+        solution: Last answer of the solver.
+
+    References:
+        Del Prete et al.: Prioritized motion-force control of constrained fully-actuated robots (2015);
+        Herzog et al.: Momentum control with hierarchical inverse dynamics on a torque-controlled humanoid (2016).
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        config: WholeBodyConfig | None = None,
+        extra_tasks: Sequence[Task] = (),
+        extra_limits: Sequence[RowLimit] = (),
+    ) -> None:
+        self.model = model
+        self.config = config = config or default_config(WholeBodyConfig, "controllers", "whole_body")
+        self._weight = model.mass * GRAVITY
+        body, positions = _make_tasks(model, config)
+        extra_tasks = [*positions, *extra_tasks]
+        self.tasks: dict[str, Task] = {task.name: task for task in (*body, *extra_tasks)}
+        self.com_task, self._feet = body.com, body.feet
+        contact, solver = config.contact, config.solver
+        self._cones = cones = WrenchConeLimit(
+            [min(contact.friction, foot.friction) for foot in model.feet],
+            contact.sole_margin,
+            contact.force_min * self._weight,
+            contact.force_max * self._weight,
+            self._weight,
+        )
+        self.body_limits, heights = _make_limits(model, config, cones)
+        extra_limits = [*heights, *extra_limits]
+        self.limits: dict[str, Limit] = {limit.name: limit for limit in (*self.body_limits, *extra_limits)}
+        frames = [frame for task in self.tasks.values() for frame in task.frames]
+        self.terms = Terms(model, frames)
+        scale = contact.wrench_weight / self._weight**2
+        lever = scale / contact.moment_arm**2
+        self.builder = QPBuilder(
+            model,
+            body,
+            self.body_limits,
+            extra_tasks=extra_tasks,
+            extra_limits=extra_limits,
+            contacts=ContactGains(
+                np.full(6, contact.stiffness),
+                np.full(6, contact.damping),
+                np.repeat((contact.linear_max, contact.angular_max), 3),
+                self._weight,
+            ),
+            wrench_weight=np.array([scale, scale, scale, lever, lever, lever]),
+            regularisation=solver.regularisation,
+            lookahead=config.lookahead_s,
+        )
+        self.wrench_target = self.builder.stack.wrench_target
+        self.solver = QPSolver(solver.residual_max, solver.iterations_max, solver.soft_rho, solver.backend)
+        for problem in self.builder.problems:
+            self.solver.prepare(problem)
+        self._contacts: tuple[tuple[bool, ...], tuple[float, ...]] | None = None
+        self._whole: Matrix = np.array([foot.rectangle for foot in model.feet])
+        self.areas = self._whole.copy()
+        self._areas_key: bytes | None = None
+        self.set_support_areas(None)
+        self.acceleration = np.zeros(model.nv)
+        self.wrenches = np.zeros((len(model.feet), 6))
+        self.torque = np.zeros(model.nj)
+        self.problem: QP | None = None
+        self.solution = Solution(None, SolveStatus.HELD, float("nan"), 0.0)
+        self.hold_ticks = solver.hold_ticks
+        self._failures = 0
+        self._last: JointCommand | None = None
+        self._joints = model.posture("stand")
+
+    def reset(self, joints: Vector) -> None:
+        """Discard the last command and the failure count; ``joints`` are the measured positions (nj,) [rad]."""
+        self._failures = 0
+        self._last = None
+        self.solver.reset()
+        self._joints = joints
+        self.torque = np.zeros(self.model.nj)
+
+    def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
+        """One tick; ``terms`` must have been updated with the same state (the balance law does).
+
+        Args:
+            state: Estimated state.
+            reference: What to track.
+
+        Returns:
+            Set-point for the drivers and how it came about.
+        """
+        self.set_support_areas(reference.sole_areas)
+        if (reference.contacts, reference.load) != self._contacts:
+            self._change_contacts(reference.contacts, reference.load)
+        self.problem = self.builder.build(self.terms, reference)
+        self.solution = solution = self.solver.solve(self.problem)
+        if solution.z is None:
+            return self.fall_back()
+        self._failures = 0
+        self._joints = state.q[7:]
+        command, self.acceleration, self.wrenches = self.builder.recover(solution.z)
+        self.torque = command[2]
+        self._last = JointCommand(command[0], command[1], self.torque)
+        return self._last, solution.status
+
+    def set_support_areas(self, areas: Matrix | None) -> bool:
+        """Set the parts of the soles that count as support (2, 4) [m], whole when None; returns if they changed."""
+        key = b"" if areas is None else areas.tobytes()
+        if key == self._areas_key:  # looked at in every tick: comparing arrays would take 20 us
+            return False
+        self._areas_key, self._contacts = key, None
+        self.areas[:] = self._whole if areas is None else areas
+        for contact, area in enumerate(self.areas):
+            self._cones.set_area(contact, area)
+        return True
+
+    def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
+        """Feet that swing get their task; those that bear load their planned share, in the middle of the area."""
+        self._contacts = contacts, load
+        self._cones.set_load(load)
+        for foot in self._feet:
+            foot.active = not contacts[foot.foot]
+        shares = [share if contact else 0.0 for share, contact in zip(load, contacts, strict=True)]
+        total = max(sum(shares), 1e-6)
+        for target, share, area in zip(self.wrench_target, shares, self.areas.tolist(), strict=True):
+            force = self._weight * (share / total)
+            target[2:5] = force, 0.5 * force * (area[2] + area[3]), -0.5 * force * (area[0] + area[1])
+
+    def fall_back(self) -> tuple[JointCommand, SolveStatus]:
+        """Command of a tick without a usable state or solution: the last one once more, then damping where it was."""
+        self._failures += 1
+        if self._last is not None and self._failures <= self.hold_ticks:
+            return self._last, SolveStatus.HELD
+        zero: Vector = np.zeros(self.model.nj)
+        self.torque = zero
+        return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
+
+
+def _spread(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
+    """kp, kd and weight of a task, the same on all of its rows."""
+    return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
+
+
+def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, list[FramePositionTask]]:
+    nv, com, momentum = model.nv, config.com, config.angular_momentum
+    foot = _spread(config.foot, 6)
+    foot[2][3:5] *= config.foot_roll_scale, config.foot_pitch_scale
+    posture = _spread(config.posture, model.nj)
+    for side in model.feet:
+        posture[2][np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
+    momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
+    com_weight = np.array([com.weight, com.weight, com.weight_height])
+    base, torso = _spread(config.base_orientation, 3), _spread(config.torso_orientation, 3)
+    body = BodyTasks(
+        CoMTask(np.full(3, com.kp), np.full(3, com.kd), com_weight, nv),
+        AngularMomentumTask(np.full(3, momentum.kd), momentum_weight, nv),
+        FrameOrientationTask("base_orientation", "base_link", *base, nv, lambda reference: reference.base_orientation),
+        FrameOrientationTask("torso_orientation", "torso", *torso, nv, lambda reference: reference.torso_orientation),
+        [FootTask(i, foot[0].copy(), foot[1].copy(), foot[2].copy(), nv) for i in range(len(model.feet))],
+        PostureTask(*posture),
+    )
+    positions = [
+        FramePositionTask(name, task.frame, *_spread(Gains(task.kp, task.kd, task.weight), 3), nv)
+        for name, task in config.tasks.items()
+    ]
+    return body, positions
+
+
+def _make_limits(
+    model: RobotModel, config: WholeBodyConfig, cones: WrenchConeLimit
+) -> tuple[BodyLimits, list[RowLimit]]:
+    limit, height, nj = config.limits, config.limits.com_height, model.nj
+    margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
+    scale = np.ones(nj)  # of rows; those of the legs mix many unknowns and are larger
+    for foot in model.feet:
+        scale[np.array(foot.joint_ids_v) - 6] = 0.01
+    bounds = JointBounds(
+        model.q_lower + margin,
+        model.q_upper - margin,
+        limit.velocity * model.v_max,
+        scale,
+        np.full(nj, limit.position_gain),
+        np.full(nj, limit.velocity_gain),
+        np.full(nj, limit.acceleration),
+    )
+    body = BodyLimits(JointLimit(bounds), cones, TorqueLimit(limit.torque * model.tau_max))
+    gains = limit.position_gain, limit.velocity_gain
+    return body, [CoMHeightLimit(height.minimum, height.maximum, *gains, model.nv)] if height.enabled else []

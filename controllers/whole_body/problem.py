@@ -1,0 +1,368 @@
+"""Builds the reduced whole-body QP from terms, tasks, contacts and limits. Pure: solving is elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.qp.active_set import QP
+from controllers.qp.contacts import ContactGains, Reduction, eliminate, make_reduction, reduce_row
+from controllers.qp.terms import ModelTerms, Terms
+from controllers.whole_body.limits import BodyLimits, LimitArrays, LimitRows, RowLimit, Rows, limit_rows
+from controllers.whole_body.tasks import BodyArrays, BodyTasks, Desired, Task, body_rows
+from models.errors import ConfigError
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
+from models.robot_model import RobotModel
+from models.types import Matrix, Reference, Vector
+
+Array = NDArray[np.float64]
+
+
+class Stack(NamedTuple):
+    """All tasks of one tick: ``sum weight (jacobian a - target)^2 / 2``, the posture apart.
+
+    Attributes:
+        jacobian: (m, nv).
+        target: (m,).
+        weight: In force, zero for the rows of inactive tasks (m,).
+        posture_target, posture_weight: (nj,).
+        wrench_target, wrench_weight: Of the contact wrenches, in their frames (contacts, 6).
+    """
+
+    jacobian: Array
+    target: Array
+    weight: Array
+    posture_target: Array
+    posture_weight: Array
+    wrench_target: Array
+    wrench_weight: Array
+
+
+class SetPoint(NamedTuple):
+    """Bounds and look-ahead of the drivers' set-point: joint limits (nj,) [rad], time [s]."""
+
+    q_min: Array
+    q_max: Array
+    ahead: float
+
+
+class _Setup(NamedTuple):
+    """What the QPs of all sets of active contacts share."""
+
+    tasks: BodyArrays
+    limits: LimitArrays
+    stack: Stack
+    contacts: ContactGains
+    contact_acceleration: Array
+    regularisation: float
+    set_point: SetPoint
+
+
+class _ModeArrays(NamedTuple):
+    """What compiled code writes for one set of active contacts."""
+
+    reduction: Reduction
+    hessian: Array
+    gradient: Array
+    rows: LimitRows
+
+
+class _Mode(NamedTuple):
+    """One set of active contacts: its QP, and the rows in it of the limits beside ``BodyLimits``."""
+
+    arrays: _ModeArrays
+    unboxed: Unboxed[_ModeArrays]
+    qp: QP
+    extra: list[tuple[RowLimit, Rows]]
+
+
+class QPBuilder:
+    """Assembles the QP of each tick into arrays allocated once per set of active contacts.
+
+    One compiled call a tick writes all but the rows of extra tasks and limits.
+
+    What is special to robots with two feet here is only ``Reference``, which has the places of two soles. A contact is
+    rigid and six-dimensional; the loops formed with the other contacts must be independent.
+
+    Args:
+        model: The robot; its feet are the contacts.
+        tasks: Tasks of every robot.
+        limits: Limits of every robot; their rows come first, in this order.
+        extra_tasks: Further tasks.
+        extra_limits: Further limits; their rows follow in this order.
+        contacts: Gains of the contacts; the arrays may change.
+        wrench_weight: Of every wrench component (6,).
+        regularisation: Added to the Hessian's diagonal.
+        lookahead: Time over which accelerations are integrated to the set-point [s].
+
+    Attributes:
+        contact_acceleration: Desired acceleration of each contact in its frame (contacts, 6) [m/s^2, rad/s^2].
+        stack: Rows of all tasks on the last tick; ``wrench_target`` is set from outside.
+
+    Raises:
+        ConfigError: Two tasks or two limits share a name, or a contact has fewer than six joints between it and the
+            base.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        tasks: BodyTasks,
+        limits: BodyLimits,
+        *,
+        extra_tasks: Sequence[Task],
+        extra_limits: Sequence[RowLimit],
+        contacts: ContactGains,
+        wrench_weight: Vector,
+        regularisation: float,
+        lookahead: float,
+    ) -> None:
+        _refuse_duplicates("task", (task.name for task in (*tasks, *extra_tasks)))
+        _refuse_duplicates("limit", (limit.name for limit in (*limits, *extra_limits)))
+        for foot in model.feet:
+            if len(foot.joint_ids_v) < 6:
+                raise ConfigError(f"{model.name}: fewer than six joints between the base and the {foot.name} sole")
+        self._tasks, self._extra_tasks, self.contacts = tasks, extra_tasks, contacts
+        count, nv, nj = len(model.feet), model.nv, model.nj
+        stacked = [task for task in (*tasks, *extra_tasks) if task is not tasks.posture]
+        rows = sum(len(task.weight) for task in stacked)
+        self.stack = stack = Stack(
+            np.zeros((rows, nv)),
+            np.zeros(rows),
+            np.zeros(rows),
+            np.zeros(nj),
+            np.zeros(nj),
+            np.zeros((count, 6)),
+            np.tile(wrench_weight, (count, 1)),
+        )
+        first = 0
+        for task in stacked:
+            span = slice(first, first + len(task.weight))
+            task.write_into(stack.jacobian[span], stack.target[span], stack.weight[span])
+            first = span.stop
+        tasks.posture.write_into(tasks.posture.jacobian, stack.posture_target, stack.posture_weight)
+        self.contact_acceleration = np.zeros((count, 6))
+        set_point = SetPoint(np.array(model.q_lower), np.array(model.q_upper), lookahead)
+        shared = stack, contacts, self.contact_acceleration, regularisation, set_point
+        self._setup = unbox(_Setup(tasks.arrays, limits.arrays, *shared))
+        chains = [foot.joint_ids_v for foot in model.feet]
+        self._modes = {
+            active: _make_mode(make_reduction(active, chains, nv), limits, extra_limits)
+            for active in product((False, True), repeat=count)
+        }
+        self._active: _Mode
+        self._terms: Unboxed[ModelTerms]
+        self._shape = (3, nj)
+
+    @property
+    def problems(self) -> list[QP]:
+        """The QP of every set of active contacts."""
+        return [mode.qp for mode in self._modes.values()]
+
+    def build(self, terms: Terms, reference: Reference) -> QP:
+        """Fill this tick's QP.
+
+        Args:
+            terms: Model terms of the measured state.
+            reference: What to track; its ``contacts`` are the active ones.
+
+        Returns:
+            The QP, in arrays that the next call with the same contacts overwrites.
+        """
+        for task in self._extra_tasks:
+            if task.active:
+                task.update(terms, reference)
+                task.weight_in_force[:] = task.weight
+            else:
+                task.weight_in_force[:] = 0.0
+        self._active = mode = self._modes[reference.contacts]
+        self._terms, tasks = terms.unboxed, self._tasks
+        _build(
+            terms.unboxed,
+            self._setup,
+            mode.unboxed,
+            reference.com,
+            tasks.com.desired(terms, reference),
+            tasks.base.desired(reference),
+            tasks.torso.desired(reference),
+            reference.heading_rate,
+            reference.sole_rotations,
+            reference.sole_positions,
+            reference.sole_velocities,
+            reference.sole_accelerations,
+            reference.posture,
+            reference.posture_velocity,
+            reference.posture_acceleration,
+        )
+        for limit, rows in mode.extra:
+            limit.update(terms, reference, mode.arrays.reduction, rows)
+        return mode.qp
+
+    def recover(self, z: Vector) -> tuple[Matrix, Vector, Matrix]:
+        """What a solution (nz,) of the QP built last means.
+
+        Returns:
+            Joint positions, velocities and torques of the set-point (3, nj), acceleration (nv,), and wrenches in the
+            contact frames (contacts, 6).
+        """
+        command, acceleration = np.empty(self._shape), np.empty(self._shape[1] + 6)
+        wrenches: Matrix = np.empty(self.contact_acceleration.shape)
+        _recover(self._terms, self._setup, self._active.unboxed, z, acceleration, wrenches, command)
+        return command, acceleration, wrenches
+
+
+def _refuse_duplicates(kind: str, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ConfigError(f"{kind} '{name}' is given twice")
+        seen.add(name)
+
+
+def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimit]) -> _Mode:
+    """Memory of the QP with the rows of all limits, one below the other."""
+    nz, everything = reduction.maps.shape[2], [*limits, *extra]
+    sizes = [limit.size(len(reduction.active)) for limit in everything]
+    total = sum(sizes)
+    soft = np.repeat([limit.soft for limit in everything], sizes)
+    qp = QP(np.zeros((nz, nz)), np.zeros(nz), np.zeros((total, nz)), np.zeros(total), np.zeros(total), soft)
+    spans = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
+    joints, cones, torque, *others = (Rows(qp.matrix[span], qp.lower[span], qp.upper[span]) for span in spans)
+    arrays = _ModeArrays(reduction, qp.hessian, qp.gradient, LimitRows(joints, cones, torque))
+    return _Mode(arrays, unbox(arrays), qp, list(zip(extra, others, strict=True)))
+
+
+@njit(cache=True)
+def _build(
+    model: Unboxed[ModelTerms],
+    setup: Unboxed[_Setup],
+    mode: Unboxed[_ModeArrays],
+    com: Array,
+    com_acceleration: Array,
+    base: Array,
+    torso: Array,
+    heading_rate: float,
+    rotations: Array,
+    positions: Array,
+    velocities: Array,
+    accelerations: Array,
+    posture: Array,
+    posture_velocity: Array,
+    posture_acceleration: Array,
+) -> None:
+    """Rows of the tasks, reduction, cost, and rows of the limits."""
+    terms, shared, arrays = model.record, setup.record, mode.record
+    desired = Desired(
+        com,
+        com_acceleration,
+        base,
+        torso,
+        heading_rate,
+        rotations,
+        positions,
+        velocities,
+        accelerations,
+        posture,
+        posture_velocity,
+        posture_acceleration,
+    )
+    dynamics, reduction, held = terms.dynamics, arrays.reduction, shared.contact_acceleration
+    body_rows(shared.tasks, terms, desired)
+    eliminate(dynamics, rotations, positions, shared.contacts, held, reduction)
+    _assemble_cost(shared.stack, reduction, shared.regularisation, arrays.hessian, arrays.gradient)
+    limit_rows(shared.limits, dynamics, reduction, arrays.rows)
+
+
+@njit(cache=True, fastmath={"contract"})
+def _assemble_cost(stack: Stack, reduction: Reduction, regularisation: float, hessian: Array, gradient: Array) -> None:
+    """Cost ``1/2 z'Hz + f'z`` of tasks, posture and wrenches, through ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
+    m, nz = stack.jacobian.shape[0], hessian.shape[0]
+    basis, start, nu = reduction.basis, reduction.start, reduction.upper.shape[0]
+    na = basis.shape[1]
+    most = m + 6 * reduction.active.shape[0]
+    rows, errors = np.zeros((most + 3, nz)), np.zeros(most + 3)  # 3: the sums below take four rows at a time
+    used = 0
+    for i in range(m):
+        if stack.weight[i] == 0.0:
+            continue
+        root = np.sqrt(stack.weight[i])
+        errors[used] = reduce_row(stack.jacobian[i], root, reduction, rows[used]) - root * stack.target[i]
+        used += 1
+    for contact in reduction.active:
+        for i in range(6):
+            root = np.sqrt(stack.wrench_weight[contact, i])
+            errors[used] = root * (reduction.offsets[contact, i] - stack.wrench_target[contact, i])
+            for c in range(nz):
+                rows[used, c] = root * reduction.maps[contact, i, c]
+            used += 1
+    hessian[:, :] = 0.0
+    gradient[:] = 0.0
+    for i in range(0, used, 4):
+        for r in range(nz):
+            v0, v1, v2, v3 = rows[i, r], rows[i + 1, r], rows[i + 2, r], rows[i + 3, r]
+            gradient[r] += v0 * errors[i] + v1 * errors[i + 1] + v2 * errors[i + 2] + v3 * errors[i + 3]
+            for c in range(r, nz):
+                hessian[r, c] += (v0 * rows[i, c] + v1 * rows[i + 1, c]) + (v2 * rows[i + 2, c] + v3 * rows[i + 3, c])
+    weight, target = stack.posture_weight, stack.posture_target
+    for c in range(nu):
+        joint = reduction.upper[c] - 6
+        hessian[c, c] += weight[joint]
+        gradient[c] -= weight[joint] * target[joint]
+    for k in reduction.core[6:]:
+        error = start[k] - target[k - 6]
+        for r in range(nu, na):
+            value = weight[k - 6] * basis[k, r]
+            if value == 0.0:
+                continue
+            gradient[r] += value * error
+            for c in range(r, na):
+                hessian[r, c] += value * basis[k, c]
+    for r in range(nz):
+        hessian[r, r] += regularisation
+        for c in range(r):
+            hessian[r, c] = hessian[c, r]
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _recover(
+    model: Unboxed[ModelTerms],
+    setup: Unboxed[_Setup],
+    mode: Unboxed[_ModeArrays],
+    z: Array,
+    acceleration: Array,
+    wrenches: Array,
+    command: Array,
+) -> None:
+    """Accelerations (nv,), wrenches (contacts, 6) and set-point (3, nj), with ``tau = M_j a + h_j - sum J_ij' w_i``."""
+    terms, reduction, set_point = model.record.dynamics, mode.record.reduction, setup.record.set_point
+    basis, torque = reduction.basis, command[2]
+    nv, na = basis.shape
+    for i in range(nv):
+        total = reduction.start[i]
+        for c in range(na):
+            total += basis[i, c] * z[c]
+        acceleration[i] = total
+    for j in range(nv - 6):
+        torque[j] = terms.bias[6 + j]
+    for k in range(nv):
+        for j in range(nv - 6):
+            torque[j] += acceleration[k] * terms.mass_matrix[k, 6 + j]
+    for contact in range(wrenches.shape[0]):
+        for i in range(6):
+            total = reduction.offsets[contact, i]
+            for c in range(z.shape[0]):
+                total += reduction.maps[contact, i, c] * z[c]
+            wrenches[contact, i] = total
+            for j in range(nv - 6):
+                torque[j] -= total * terms.jacobians[contact, i, 6 + j]
+    for j in range(nv - 6):
+        step = set_point.ahead * acceleration[6 + j]
+        v = terms.v[6 + j]
+        q = terms.q[7 + j] + set_point.ahead * (v + 0.5 * step)
+        command[0, j] = min(max(q, set_point.q_min[j]), set_point.q_max[j])
+        command[1, j] = v + step

@@ -1,0 +1,1 @@
+"""Compiled code, rotations, threads."""

@@ -1,0 +1,136 @@
+"""numba's ``njit`` with a cache keyed by content: a kernel is compiled again when it or a kernel that it calls changes.
+
+numba's own cache depends on path and modification time of the kernel's file alone. A kernel that calls one in another
+file would keep the old machine code after a change of that file, and every checkout would compile anew. Here each
+source file has a cache folder named after a hash of the file and of every kernel source that it imports.
+
+Environment:
+    NUMBA_CACHE_DIR: Parent of these folders, instead of ``$XDG_CACHE_HOME/poise/numba``.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba import njit
+from numba.core import caching
+from numba.extending import register_jitable as _register_jitable
+
+__all__ = ["KernelCacheLocator", "njit", "register_jitable", "source_hash"]
+
+ROOT = Path(__file__).resolve().parents[2]
+_PACKAGES = ("models", "planners", "controllers", "bridge")
+_FALLBACK_LOCATORS = ("UserProvidedCacheLocator", "InTreeCacheLocator", "UserWideCacheLocator", "ZipCacheLocator")
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def register_jitable(function: F) -> F:
+    """A plain function that kernels may call too; it is compiled only as a part of them."""
+    registered: F = _register_jitable(function)
+    return registered
+
+
+@cache
+def _records(source: Path) -> frozenset[str]:
+    """Names of the NamedTuples that a module defines: kernels access their fields by position."""
+    classes = [node for node in ast.walk(ast.parse(source.read_bytes())) if isinstance(node, ast.ClassDef)]
+    return frozenset(node.name for node in classes if any(ast.unparse(base) == "NamedTuple" for base in node.bases))
+
+
+@cache
+def _dependencies(file: Path, root: Path) -> tuple[Path, ...]:
+    """Sources of the project that a kernel source takes functions, records or constants from."""
+    found = []
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in _PACKAGES:
+            source = root / (node.module.replace(".", "/") + ".py")
+            if not source.is_file():
+                continue
+            compiled = b"from models.numerics.compiled import" in source.read_bytes()
+            if compiled or any(alias.name.isupper() or alias.name in _records(source) for alias in node.names):
+                found.append(source)
+    return tuple(found)
+
+
+def source_hash(file: Path, root: Path = ROOT) -> str:
+    """Hash of a kernel source and of all kernel sources and constants that it imports: sixteen hexadecimal digits."""
+    sources, todo = {file}, [file]
+    while todo:
+        new = set(_dependencies(todo.pop(), root)) - sources
+        sources |= new
+        todo += new
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(sources):
+        digest.update(str(source.relative_to(root)).encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _cache_folder() -> Path:
+    """Parent of the cache folders; one that ends with the process where the user's cannot be written."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(home) / "poise" / "numba")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="poise-numba-"))
+    return folder
+
+
+class _Index(caching.IndexDataCacheFile):
+    """Index of a kernel's machine code; one that names types of another version of the project counts as empty."""
+
+    def _load_index(self) -> dict[Any, Any]:
+        try:
+            overloads: dict[Any, Any] = super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+        return overloads
+
+
+class KernelCacheLocator(caching._CacheLocator):
+    """Where numba keeps the machine code of a kernel of this project."""
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        self._line = function.__code__.co_firstlineno
+        self._hash = source_hash(Path(file).resolve())
+        self._stem = Path(file).stem
+
+    def get_cache_path(self) -> str:
+        """Folder of the kernel's source."""
+        return str(_cache_folder() / f"{self._stem}-{self._hash}")
+
+    def get_source_stamp(self) -> str:
+        """Content of the sources."""
+        return self._hash
+
+    def get_disambiguator(self) -> str:
+        """Line of the kernel."""
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> KernelCacheLocator | None:
+        """The locator of a function; None outside of this project."""
+        path = Path(file).resolve()
+        inside = path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in _PACKAGES
+        if not inside:
+            return None
+        locator = cls(function, file)
+        Path(locator.get_cache_path()).mkdir(parents=True, exist_ok=True)
+        return locator
+
+
+vars(caching)["IndexDataCacheFile"] = _Index
+vars(numba.config)["CACHE_LOCATOR_CLASSES"] = ",".join(
+    [f"{__name__}.{KernelCacheLocator.__name__}", *_FALLBACK_LOCATORS]
+)
