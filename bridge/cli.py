@@ -16,8 +16,7 @@ from models.numerics.threads import use_one_thread
 if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
 
-ENTRY_POINTS = "poise.commands"
-"""Entry points of groups of commands, such as ``poise bench``."""
+ENTRY_POINTS = "poise.commands"  #: Entry points of groups of commands, such as ``poise bench``
 
 # One thread per process, set before anything numerical is imported; pictures without a display.
 use_one_thread()
@@ -54,9 +53,7 @@ for _command in (record.record, record.replay, record.plot, record.export):
     app.command()(_command)
 app.command(context_settings={"ignore_unknown_options": True})(reach.reach)  # -0.3 is a place, not an option
 
-CALIBRATION_TIMEOUT = 400.0
-"""Longest wait for a calibration [s]; the estimator gives up before."""
-
+CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
 
 

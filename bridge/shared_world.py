@@ -12,8 +12,8 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain
 
+#: Options of ``ClosedLoop`` for one robot only: two would write the same file, or share the state of a law
 OF_ONE = ("calibration", "controller", "mcap")
-"""Options of ``ClosedLoop`` for one robot only: two would write the same file, or share the state of a law."""
 
 
 class SharedWorld:

@@ -14,15 +14,11 @@ from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
-LOADED_FRACTION = 0.02
-"""Share of the weight on both feet below which the robot is in flight [-]."""
-
-FLOOR_GAP = 0.005
-"""Height above the lower sole up to which a sole is on the floor, loaded or not [m]."""
+LOADED_FRACTION = 0.02  #: Share of the weight on both feet below which the robot is in flight [-]
+FLOOR_GAP = 0.005  #: Height above the lower sole up to which a sole is on the floor, loaded or not [m]
 
 
-LEAST_HEIGHT = 0.1
-"""Least CoM height of the pendulum; below it the robot lies on the floor [m]."""
+LEAST_HEIGHT = 0.1  #: Least CoM height of the pendulum; below it the robot lies on the floor [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,24 +28,15 @@ class Balance:
     With ``w = sqrt(g / z)`` and the CoM at the height z over the floor, the divergent component of motion is ``xi = c +
     cdot / w``; the centre of pressure is where the ground reaction F has no horizontal moment: with its moment M about
     the origin of W and the floor at the height h, ``p = (h F_x - M_y, h F_y + M_x) / F_z``.
-
-    Attributes:
-        com: CoM in W (3,) [m].
-        com_velocity: CoM velocity in W (3,) [m/s].
-        dcm: Divergent component of motion in W (2,) [m].
-        cop: Centre of pressure of all contacts in W (2,) [m]; NaN in flight, see ``LOADED_FRACTION``.
-        soles: Origin of each sole in W (2, 3) [m].
-        corners: Corners of each sole in W (2, 4, 3) [m].
-        tilts: Angle of each sole to the horizontal (2,) [rad].
     """
 
-    com: Vector
-    com_velocity: Vector
-    dcm: Vector
-    cop: Vector
-    soles: Matrix
-    corners: Matrix
-    tilts: Vector
+    com: Vector  #: CoM in W (3,) [m]
+    com_velocity: Vector  #: CoM velocity in W (3,) [m/s]
+    dcm: Vector  #: Divergent component of motion in W (2,) [m]
+    cop: Vector  #: Centre of pressure of all contacts in W (2,) [m]; NaN in flight, see ``LOADED_FRACTION``
+    soles: Matrix  #: Origin of each sole in W (2, 3) [m]
+    corners: Matrix  #: Corners of each sole in W (2, 4, 3) [m]
+    tilts: Vector  #: Angle of each sole to the horizontal (2,) [rad]
 
     @property
     def polygon(self) -> Matrix:
@@ -82,24 +69,15 @@ def balance(model: RobotModel, data: pin.Data, q: Vector, v: Vector, wrenches: A
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """Time series of balance; see ``Balance`` for the quantities and frames.
+    """Time series of balance; see ``Balance`` for the quantities and frames."""
 
-    Attributes:
-        t: Stamps (n,) [s].
-        com: CoM in W (n, 3) [m].
-        com_velocity: CoM velocity in W (n, 3) [m/s].
-        dcm: Divergent component of motion (n, 2) [m].
-        zmp: Measured zero-moment point, the centre of pressure (n, 2) [m]; NaN in flight.
-        soles: Origin of each sole in W (n, 2, 3) [m].
-        margin: Distance from the DCM to the edge of the support polygon (n,) [m]; negative outside, NaN in flight.
-    """
-
-    t: Vector
-    com: Matrix
-    com_velocity: Matrix
-    dcm: Matrix
-    zmp: Matrix
-    soles: Matrix
+    t: Vector  #: Stamps (n,) [s]
+    com: Matrix  #: CoM in W (n, 3) [m]
+    com_velocity: Matrix  #: CoM velocity in W (n, 3) [m/s]
+    dcm: Matrix  #: Divergent component of motion (n, 2) [m]
+    zmp: Matrix  #: Measured zero-moment point, the centre of pressure (n, 2) [m]; NaN in flight
+    soles: Matrix  #: Origin of each sole in W (n, 2, 3) [m]
+    #: Distance from the DCM to the edge of the support polygon (n,) [m]; negative outside, NaN in flight
     margin: Vector
 
 

@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from models.numerics.threads import use_one_thread
 from models.robot_model import RobotModel
 
+#: What each process builds
 LAWS = (
     ("controllers.balance.controller:BalanceController",),
     (
@@ -21,7 +22,6 @@ LAWS = (
         "controllers.safety.joint_monitor:JointMonitor",
     ),
 )
-"""What each process builds."""
 
 
 def build(laws: tuple[str, ...], robot: str = "g1") -> None:

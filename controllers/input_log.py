@@ -47,11 +47,8 @@ from models.errors import MessageError
 from models.law_state import LawState
 from models.types import JointTrajectory, SensorData
 
-Entry = tuple[Any, ...]
-"""Word and values."""
-
-KEPT, MOTIONS = 16384, 8
-"""Newest records and motions that are kept."""
+Entry = tuple[Any, ...]  #: Word and values
+KEPT, MOTIONS = 16384, 8  #: Newest records and motions that are kept
 
 
 class InputLog:

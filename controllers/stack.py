@@ -59,21 +59,13 @@ class StackConfig:
 
 
 class StackMemory(NamedTuple):
-    """What the stack keeps between two ticks, apart from the state of its stages.
+    """What the stack keeps between two ticks, apart from the state of its stages."""
 
-    Attributes:
-        state: Last estimate.
-        scheduled: Feet that the last reference has in contact.
-        mode: Present mode.
-        held: Velocity that is repeated at every tick; optional.
-        correction: Calibration in force; optional.
-    """
-
-    state: RobotState
-    scheduled: tuple[bool, bool] | None
-    mode: Mode
-    held: Velocity | None
-    correction: Calibration | None
+    state: RobotState  #: Last estimate
+    scheduled: tuple[bool, bool] | None  #: Feet that the last reference has in contact
+    mode: Mode  #: Present mode
+    held: Velocity | None  #: Velocity that is repeated at every tick; optional
+    correction: Calibration | None  #: Calibration in force; optional
 
 
 class Law(Protocol):

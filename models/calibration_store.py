@@ -20,12 +20,8 @@ from models.files import state_folder
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES
 
-DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"
-"""Environment variable that names the folder of the calibration files."""
-
-SCHEMA = 1
-"""Version of the file; another one is refused."""
-
+DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"  #: Environment variable that names the folder of the calibration files
+SCHEMA = 1  #: Version of the file; another one is refused
 Vector3 = tuple[float, float, float]
 
 

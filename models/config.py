@@ -14,8 +14,8 @@ from models.errors import ConfigError
 
 T = TypeVar("T")
 
+#: Configuration of every schema dataclass: unknown keys, wrong types, NaN and infinity are refused
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=False)
-"""Configuration of every schema dataclass: unknown keys, wrong types, NaN and infinity are refused."""
 
 
 class _UniqueKeyLoader(yaml.CSafeLoader):

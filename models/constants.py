@@ -1,7 +1,4 @@
 """Physical constants and units."""
 
-GRAVITY = 9.81
-"""Magnitude of free fall [m/s^2]: that of Pinocchio's models, and so of the plant."""
-
-NANOSECONDS = 1_000_000_000
-"""In a second."""
+GRAVITY = 9.81  #: Magnitude of free fall [m/s^2]: that of Pinocchio's models, and so of the plant
+NANOSECONDS = 1_000_000_000  #: In a second

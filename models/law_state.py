@@ -24,15 +24,12 @@ from numpy.typing import NDArray
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler
 
-PACKAGES = ("models", "planners", "controllers")
-"""Whose objects are looked into."""
-
+PACKAGES = ("models", "planners", "controllers")  #: Whose objects are looked into
 _LEFT = (RobotModel, type, FunctionType, MethodType)
 _ATOMS = frozenset({bool, int, float, str, bytes, type(None)})
 _CONTAINERS = (list, dict, deque, set)
+#: Made once and never changed: held as they are, because to copy them would take long
 _UNCHANGING = (TrajectorySampler,)
-"""Made once and never changed: held as they are, because to copy them would take long."""
-
 Bytes = NDArray[np.uint8]
 
 

@@ -13,9 +13,8 @@ from msgspec import Struct
 from models.errors import PoiseError
 from models.law_state import PACKAGES, Bytes, Captured, Held, LawState, attributes, owner
 
+#: What a law hands itself within a tick; the next tick makes it anew
 _MADE_ANEW = ("builtins:method", "builtins:function")
-"""What a law hands itself within a tick; the next tick makes it anew."""
-
 _SEQUENCES: dict[str, type] = {"list": list, "tuple": tuple, "deque": deque, "set": set}
 
 

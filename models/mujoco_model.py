@@ -27,8 +27,7 @@ from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
 
-ROBOTS_MAX = 30
-"""Robots in one world: MuJoCo's 32 bits of contact types, less the ground's and the sign."""
+ROBOTS_MAX = 30  #: Robots in one world: MuJoCo's 32 bits of contact types, less the ground's and the sign
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,24 +17,13 @@ from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
 
-HOLD = "hold"
-"""Name of the weld and of the mocap body that hold the robot until it is released."""
-
-ROOT_JOINT = "root_joint"
-"""Name of the free joint of the base."""
-
-CAMERA = "track"
-"""Name of the camera that follows the robot (only with visuals)."""
-
-OBSTACLE = "obstacle"
-"""Name of the mocap body, and its box, that a terrain with an obstacle has."""
-
-WORLD_GROUP = 0
-"""Group of the geoms of ground and obstacle; those of the robot are in others."""
-
+HOLD = "hold"  #: Name of the weld and of the mocap body that hold the robot until it is released
+ROOT_JOINT = "root_joint"  #: Name of the free joint of the base
+CAMERA = "track"  #: Name of the camera that follows the robot (only with visuals)
+OBSTACLE = "obstacle"  #: Name of the mocap body, and its box, that a terrain with an obstacle has
+WORLD_GROUP = 0  #: Group of the geoms of ground and obstacle; those of the robot are in others
+#: Group of the geoms with which a robot touches: soles, hulls, and in company what lies between the hulls
 ROBOT_GROUP = 3
-"""Group of the geoms with which a robot touches: soles, hulls, and in company what lies between the hulls."""
-
 _CONDIM = 4  # normal, two tangential and drilling friction
 _FLOOR = "floor"
 _OBSTACLE_COLOUR = (0.9, 0.45, 0.05, 1.0)  # orange, which no floor and no robot here is [-]

@@ -19,14 +19,11 @@ from models.errors import ConfigError
 
 Vector3 = tuple[float, float, float]
 
+#: Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")
-"""Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own."""
-
-CAMERA_FRAME = "camera_optical_frame"
-"""Frame in which the camera sees: x right, y down, z ahead (REP-103)."""
-
+CAMERA_FRAME = "camera_optical_frame"  #: Frame in which the camera sees: x right, y down, z ahead (REP-103)
+#: Frame names with a meaning of their own, which ``frames`` may not redefine
 RESERVED_FRAMES = ("base_link", "l_sole", "r_sole", "base_footprint", "odom")
-"""Frame names with a meaning of their own, which ``frames`` may not redefine."""
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

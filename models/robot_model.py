@@ -15,9 +15,7 @@ from models.profile import Frame, Profile, Sole, load_profile
 from models.types import FOOT_NAMES, Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
-SOLE_FRAMES = ("l_sole", "r_sole")
-"""REP-120 names of the sole frames, in the order of ``FOOT_NAMES``."""
-
+SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``
 _BASE_NV = 6
 _BASE_NQ = 7
 

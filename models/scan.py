@@ -10,11 +10,8 @@ import numpy as np
 from models.errors import MessageError
 from models.types import Matrix, Vector
 
-SCAN_FRAME = "scan"
-"""Frame of the profile in which the scanner measures: x ahead, z up."""
-
-RANGES_MAX = 20000
-"""Most readings of a scan [1]; the finest scanners have some 8000."""
+SCAN_FRAME = "scan"  #: Frame of the profile in which the scanner measures: x ahead, z up
+RANGES_MAX = 20000  #: Most readings of a scan [1]; the finest scanners have some 8000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,11 +21,8 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 Angle = Annotated[float, Field(gt=-0.6, lt=0.6)]
 
 FLAT = "flat"
-_SEAM = 1e-9
-"""Blocks reach this far over their edges in the scores: no point falls between two [m]."""
-
-_DEPTH = 0.5
-"""Thickness of a block [m]: nothing falls through it in one physics step."""
+_SEAM = 1e-9  #: Blocks reach this far over their edges in the scores: no point falls between two [m]
+_DEPTH = 0.5  #: Thickness of a block [m]: nothing falls through it in one physics step
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -19,9 +19,12 @@ from models.numerics.so3 import multiply, rotate
 Array = NDArray[np.float64]
 
 
+#: Records of ``BODY``, one a body (nj + 1,); body 0 is the base, body n + 1 is moved by joint n
 KinematicTree = NDArray[np.void]
-"""Records of ``BODY``, one a body (nj + 1,); body 0 is the base, body n + 1 is moved by joint n."""
-
+#: Body and the joint that moves it: index of the parent body; rotation R of the joint frame at zero in the parent, ``R
+#: [axis]x``, ``R [axis]x [axis]x`` and the frame's origin [m]; axis in the joint frame; mass [kg], CoM in the body's
+#: frame [m], inertia about the CoM [kg.m^2]. The body's rotation in its parent at q is R + sin q swing + (1 - cos q)
+#: bend.
 BODY = np.dtype(
     [
         ("parent", np.int64),
@@ -35,16 +38,9 @@ BODY = np.dtype(
         ("inertia", np.float64, (3, 3)),
     ]
 )
-"""Body and the joint that moves it: index of the parent body; rotation R of the joint frame at zero in the parent,
-``R [axis]x``, ``R [axis]x [axis]x`` and the frame's origin [m]; axis in the joint frame; mass [kg], CoM in the body's
-frame [m], inertia about the CoM [kg.m^2]. The body's rotation in its parent at q is R + sin q swing + (1 - cos q) bend.
-"""
-
-TreeFrames = NDArray[np.void]
-"""Records of ``FRAME`` (k,)."""
-
+TreeFrames = NDArray[np.void]  #: Records of ``FRAME`` (k,)
+#: Operational frame: index of its body, pose in the body
 FRAME = np.dtype([("body", np.int64), ("rotation", np.float64, (3, 3)), ("translation", np.float64, 3)])
-"""Operational frame: index of its body, pose in the body."""
 
 
 def read_tree(model: pin.Model) -> KinematicTree:

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-FOOT_NAMES = ("left", "right")
-"""Order of the feet in every array with one row per foot."""
+FOOT_NAMES = ("left", "right")  #: Order of the feet in every array with one row per foot
 
 
 class SensorData(Struct, frozen=True):

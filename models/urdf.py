@@ -15,9 +15,7 @@ import pinocchio as pin
 from models.errors import RobotModelError
 from models.types import Matrix
 
-DATA_PACKAGE = "example-robot-data"
-"""Distribution of the packaged robots' URDFs and meshes."""
-
+DATA_PACKAGE = "example-robot-data"  #: Distribution of the packaged robots' URDFs and meshes
 _DATA_SHARE = Path("share") / "example-robot-data"
 _PACKAGE = "package://"
 

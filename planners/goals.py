@@ -14,8 +14,8 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.stance import plant
 
+#: Frames that a motion may move (REP-120 names); the soles stay planted
 TARGET_FRAMES = ("base_link", "torso", "gaze", "l_wrist", "r_wrist")
-"""Frames that a motion may move (REP-120 names); the soles stay planted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,10 @@ def rotation(values: ArrayLike, name: str) -> Matrix:
     return np.array(pin.Quaternion(quaternion / length).toRotationMatrix())
 
 
+#: Everyday names of frames that a motion may move
 NICKNAMES = {"left_hand": "l_wrist", "right_hand": "r_wrist", "head": "gaze"}
-"""Everyday names of frames that a motion may move."""
-
+#: Frames beside those of the robot: the estimator's world, and REP-120's between the soles
 ODOM, FOOTPRINT = "odom", "base_footprint"
-"""Frames beside those of the robot: the estimator's world, and REP-120's between the soles."""
 
 
 def frame_named(name: str) -> str:

@@ -16,11 +16,8 @@ from planners.motion_config import MotionConfig
 from planners.stance import Stance
 from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
-_TOUCH = 1e-3
-"""A bound counts as what stops a target when it is closer than this [m, rad]; for messages only."""
-
-_LISTED = 3
-"""Pairs of bodies that a message lists."""
+_TOUCH = 1e-3  #: A bound counts as what stops a target when it is closer than this [m, rad]; for messages only
+_LISTED = 3  #: Pairs of bodies that a message lists
 
 
 class KeyPoseSolver:

@@ -16,9 +16,7 @@ from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.goals import TARGET_FRAMES
 
-START = "start"
-"""Name of the posture that a motion starts from, beside the postures of the robot's profile."""
-
+START = "start"  #: Name of the posture that a motion starts from, beside the postures of the robot's profile
 Vector3 = tuple[float, float, float]
 JointValues = dict[str, dict[str, float]]
 

@@ -24,9 +24,9 @@ from planners.path import blend_time, check_path, smooth_curve
 from planners.stance import Stance, stand_on
 from planners.whole_body_ik import Bounds, WholeBodyIk
 
+#: Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
+#: the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere
 _DECIMALS = 9
-"""Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
-the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere."""
 
 
 class MotionPlanner:

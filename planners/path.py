@@ -17,15 +17,10 @@ from planners.motion_config import MotionConfig
 from planners.stance import Stance, plant
 from planners.whole_body_ik import Bounds
 
-_PEAK_VELOCITY = 1.875
-"""Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5."""
-_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
-"""Peak of d2s/du2 for the same."""
-
-_ROUNDING = 1e-6
-"""Slack of the joint limits [rad]."""
-_SLACK = 1e-3
-"""Slack of the CoM's margin, which the solver keeps at key poses only [m]."""
+_PEAK_VELOCITY = 1.875  #: Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5
+_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
+_ROUNDING = 1e-6  #: Slack of the joint limits [rad]
+_SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,11 +36,8 @@ from planners.stance import Stance
 
 _ALL_AXES = "xyz"
 
-PREFIX = "motion/"
-"""Put before REP-120 names in placo's model, where a link of the URDF may already have that name."""
-
-_AGREEMENT = 1e-9
-"""Largest difference between both models' frames and CoM [m]: rounding of printed numbers only."""
+PREFIX = "motion/"  #: Put before REP-120 names in placo's model, where a link of the URDF may already have that name
+_AGREEMENT = 1e-9  #: Largest difference between both models' frames and CoM [m]: rounding of printed numbers only
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,11 +109,10 @@ class Info:
 class Benchmark(ABC):
     """Cases, their measurement, figures, bounds and plots; ``name`` is that of its reports."""
 
+    #: Measures one case, given its inputs by name: a static method, since worker processes import it by name
     measure: ClassVar[Callable[..., Case]]
-    """Measures one case, given its inputs by name: a static method, since worker processes import it by name."""
-
+    #: Whether cases are measured one after another in this process, without workers and progress bar (timing)
     alone: ClassVar[bool] = False
-    """Whether cases are measured one after another in this process, without workers and progress bar (timing)."""
 
     def __init__(self, name: str) -> None:
         self.name = name

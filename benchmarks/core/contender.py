@@ -17,13 +17,10 @@ from models.types import JointCommand, SensorData
 
 
 class Contender(Protocol):
-    """A controller under test.
+    """A controller under test."""
 
-    Attributes:
-        torque_controlled: Whether its torques are applied directly; otherwise the drivers run their joint PD, with the
-            gains of the robot's profile, on its positions and velocities, and add its torques.
-    """
-
+    #: Whether its torques are applied directly; otherwise the drivers run their joint PD, with the gains of the robot's
+    #: profile, on its positions and velocities, and add its torques
     torque_controlled: bool
 
     def reset(self, model: RobotModel, seed: int) -> None:

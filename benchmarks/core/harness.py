@@ -35,16 +35,11 @@ __all__ = ["Case"]  # what every benchmark takes from here
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """How all benchmarks of a run measure and keep cases.
+    """How all benchmarks of a run measure and keep cases."""
 
-    Attributes:
-        executor: Measures them; None for workers of each benchmark.
-        results: Finished cases; optional.
-        began: Called with the keys of the cases of a benchmark before any of them is measured.
-    """
-
-    executor: Executor | None = None
-    results: ResultsFile | None = None
+    executor: Executor | None = None  #: Measures them; None for workers of each benchmark
+    results: ResultsFile | None = None  #: Finished cases; optional
+    #: Called with the keys of the cases of a benchmark before any of them is measured
     began: Callable[[Sequence[str]], None] = lambda keys: None
 
     def rest(self) -> None:
@@ -79,26 +74,17 @@ def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Se
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Result of a benchmark on one robot.
-
-    Attributes:
-        figures: Flat name to number; the unit is the last part of the name.
-        cases: One entry per case.
-        passed: Whether every bound holds.
-        load: Load averages before and after, and the number of cores [-].
-        notes: Remarks for the reader of the table, such as which bound failed.
-        contender: Tested instead of poise, as ``module:Class``; empty for poise.
-    """
+    """Result of a benchmark on one robot."""
 
     bench: str
     robot: str
     seeds: int
-    figures: dict[str, float]
-    cases: list[Case]
-    passed: bool
-    load: dict[str, Any]
-    notes: list[str] = field(default_factory=list)
-    contender: str = ""
+    figures: dict[str, float]  #: Flat name to number; the unit is the last part of the name
+    cases: list[Case]  #: One entry per case
+    passed: bool  #: Whether every bound holds
+    load: dict[str, Any]  #: Load averages before and after, and the number of cores [-]
+    notes: list[str] = field(default_factory=list)  #: Remarks for the reader of the table, such as which bound failed
+    contender: str = ""  #: Tested instead of poise, as ``module:Class``; empty for poise
 
     @property
     def who(self) -> str:

@@ -13,9 +13,8 @@ from pathlib import Path
 
 from benchmarks.core.provenance import usable_cores
 
+#: Field of user time in ``/proc/PID/stat`` after the process' name, which may hold spaces; system time follows
 _UTIME = 11
-"""Field of user time in ``/proc/PID/stat`` after the process' name, which may hold spaces; system time follows."""
-
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")  # length of the kernel's tick of these times [s]
 
 
@@ -62,37 +61,26 @@ def resident(pid: int | str) -> float:
 BUFFER_MIN = 1 << 20  # sufficient receive buffer of a socket for a recording, a camera or several robots [B]
 CORES_MIN = 2  # bridge and laws run at the same time; with fewer they wait for each other
 
+#: Tried in a separate process
 _PERMITTED = """
 import sys
 from models.nodes import realtime
 print(int(realtime.use_fifo(40, lambda text: None)), int(realtime.lock_memory(lambda text: None)))
 """
-"""Tried in a separate process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What decides about real time.
+    """What decides about real time."""
 
-    Attributes:
-        cores: Usable by this process.
-        governor: Of the first core's frequency; empty where not visible, as in a virtual machine.
-        fifo: Whether SCHED_FIFO is permitted.
-        locked: Whether memory may be locked.
-        isolated: Cores that the kernel keeps free, in its notation; empty for none.
-        realtime_kernel: Whether the kernel is fully preemptible.
-        throttled: Share of a period that real-time processes may take together [-].
-        receive_buffer: Largest receive buffer of a socket [B]; 0 where not visible.
-    """
-
-    cores: int
-    governor: str
-    fifo: bool
-    locked: bool
-    isolated: str
-    realtime_kernel: bool
-    throttled: float
-    receive_buffer: int
+    cores: int  #: Usable by this process
+    governor: str  #: Of the first core's frequency; empty where not visible, as in a virtual machine
+    fifo: bool  #: Whether SCHED_FIFO is permitted
+    locked: bool  #: Whether memory may be locked
+    isolated: str  #: Cores that the kernel keeps free, in its notation; empty for none
+    realtime_kernel: bool  #: Whether the kernel is fully preemptible
+    throttled: float  #: Share of a period that real-time processes may take together [-]
+    receive_buffer: int  #: Largest receive buffer of a socket [B]; 0 where not visible
 
 
 def read_machine(root: Path = Path("/")) -> Machine:

@@ -15,17 +15,15 @@ from benchmarks.core.contender import source_of
 from models.profile import load_profile
 from models.urdf import resolve_uri
 
+#: Packages whose versions decide a figure
 MEASURED_PACKAGES = (
     *("poise", "pin", "placo", "mujoco", "daqp", "quadprog", "numba", "numpy", "ros-rclpy"),
     *("qpsolvers", "osqp", "proxsuite", "piqp", "clarabel", "pin-pink", "mink"),
 )
-"""Packages whose versions decide a figure."""
-
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout, where there is one
 
+#: Whose changes decide a figure; a report that is written into the checkout does not
 SOURCES = ("models", "planners", "controllers", "bridge", "benchmarks", "pyproject.toml", "constraints.txt")
-"""Whose changes decide a figure; a report that is written into the checkout does not."""
-
 DIGEST = 12  # characters of a hash that are kept
 
 

@@ -21,8 +21,8 @@ from benchmarks.core.measured import Done
 from benchmarks.core.provenance import digest
 from models.errors import ConfigError
 
+#: What stands in a JSON line for a number that JSON has no word for
 WORDS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
-"""What stands in a JSON line for a number that JSON has no word for."""
 
 
 def plain(value: Any) -> Any:
@@ -75,8 +75,8 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
 
 Line = dict[str, Any]
 
+#: Says of a case that it could not be measured here; it is reported but not kept, so that it is tried again
 NOT_RUN = "not_run"
-"""Says of a case that it could not be measured here; it is reported but not kept, so that it is tried again."""
 
 
 def case_key(bench: str, config: str, revision: str, inputs: Mapping[str, Any]) -> str:

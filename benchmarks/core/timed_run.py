@@ -23,8 +23,8 @@ from models.types import Vector
 
 MICRO = 1e-3  # nanoseconds to microseconds
 
+#: Percentiles that a case keeps of every subject, for the plot [%]
 QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
-"""Percentiles that a case keeps of every subject, for the plot [%]."""
 
 
 @schema(frozen=True, slots=True, config=STRICT)

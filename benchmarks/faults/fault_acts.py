@@ -24,9 +24,8 @@ from models.robot_model import RobotModel
 from models.terrain import terrain_named
 from models.types import CommandReply, JointTrajectory, Mode
 
+#: One step of an act before each tick; yields the reply to a command, if any
 Doing: TypeAlias = Iterator[CommandReply | None]
-"""One step of an act before each tick; yields the reply to a command, if any."""
-
 Act: TypeAlias = Callable[[ClosedLoop], Doing]  # disturbance or command of a row
 
 
@@ -60,8 +59,8 @@ def says(*texts: str) -> Act:
     return act
 
 
+#: Makes of a trajectory that holds the posture one that must be refused
 Spoil = Callable[[JointTrajectory, RobotModel], JointTrajectory]
-"""Makes of a trajectory that holds the posture one that must be refused."""
 
 
 def _given(spoil: Spoil) -> Act:
@@ -136,9 +135,8 @@ TRAJECTORIES: Mapping[str, Act] = {
 }
 
 
+#: Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]
 WALL_TIME, WINDOW = 1.7e9, 0.1
-"""Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]."""
-
 KEY, OTHER_KEY = bytes(KEY_BYTES), bytes([1]) * KEY_BYTES
 
 PATIENCE = 0.2  # until a robot has damped [s]
@@ -249,17 +247,15 @@ COMMANDS: Mapping[str, Act] = {
 }
 
 
+#: Time between two kicks, length of each [s], and the velocity that it gives [m/s]
 KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
-"""Time between two kicks, length of each [s], and the velocity that it gives [m/s]."""
-
+#: Of a crane: up, and down until the feet bear [m/s, s]
 HOIST_SPEED, HOIST_TIME, LOWER_SPEED, LOWER_TIME = 0.3, 0.5, 0.05, 5.0
-"""Of a crane: up, and down until the feet bear [m/s, s]."""
-
 HANGING_SPEED = 4.0  # no joint of a hanging robot turns faster [rad/s]
 BOX = "box"  # terrain with a box that may be put into the way
 
+#: Velocities of a turn [rad/s] and of a walk [m/s], and the way to a box that is free at first [m]
 TURN, FORWARD, FREE_WAY = 0.3, 0.3, 1.0
-"""Velocities of a turn [rad/s] and of a walk [m/s], and the way to a box that is free at first [m]."""
 
 
 def _kick(loop: ClosedLoop) -> Doing:

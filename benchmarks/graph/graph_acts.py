@@ -25,9 +25,8 @@ from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import SPIN_TIMEOUT
 
+#: Does something, then yields for how long the robot is to be watched before the next part [s]
 Act = Callable[[GraphStage], Iterator[float]]
-"""Does something, then yields for how long the robot is to be watched before the next part [s]."""
-
 TRANSITION_TIME = 20.0  # longest wait for a node to change its state [s]
 COLLECTIONS, COLLECTION_PERIOD = 10, 0.2  # how often garbage is collected, and how long after the last time [s]
 HOUR = 3600.0  # by which a wall clock jumps [s]

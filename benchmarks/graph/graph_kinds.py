@@ -28,8 +28,8 @@ from controllers.commands.command_key import write_key
 from models.config import STRICT
 from models.errors import PoiseError
 
+#: Graphs that rows are done to; see ``benchmarks/graph/graph_kinds.py``
 Kind = Literal["plain", "wrapped", "split", "shuffled", "signed", "full_disk", "wall_clock"]
-"""Graphs that rows are done to; see ``benchmarks/graph/graph_kinds.py``."""
 
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)

@@ -14,13 +14,13 @@ from models.nodes.base import PoiseNode
 from models.nodes.qos import COMMAND, SENSOR
 from models.nodes.spin import run
 
+#: Sensors and command: type, topic, quality of service
 TICK_TOPICS: tuple[tuple[type, str, Any], ...] = (
     (Imu, topics.IMU_RAW, SENSOR),
     *((WrenchStamped, topic, SENSOR) for topic in topics.FOOT_WRENCHES),
     (JointState, topics.JOINT_STATES, SENSOR),
     (JointTrajectory, topics.JOINT_COMMAND, COMMAND),
 )
-"""Sensors and command: type, topic, quality of service."""
 
 
 class Listener(PoiseNode):

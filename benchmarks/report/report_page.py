@@ -22,6 +22,7 @@ from models.errors import ConfigError, PoiseError
 
 PLOTS = "plots"  # folder of the pictures, in the folder of the report
 
+#: Heading, file and picture, in the order of the report
 PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Survival", "survival", draw_shares),
     ("Survival over time and size of push", "survival-curves", draw_curves),
@@ -34,8 +35,6 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("State estimation", "estimator", draw_estimator),
     ("Delay margin", "delay-margin", draw_delays),
 )
-"""Heading, file and picture, in the order of the report."""
-
 GUIDE = """Simulated in MuJoCo with sensor noise and delay, the laws seeing sensors only. The summary has a row for each
 benchmark and robot: whether all its bounds hold, its key figures with their bounds in parentheses (bold
 where one does not hold), and the command that measures the row again. Under it stands what is broken, in the

@@ -14,9 +14,8 @@ from benchmarks.stability.estimate_runs import estimate_config
 from benchmarks.stability.walk_cases import walk_config
 from bridge.plots import new_figure
 
+#: Parts of a velocity, in the robot's frame, and their units
 AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn to the left", "rad/s"))
-"""Parts of a velocity, in the robot's frame, and their units."""
-
 MILLI, PERCENT = 1e3, 1e2
 
 

@@ -68,9 +68,8 @@ def lasting(ends: Sequence[float], at: Sequence[float]) -> list[tuple[float, flo
 
 PUSHES = ("push", "push_catch", "push_step", "push_walk")  # benchmarks that look for the largest push
 
+#: What the robot does while it is pushed
 DOING = dict(zip(PUSHES, ("standing, no step", "mode 'stand', steps", "mode 'walk', steps", "walking"), strict=True))
-"""What the robot does while it is pushed."""
-
 COLUMNS = 2  # maps beside each other
 
 

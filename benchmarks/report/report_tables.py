@@ -27,14 +27,14 @@ class Limited:
     ratio: float
 
 
+#: Name and key [m/s] of the limits of each push benchmark
 PUSH_LIMITS = {
     "push": (("ankle bound", "bound_dv"), ("torque-limited bound", "torque_bound_dv")),
     "push_catch": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
     "push_step": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
     "push_walk": (("ankle bound", "ankle_dv"), ("N-step capturability", "steps_dv")),
 }
-"""Name and key [m/s] of the limits of each push benchmark."""
-
+#: What it is, its figure, its limit and that one's figure [us], of the benchmarks of time
 TIME_LIMITS = {
     "tick": (("whole-body tick, standing, median", "tick_us_p50", "bare Pinocchio calls", "pinocchio_calls_us_p50"),),
     "gait": (
@@ -48,7 +48,6 @@ TIME_LIMITS = {
         ("sensors to command over ROS 2, p99", "p99_us", "ping-pong of the same messages", "floor_p99_us"),
     ),
 }
-"""What it is, its figure, its limit and that one's figure [us], of the benchmarks of time."""
 
 
 def limited(reports: Reports) -> list[Limited]:
@@ -85,8 +84,8 @@ def _times(robot: str, report: Report) -> Iterator[Limited]:
 
 MOST_NOTES = 12  # lines in the report about a benchmark that has not passed
 
+#: Prefixes of notes that describe no failure
 GOOD_NOTES = ("ok", "holds", "wall-clock", "problems", "dv:", "idle: holds", "advice", "this machine keeps")
-"""Prefixes of notes that describe no failure."""
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

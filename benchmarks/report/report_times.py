@@ -18,29 +18,25 @@ from benchmarks.speed.loop_timing import draw_stages
 from bridge.plots import new_figure
 from models.types import Vector
 
+#: Among the quantiles of a whole-body tick: key, figures, style, label
 SUBJECTS = (
     ("tick", "tick_us_{}", "-", ""),
     ("pinocchio_calls", "pinocchio_calls_us_{}", ":", ", bare Pinocchio calls"),
 )
-"""Among the quantiles of a whole-body tick: key, figures, style, label."""
-
+#: Bench, what its tick is, and what is drawn of it, for what is kept by quantiles
 TIMED = (
     ("tick", "whole-body tick, standing, waving, pushed", SUBJECTS),
     ("gait", "whole-body tick, single support, walking", SUBJECTS),
     ("loop", "tick of the whole closed loop, walking", (("tick_walk", "tick_walk_us_{}", "-", ""),)),
 )
-"""Bench, what its tick is, and what is drawn of it, for what is kept by quantiles."""
-
+#: Of the way over ROS 2: key, figures, style, label
 WAYS = (("latency", "{}_us", "-", ""), ("floor", "floor_{}_us", ":", ", ping-pong floor"))
-"""Of the way over ROS 2: key, figures, style, label."""
-
 USUAL = "idle"  # scenario of the latency that is drawn: the one that is held to bounds
 BINS = 60  # of a histogram, evenly spread on a logarithmic axis
 SHOWN = 99.9  # percentile where a histogram ends; the largest sample stands in the legend [%]
 
+#: Where a logarithmic axis is labelled [us]
 MARKS = (20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000, 3000, 5000, 10000)
-"""Where a logarithmic axis is labelled [us]."""
-
 Part = tuple[Vector, str, str, str]  # value at each of ``QUANTILES`` (k,) [us], colour, style, label
 
 

@@ -17,8 +17,8 @@ from benchmarks.core.provenance import source_state
 from benchmarks.core.results import Line, append_line, read_lines
 from models.errors import ConfigError, PoiseError
 
+#: Files in a suite's folder, and the folder of tracebacks
 CASES, REPORTS, ERRORS = "cases.jsonl", "reports.jsonl", "errors"
-"""Files in a suite's folder, and the folder of tracebacks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,19 +110,13 @@ Part = tuple[str, str]  # bench and robot
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """An unfinished part of a suite.
-
-    Attributes:
-        done: Finished cases.
-        total: Requested cases so far; 0 where it has not begun.
-        earlier: Whether there is a report of another revision or of other cases.
-    """
+    """An unfinished part of a suite."""
 
     bench: str
     robot: str
-    done: int
-    total: int
-    earlier: bool
+    done: int  #: Finished cases
+    total: int  #: Requested cases so far; 0 where it has not begun
+    earlier: bool  #: Whether there is a report of another revision or of other cases
 
     @property
     def state(self) -> str:

@@ -48,14 +48,13 @@ from planners.gait.adjustment import StepPlanner
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import Rest
 
+#: What is timed: the planner's tick; in it one step adjustment with its preview; the law's tick with its QP, without
+#: the planner; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls
 SUBJECTS = ("gait", "adjustment", "tick", "placo", "pinocchio_calls")
-"""What is timed: the planner's tick; in it one step adjustment with its preview; the law's tick with its QP,
-without the planner; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls."""
-
 GAIT, ADJUSTMENT, TICK, PLACO, PINOCCHIO = range(len(SUBJECTS))
 
+#: Orders that the ticks go through in turn: what ran before decides what the caches hold
 ORDERS = tuple(permutations((TICK, PLACO, PINOCCHIO)))
-"""Orders that the ticks go through in turn: what ran before decides what the caches hold."""
 
 
 class TimedWalk:

@@ -35,8 +35,8 @@ from models.types import Vector
 
 TICK = 0.001  # of physics and drivers [s]
 
+#: Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of
 SUPPORTS = {"single": (LEFT, RIGHT), "double": (LEFT | RIGHT,)}
-"""Contacts of the ticks that ``<scenario>_single_`` and ``_double_`` figures are of."""
 
 
 def _measure(robot: str, seed: int, scenario: str) -> Case:

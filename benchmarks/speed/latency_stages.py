@@ -36,17 +36,11 @@ MICRO = 1e-3  # nanoseconds to microseconds
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Ticks of a run that were recorded from end to end.
+    """Ticks of a run that were recorded from end to end."""
 
-    Attributes:
-        total: From just before the sensors are published until the drivers have the command (n,) [us].
-        stages: Parts of it by ``STAGES`` (n, 8) [us].
-        contacts: Feet in contact (n,), bits of ``bridge/driver/stage_probe.py``.
-    """
-
-    total: Vector
-    stages: Matrix
-    contacts: NDArray[np.uint8]
+    total: Vector  #: From just before the sensors are published until the drivers have the command (n,) [us]
+    stages: Matrix  #: Parts of it by ``STAGES`` (n, 8) [us]
+    contacts: NDArray[np.uint8]  #: Feet in contact (n,), bits of ``bridge/driver/stage_probe.py``
 
 
 def answered(rows: Mapping[str, NDArray[Any]], skip: int) -> tuple[NDArray[np.int64], Vector, float]:

@@ -25,11 +25,10 @@ from bridge.plants.bare_physics import BarePhysics
 from controllers.safety.supervisor import Supervisor
 from models.nodes.realtime import each_thread
 
+#: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
+#: controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
+#: joint monitor and head
 STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
-"""Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
-controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
-joint monitor and head."""
-
 PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
 
 PIECE = 1.0  # simulated time of a piece [s]
@@ -129,23 +128,14 @@ class SplitLoop:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Times of a scenario, each piece ``PIECE`` long.
+    """Times of a scenario, each piece ``PIECE`` long."""
 
-    Attributes:
-        plain: The plain loop.
-        split: With its ticks split by stage.
-        bare: The physics alone.
-        ticks: Of the split ones (n,) [us].
-        kept: Ticks that the scheduler did not interrupt (n,).
-        stages: Time of each of ``STAGES`` in them (n, 8) [us].
-    """
-
-    plain: list[Span]
-    split: list[Span]
-    bare: list[Span]
-    ticks: NDArray[np.floating[Any]]
-    kept: NDArray[np.bool_]
-    stages: NDArray[np.floating[Any]]
+    plain: list[Span]  #: The plain loop
+    split: list[Span]  #: With its ticks split by stage
+    bare: list[Span]  #: The physics alone
+    ticks: NDArray[np.floating[Any]]  #: Of the split ones (n,) [us]
+    kept: NDArray[np.bool_]  #: Ticks that the scheduler did not interrupt (n,)
+    stages: NDArray[np.floating[Any]]  #: Time of each of ``STAGES`` in them (n, 8) [us]
 
 
 def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:

@@ -40,17 +40,11 @@ Solve = Callable[[], Vector | None]
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Distance of an answer from the minimiser, relative to the size of what is compared.
+    """Distance of an answer from the minimiser, relative to the size of what is compared."""
 
-    Attributes:
-        primal: Largest violation of a row [-].
-        dual: Largest entry of the gradient of the Lagrangian, with the best multipliers of the right sign [-].
-        gap: Duality gap with these multipliers [-].
-    """
-
-    primal: float
-    dual: float
-    gap: float
+    primal: float  #: Largest violation of a row [-]
+    dual: float  #: Largest entry of the gradient of the Lagrangian, with the best multipliers of the right sign [-]
+    gap: float  #: Duality gap with these multipliers [-]
 
 
 def certify(qp: QP, z: Vector | None, tolerances: Sequence[float]) -> Certificate:

@@ -29,8 +29,8 @@ from models.types import Matrix, RobotState, Vector
 from models.urdf import read_urdf
 from planners.whole_body_ik import printed
 
+#: Frames in placo's model at the middle of each contact rectangle: placo's contacts are centred on their frame
 CONTACT_FRAMES = ("tick/left", "tick/right")
-"""Frames in placo's model at the middle of each contact rectangle: placo's contacts are centred on their frame."""
 
 
 class PlacoTick:
@@ -216,9 +216,8 @@ def _angles(rotation: Matrix) -> Vector:
     return np.asarray(pin.rpy.matrixToRpy(rotation))
 
 
+#: Weights of the tasks, the same in both; they decide nothing about the time [-]
 COSTS = {"sole": 10.0, "com": 5.0, "torso": 1.0, "posture": 1e-2}
-"""Weights of the tasks, the same in both; they decide nothing about the time [-]."""
-
 SOLVER = "daqp"  # back-end of both: the fastest dense one of this size
 PERIOD = 0.001  # over which velocities are integrated [s]
 

@@ -21,8 +21,8 @@ from controllers.whole_body.controller import WholeBodyController
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointTrajectory, Reference, RobotState, SolveStatus
 
+#: What is timed on every tick: ours, placo's, the few calls that ours is left with, and all calls for its terms
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
-"""What is timed on every tick: ours, placo's, the few calls that ours is left with, and all calls for its terms."""
 
 
 def orders(subjects: int) -> tuple[tuple[int, ...], ...]:
@@ -30,9 +30,8 @@ def orders(subjects: int) -> tuple[tuple[int, ...], ...]:
     return tuple(permutations(range(subjects)))
 
 
+#: Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point
 STAGES = ("terms", "references", "build", "solve", "recover", "rest")
-"""Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point."""
-
 STATUSES = tuple(SolveStatus)
 
 

@@ -44,10 +44,9 @@ class CalibrateConfig:
     velocity_error_slack: Positive
 
 
+#: How well a robot stands: largest distance of the CoM from where it was [m], RMS of its horizontal speed [m/s], mean
+#: joint speed [rad/s], RMS errors of estimated tilt [rad] and base velocity [m/s]
 QUANTITIES = ("com_drift", "com_speed", "joint_speed", "tilt_error", "velocity_error")
-"""How well a robot stands: largest distance of the CoM from where it was [m], RMS of its horizontal speed [m/s], mean
-joint speed [rad/s], RMS errors of estimated tilt [rad] and base velocity [m/s]."""
-
 UNITS = {"com_drift": "m", "com_speed": "m_s", "joint_speed": "rad_s", "tilt_error": "rad", "velocity_error": "m_s"}
 
 WAYS = ("jig", "floor")  # encoders are calibrated in a jig, all of them, or by the closed chain through both soles

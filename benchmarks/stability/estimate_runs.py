@@ -23,13 +23,13 @@ from bridge.closed_loop import ClosedLoop
 from models.config import STRICT
 from models.types import Mode
 
+#: What a contact-aided estimator can observe, as rows of the error of pose and twist: the rest is yaw and position
 PARTS = {
     "velocity": np.array([6, 7, 8]),
     "tilt": np.array([3, 4]),
     "height": np.array([2]),
     "joint": np.array([2, 3, 4, 6, 7, 8]),
 }
-"""What a contact-aided estimator can observe, as rows of the error of pose and twist: the rest is yaw and position."""
 
 
 @schema(frozen=True, slots=True, config=STRICT)

@@ -19,9 +19,8 @@ from models.types import Matrix, Mode, Vector
 ROWS = 300  # most rows that are kept
 AFTER = 0.1  # kept after the robot was damped [s]
 
+#: How many joints are kept of those nearest to the limit of their torque, and of their position
 LEG_JOINTS, OTHER_JOINTS = 3, 2
-"""How many joints are kept of those nearest to the limit of their torque, and of their position."""
-
 SATURATED = 0.95  # share of its limit from which on a torque counts as at it [-]
 
 

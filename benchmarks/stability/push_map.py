@@ -26,11 +26,11 @@ from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.heading import heading
 
+#: What the figures are, for the reader of the table
 MEANING = (
     "dv: impulse over mass [m/s] that is taken in every phase, impulse in [N.s]; ankle and steps: what a linear "
     "pendulum takes without and with steps"
 )
-"""What the figures are, for the reader of the table."""
 
 
 def bounds(trial: Trial) -> dict[str, float]:

@@ -51,19 +51,13 @@ Circle = tuple[str, float, dict[str, Any]]  # label, value [m/s] and style of wh
 
 @dataclass(frozen=True, slots=True)
 class PushMap:
-    """What a map shows.
+    """What a map shows."""
 
-    Attributes:
-        cases: With ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest of each angle counts.
-        lines: The last is the push taken, and is filled.
-        circles: Values for all directions.
-        title: What the robot does meanwhile.
-    """
-
+    #: With ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest of each angle counts
     cases: Sequence[Case]
-    lines: Sequence[Line]
-    circles: Sequence[Circle]
-    title: str
+    lines: Sequence[Line]  #: The last is the push taken, and is filled
+    circles: Sequence[Circle]  #: Values for all directions
+    title: str  #: What the robot does meanwhile
 
 
 def draw_rings(axes: PolarAxes, shown: PushMap) -> None:

@@ -162,6 +162,7 @@ def _measure(kind: str, **inputs: Any) -> Case:
     return stand(**inputs) if kind == "stand" else motion(**inputs)
 
 
+#: Figure of the worst seed, by quantity
 FIGURES = {
     "com_drift": "com_drift_max_m",
     "foot_slide": "foot_slide_max_m",
@@ -169,7 +170,6 @@ FIGURES = {
     "base_drop": "base_drop_max_m",
     "torque_step": "torque_step_max",
 }
-"""Figure of the worst seed, by quantity."""
 
 
 class Stand(Benchmark):

@@ -17,9 +17,8 @@ from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
 
+#: Stiffness of every joint over what a pendulum of the robot's mass and height topples with, both ankles sharing it
 STIFFNESS_PER_WEIGHT = 1.5
-"""Stiffness of every joint over what a pendulum of the robot's mass and height topples with, both ankles sharing it."""
-
 DAMPING_TIME = 0.05  # damping over stiffness [s]
 
 

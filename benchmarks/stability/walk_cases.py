@@ -31,17 +31,11 @@ Velocity = tuple[float, float, float]  # forward [m/s], left [m/s], turn [rad/s]
 
 @dataclass(frozen=True, slots=True)
 class Walked:
-    """A measured walk.
+    """A measured walk."""
 
-    Attributes:
-        velocities: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s].
-        distance: Length of the path [m].
-        energy: Mechanical work of the joints, braking counted as positive [J].
-    """
-
-    velocities: Matrix
-    distance: float
-    energy: float
+    velocities: Matrix  #: Mean body velocity of each chunk, in the heading of that moment (n, 3) [m/s, m/s, rad/s]
+    distance: float  #: Length of the path [m]
+    energy: float  #: Mechanical work of the joints, braking counted as positive [J]
 
     @property
     def mean(self) -> Vector:

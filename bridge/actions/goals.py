@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from bridge.actions.robot import RobotClient
 from models.errors import PoiseError
 
+#: Reasons that end a goal, besides those of the robot
 REPLACED, DEACTIVATED = "replaced by a newer goal", "the action server was deactivated"
-"""Reasons that end a goal, besides those of the robot."""
 
 
 @dataclass(frozen=True, slots=True)

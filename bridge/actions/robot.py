@@ -25,8 +25,7 @@ from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.status import MotionState, MotionStatus, RouteStatus
 from models.types import CommandReply, Mode, Vector
 
-MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)
-"""Modes in which an action may go on."""
+MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may go on
 
 
 class RobotClient:

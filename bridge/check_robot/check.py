@@ -20,14 +20,9 @@ from models.proposal.propose import Proposal, propose
 from models.robot_model import RobotModel
 from planners.motion import MotionPlanner
 
-NEEDED = ("stand", "wave")
-"""Required trials."""
-
-_PLANNED = ("squat", "wave")
-"""Motions that a standing posture should allow."""
-
-_LISTED = 4
-"""Names that a cell of the table lists."""
+NEEDED = ("stand", "wave")  #: Required trials
+_PLANNED = ("squat", "wave")  #: Motions that a standing posture should allow
+_LISTED = 4  #: Names that a cell of the table lists
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,7 @@ from models.nodes.base import PoiseNode
 from planners.nodes.gait_planner import GaitPlannerNode
 from planners.nodes.motion_planner import MotionPlannerNode
 
+#: Class of each node by its default name
 NODES: Mapping[str, type[Any]] = {
     "robot_driver": RobotDriver,
     "state_estimator": StateEstimatorNode,
@@ -49,7 +50,6 @@ NODES: Mapping[str, type[Any]] = {
     "camera_node": CameraNode,
     "vision_node": VisionNode,
 }
-"""Class of each node by its default name."""
 
 
 def make_node(name: str, **kwargs: Any) -> Any:
@@ -58,8 +58,8 @@ def make_node(name: str, **kwargs: Any) -> Any:
     return NODES[name](*arguments, **kwargs)
 
 
+#: Parameters that rclpy declares in every node
 OF_RCLPY = frozenset({"use_sim_time", "start_type_description_service"})
-"""Parameters that rclpy declares in every node."""
 
 
 def parameters(node: PoiseNode) -> dict[str, Any]:
@@ -68,9 +68,7 @@ def parameters(node: PoiseNode) -> dict[str, Any]:
     return dict(zip(names, node.describe_parameters(names), strict=True))
 
 
-FILE = Path("docs/reference.md")
-"""Path of the reference in the repository."""
-
+FILE = Path("docs/reference.md")  #: Path of the reference in the repository
 HEAD = """# Reference
 
 Every topic, service and parameter, as the nodes declare them with the G1, topics of a head with TALOS. Made by
@@ -79,9 +77,7 @@ are relative: a namespace goes before them. Parameters marked `live` may be chan
 read-only. `-` is no bound.
 """
 
-OF_EVERY_NODE = "Of every node"
-"""Heading of the parameters that all nodes share."""
-
+OF_EVERY_NODE = "Of every node"  #: Heading of the parameters that all nodes share
 TYPES = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -92,8 +88,7 @@ TYPES = {
     ParameterType.PARAMETER_STRING_ARRAY: "string[]",
 }
 
-HUGE = 1e300
-"""Bounds beyond this count as unbounded."""
+HUGE = 1e300  #: Bounds beyond this count as unbounded
 
 
 def reference() -> str:
@@ -193,11 +188,10 @@ def _short(name: str) -> str:
     return name if name in ABSOLUTE else name.removeprefix("/")
 
 
+#: Nodes with further topics for a robot with a head, unlike the G1, and parameters that show these
 HEADED, WITH_HEAD = ("balance_controller", "vision_node"), ("-p", "robot:=talos", "-p", "follow:=true")
-"""Nodes with further topics for a robot with a head, unlike the G1, and parameters that show these."""
-
+#: Topics that a namespace does not move
 ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter_events", "/rosout"})
-"""Topics that a namespace does not move."""
 
 
 def _type(kind: Any) -> str:

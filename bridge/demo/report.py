@@ -24,6 +24,7 @@ from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
+#: Label, factor and unit of each figure
 LABELS = {
     "com_drift_m": ("CoM drift, end against beginning", 1e3, "mm"),
     "dcm_excursion_max_m": ("largest DCM excursion", 1e3, "mm"),
@@ -41,7 +42,6 @@ LABELS = {
     "missed_percent": ("ticks missed", 1.0, "%"),
     "real_time_factor": ("simulated over real time", 1.0, ""),
 }
-"""Label, factor and unit of each figure."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,14 +68,11 @@ class Stage:
         return strength * math.cos(yaw), strength * math.sin(yaw), 0.0
 
 
+#: Corners of the square in the order in which they are walked to, in sides
 CORNERS = ((1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.0, 0.0))
-"""Corners of the square in the order in which they are walked to, in sides."""
-
-PUSH_SIDE = 2
-"""Side of the square on which it is pushed."""
-
+PUSH_SIDE = 2  #: Side of the square on which it is pushed
+#: First words of the events that the report looks for
 WALK, WAVE, PUSH, STOP = "walk", "walking wave", "walking push", "stop"
-"""First words of the events that the report looks for."""
 
 
 class SquareWalk:

@@ -15,8 +15,8 @@ from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, SensorData, Vector
 
+#: Driver states of a robot held on the floor or in the air; the others are of ``ServoState``
 HELD, HANGING = "held", "hanging"
-"""Driver states of a robot held on the floor or in the air; the others are of ``ServoState``."""
 
 
 class Drivers:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-CAPACITY = 600_000
-"""Recorded ticks: ten minutes at 1 kHz; later ones are dropped."""
+CAPACITY = 600_000  #: Recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
 
 class LatencyProbe:

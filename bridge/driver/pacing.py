@@ -13,19 +13,12 @@ _NANO = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class PacingStatistics:
-    """Statistics of the deadlines.
+    """Statistics of the deadlines."""
 
-    Attributes:
-        ticks: Deadlines passed, kept or not.
-        overruns: Of these, deadlines that had passed before ``wait``: the tick's work took too long.
-        skipped: Deadlines dropped after a delay of whole periods; not among ``ticks``.
-        lateness_max: Longest time from a deadline to the return of its ``wait`` [s].
-    """
-
-    ticks: int
-    overruns: int
-    skipped: int
-    lateness_max: float
+    ticks: int  #: Deadlines passed, kept or not
+    overruns: int  #: Of these, deadlines that had passed before ``wait``: the tick's work took too long
+    skipped: int  #: Deadlines dropped after a delay of whole periods; not among ``ticks``
+    lateness_max: float  #: Longest time from a deadline to the return of its ``wait`` [s]
 
     @property
     def missed_fraction(self) -> float:

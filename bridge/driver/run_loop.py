@@ -11,11 +11,8 @@ from rclpy.utilities import ok
 from bridge.driver.pacing import Pacer
 from models.nodes.spin import Stop
 
-IDLE_SPIN = 0.02
-"""Longest wait for a callback while no tick is due [s]."""
-
-ASK_AGAIN_NS = 20_000_000
-"""Lockstep: time without an answer after which the tick's sensors are published again [ns]."""
+IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
+ASK_AGAIN_NS = 20_000_000  #: Lockstep: time without an answer after which the tick's sensors are published again [ns]
 
 
 class Paced(Protocol):

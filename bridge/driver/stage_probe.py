@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from bridge.driver.latency_probe import CAPACITY
 
+#: Stamp of the sensors; joints received; state estimated; gait planned; whole-body tick done; command sent [ns]
 COLUMNS = ("stamp", "arrived", "estimated", "planned", "solved", "commanded")
-"""Stamp of the sensors; joints received; state estimated; gait planned; whole-body tick done; command sent [ns]."""
-
 STAMP, ARRIVED, ESTIMATED, PLANNED, SOLVED, COMMANDED = range(len(COLUMNS))
 
-LEFT, RIGHT = 1, 2
-"""Bits of ``contacts``."""
+LEFT, RIGHT = 1, 2  #: Bits of ``contacts``
 
 
 class StageProbe:

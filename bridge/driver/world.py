@@ -18,8 +18,8 @@ from models.nodes.qos import SENSOR
 if TYPE_CHECKING:
     from bridge.nodes.robot_driver import RobotDriver
 
+#: Parameters that must be the same for every driver of a world
 SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate")
-"""Parameters that must be the same for every driver of a world."""
 
 
 def robot_name(node: Any) -> str:

@@ -35,14 +35,9 @@ from models.nodes.interfaces import missing_types
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import log_arguments, make_executor
 
-START_TIMEOUT = 300.0
-"""Longest wait for a node to answer while it starts; the first start compiles [s]."""
-
-SETTLE_TIME = 0.2
-"""Time for a service to discover its new client, which it needs before it can reply [s]."""
-
-RESTARTS_MAX = 5
-"""Restarts of one process after which the launcher gives up."""
+START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
+SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]
+RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
 
 
 class Graph:

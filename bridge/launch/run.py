@@ -13,8 +13,7 @@ from rich.console import Console
 from bridge.ros.processes import CLEAN_EXITS
 from models.errors import PoiseError
 
-LOOK = 0.02
-"""Polling period of a condition [s]."""
+LOOK = 0.02  #: Polling period of a condition [s]
 
 
 class Running(AbstractContextManager["Running"], Protocol):

@@ -29,12 +29,10 @@ from models.errors import ConfigError, PoiseError
 
 (BRIDGE_NODE,) = BRIDGE.nodes
 
+#: SCHED_FIFO priority of the supervisors in real time, below that of the ticks: the ticks of several robots on two
+#: processors would otherwise keep a supervisor from the clock for half a second while other programs are busy
 SUPERVISOR_PRIORITY = 30
-"""SCHED_FIFO priority of the supervisors in real time, below that of the ticks: the ticks of several robots on two
-processors would otherwise keep a supervisor from the clock for half a second while other programs are busy."""
-
-SLICE = 0.05
-"""Time for which each robot's graph is served in turn [s]."""
+SLICE = 0.05  #: Time for which each robot's graph is served in turn [s]
 
 
 @dataclass(frozen=True, slots=True)

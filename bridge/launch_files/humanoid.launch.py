@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+#: Beside ``share``, under the prefix that this file is installed in
 POISE = Path(__file__).resolve().parents[3] / "lib" / "bridge" / "poise"
-"""Beside ``share``, under the prefix that this file is installed in."""
-
+#: Default and description of each launch argument
 ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "robot": ("g1", "Robot profile, by name or path"),
     "namespace": ("", "Namespace of every node, topic and service; empty for none"),
@@ -23,12 +23,9 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "network": ("false", "Whether other machines may join; loopback only otherwise"),
     "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
 }
-"""Default and description of each launch argument."""
-
 FLAGS = ("lockstep", "network", "camera")
 
-END_TIME = "15.0"
-"""``poise up`` gives its processes 9 s to end [s]."""
+END_TIME = "15.0"  #: ``poise up`` gives its processes 9 s to end [s]
 
 
 def command(given: Mapping[str, str]) -> list[str]:

@@ -10,9 +10,7 @@ from controllers.commands.arbitration import Velocity
 from controllers.commands.obstacle_stop import ObstacleStop
 from models.types import Mode
 
-LIMIT_PERIOD = 0.02
-"""Update period of the velocity, as in the graph [s]."""
-
+LIMIT_PERIOD = 0.02  #: Update period of the velocity, as in the graph [s]
 STILL: Velocity = (0.0, 0.0, 0.0)
 
 

@@ -24,8 +24,7 @@ from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import ControlResult, JointTrajectory, Mode, RobotState, SensorData
 
-ODOMETRY_PERIOD = 0.01
-"""Time between two odometries, estimated and true, as in the graph [s]."""
+ODOMETRY_PERIOD = 0.01  #: Time between two odometries, estimated and true, as in the graph [s]
 
 
 class LoopRecorder:

@@ -24,8 +24,7 @@ from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT
 from models.nodes.spin import run
 
-FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"
-"""Name that MoveIt uses."""
+FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"  #: Name that MoveIt uses
 
 
 class ActionServerNode(PoiseNode):

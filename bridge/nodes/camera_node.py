@@ -35,8 +35,7 @@ from models.types import Vector
 if TYPE_CHECKING:
     from bridge.plants.camera import SimulatedCamera
 
-NICENESS = 10
-"""Niceness of this process: the robot's processes go first."""
+NICENESS = 10  #: Niceness of this process: the robot's processes go first
 
 
 class CameraNode(PoiseNode):

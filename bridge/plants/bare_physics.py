@@ -7,8 +7,8 @@ import numpy as np
 
 from models.types import Vector
 
+#: All inputs of ``mj_step``, with the warm start of the contact solver and pushes
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
-"""All inputs of ``mj_step``, with the warm start of the contact solver and pushes."""
 
 
 class BarePhysics:

@@ -13,11 +13,8 @@ from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import JointCommand, RobotState, SensorData, Vector
 
-GROUP = "poise.plants"
-"""Entry points of installed plants."""
-
-BUILT_IN: Mapping[str, str] = {"mujoco": "bridge.plants.mujoco:MujocoPlant"}
-"""Plants of this package, by name."""
+GROUP = "poise.plants"  #: Entry points of installed plants
+BUILT_IN: Mapping[str, str] = {"mujoco": "bridge.plants.mujoco:MujocoPlant"}  #: Plants of this package, by name
 
 
 class Plant(Protocol):

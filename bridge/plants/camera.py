@@ -21,8 +21,7 @@ from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
 
-_HIDDEN = 5
-"""Group of geoms that are not drawn."""
+_HIDDEN = 5  #: Group of geoms that are not drawn
 
 
 class SimulatedCamera:

@@ -20,9 +20,7 @@ from models.types import FOOT_NAMES, Vector
 STAMPS, SCAN = "stamps", "scan"
 
 IMU, JOINT_STATES = "imu", "joint_states"
-FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)
-"""Sources of messages; targets of the same name."""
-
+FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)  #: Sources of messages; targets of the same name
 Effect: TypeAlias = Callable[[int, Vector], tuple[Vector, bool]]
 """Ticks since the beginning and true values (n,) -> values that come out (n,), and whether the message is missing.
 
@@ -64,6 +62,7 @@ class Channels:
         return np.tile(np.broadcast_to(given, (size,)), self.blocks)
 
 
+#: First channel behind the joints, number of channels, and messages of IMU and feet
 _PARTS = {
     "imu": (0, 6, frozenset({IMU})),
     "imu.gyro": (0, 3, frozenset({IMU})),
@@ -72,7 +71,6 @@ _PARTS = {
     FEET[0]: (6, 6, frozenset({FEET[0]})),
     FEET[1]: (12, 6, frozenset({FEET[1]})),
 }
-"""First channel behind the joints, number of channels, and messages of IMU and feet."""
 
 
 def channels_of(fault: Fault, model: RobotModel) -> Channels:

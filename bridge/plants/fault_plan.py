@@ -20,6 +20,7 @@ TARGETS = (
 )  # fmt: skip
 """Valid targets; NAME is a joint."""
 
+#: Kinds of fault, each with its parameters
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "off": (),
     "stuck": ("value",),
@@ -30,11 +31,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "delayed": ("delay",),
     "intermittent": ("probability", "period", "share"),
 }
-"""Kinds of fault, each with its parameters."""
-
-STAMP_KINDS = ("stuck", "wrong", "delayed")
-"""Kinds for stamps."""
-
+STAMP_KINDS = ("stuck", "wrong", "delayed")  #: Kinds for stamps
 START, RELEASE = "start", "release"
 
 

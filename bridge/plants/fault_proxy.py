@@ -15,8 +15,7 @@ from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import SensorData, Vector
 
-STREAM = 0xFA017
-"""Separates random faults from the noise of the same seed."""
+STREAM = 0xFA017  #: Separates random faults from the noise of the same seed
 
 
 @dataclass(slots=True)

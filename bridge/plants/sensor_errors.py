@@ -54,30 +54,19 @@ class SensorErrors:
 
     They add to those drawn from the profile and are not scaled by ``sensor_noise``. A single number stands for every
     axis or joint.
-
-    Attributes:
-        gyro_bias: Constant error of the angular rate (3,) [rad/s].
-        accel_bias: Constant error of the specific force (3,) [m/s^2].
-        misalignment: Rotation vector from the nominal to the true mounting of the IMU (3,) [rad].
-        gyro_scale: Relative gain error of each axis (3,) [-].
-        accel_scale: The same for the accelerometer (3,) [-].
-        encoder_offsets: Measured minus true position, for all joints (nj,) or by joint name [rad].
-        force_offsets: Force that each foot reads without load, in its sole frame (2, 3) [N].
-        torque_offsets: The same for the torque (2, 3) [N.m].
-        wrench_gains: Relative gain error of each axis of each foot (2, 6) [-].
-        foot_faults: Foot sensors that fail, and when.
     """
 
-    gyro_bias: ArrayLike = 0.0
-    accel_bias: ArrayLike = 0.0
-    misalignment: ArrayLike = 0.0
-    gyro_scale: ArrayLike = 0.0
-    accel_scale: ArrayLike = 0.0
+    gyro_bias: ArrayLike = 0.0  #: Constant error of the angular rate (3,) [rad/s]
+    accel_bias: ArrayLike = 0.0  #: Constant error of the specific force (3,) [m/s^2]
+    misalignment: ArrayLike = 0.0  #: Rotation vector from the nominal to the true mounting of the IMU (3,) [rad]
+    gyro_scale: ArrayLike = 0.0  #: Relative gain error of each axis (3,) [-]
+    accel_scale: ArrayLike = 0.0  #: The same for the accelerometer (3,) [-]
+    #: Measured minus true position, for all joints (nj,) or by joint name [rad]
     encoder_offsets: ArrayLike | Mapping[str, float] = field(default=0.0)
-    force_offsets: ArrayLike = 0.0
-    torque_offsets: ArrayLike = 0.0
-    wrench_gains: ArrayLike = 0.0
-    foot_faults: tuple[FootFault, ...] = ()
+    force_offsets: ArrayLike = 0.0  #: Force that each foot reads without load, in its sole frame (2, 3) [N]
+    torque_offsets: ArrayLike = 0.0  #: The same for the torque (2, 3) [N.m]
+    wrench_gains: ArrayLike = 0.0  #: Relative gain error of each axis of each foot (2, 6) [-]
+    foot_faults: tuple[FootFault, ...] = ()  #: Foot sensors that fail, and when
 
     def array(self, name: str, shape: tuple[int, ...]) -> Matrix:
         """One field as an array of a shape; ``ConfigError`` names a field of another shape or not finite."""

@@ -12,8 +12,7 @@ from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, SensorData, Vector
 
-TAIL = 18
-"""Channels behind the joints: gyro (3), accelerometer (3), wrenches left and right (12)."""
+TAIL = 18  #: Channels behind the joints: gyro (3), accelerometer (3), wrenches left and right (12)
 
 
 class SensorNoise:

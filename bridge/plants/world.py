@@ -21,14 +21,9 @@ from models.types import Vector
 if TYPE_CHECKING:
     from bridge.plants.mujoco import MujocoPlant
 
-SPACING = 1.5
-"""Distance along y of robots without a place [m]."""
-
-STEP_MAX = 0.001
-"""Longest physics step; a longer tick is divided into equal steps [s]."""
-
-ALONE = ""
-"""Name of the only robot of a world."""
+SPACING = 1.5  #: Distance along y of robots without a place [m]
+STEP_MAX = 0.001  #: Longest physics step; a longer tick is divided into equal steps [s]
+ALONE = ""  #: Name of the only robot of a world
 
 
 @dataclass(frozen=True, slots=True)

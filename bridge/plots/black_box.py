@@ -16,12 +16,8 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, Matrix, SolveStatus
 
-ROWS = 1000
-"""Maximum number of rows for the balance."""
-
-JOINTS = 5
-"""Number of joints drawn: farthest from the command, or nearest to the torque limit."""
-
+ROWS = 1000  #: Maximum number of rows for the balance
+JOINTS = 5  #: Number of joints drawn: farthest from the command, or nearest to the torque limit
 _COLOURS = ("#7b4fa3", "#c98a1b")
 
 

@@ -17,11 +17,8 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.types import FOOT_NAMES, Mode
 
-ROWS = 3000
-"""Maximum number of rows for balance and torques."""
-
-_MS = 1e-6
-"""Of a nanosecond [ms]."""
+ROWS = 3000  #: Maximum number of rows for balance and torques
+_MS = 1e-6  #: Of a nanosecond [ms]
 
 
 def plot_record(run: RecordedRun, folder: Path) -> list[Path]:

@@ -15,8 +15,7 @@ from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Matrix
 
-LANDED = 0.5
-"""Share of the weight on a foot that makes a footstep of it [-]."""
+LANDED = 0.5  #: Share of the weight on a foot that makes a footstep of it [-]
 
 
 def footsteps(model: RobotModel, recording: Recording) -> list[tuple[int, Matrix]]:

@@ -18,14 +18,10 @@ from models.nodes import topics
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, Matrix, Mode, Vector
 
-STALE = 0.05
-"""Greatest age of a sample in a frame [s]; an older one ends the episode."""
-
+STALE = 0.05  #: Greatest age of a sample in a frame [s]; an older one ends the episode
 Frames = NDArray[np.float32]
 
-_Table = tuple[NDArray[np.int64], Matrix]
-"""Stamps [ns] and a row for each."""
-
+_Table = tuple[NDArray[np.int64], Matrix]  #: Stamps [ns] and a row for each
 _COMMANDS = "commands"
 _STOP = "stop"
 
@@ -40,19 +36,12 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """A part of a recording with one task.
+    """A part of a recording with one task."""
 
-    Attributes:
-        task: The task in words.
-        start: Stamp of the first frame [ns].
-        state: Measured and estimated quantities, columns as ``observed`` names them (n, s).
-        action: Commands of the drivers at the same ticks, columns as ``commanded`` names them (n, a).
-    """
-
-    task: str
-    start: int
-    state: Frames
-    action: Frames
+    task: str  #: The task in words
+    start: int  #: Stamp of the first frame [ns]
+    state: Frames  #: Measured and estimated quantities, columns as ``observed`` names them (n, s)
+    action: Frames  #: Commands of the drivers at the same ticks, columns as ``commanded`` names them (n, a)
 
 
 def observed(robot: RobotModel) -> Quantity:

@@ -32,31 +32,20 @@ from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import decode
 from models.nodes.spin import Stop, log_arguments, make_executor
 
-LOOK = 0.1
-"""Polling period for new topics [s]."""
-
-PATIENCE = 2.0
-"""Time without a robot after which a message says so [s]."""
-
-SILENCE = 10.0
-"""Time without any message after which the robot counts as stopped [s]."""
-
-DEPTH = 5000
-"""Queued messages of a topic: five seconds at 1 kHz."""
-
-NICENESS = -10
-"""Niceness where permitted. No real-time priority, which the bridge and the control process need."""
-
+LOOK = 0.1  #: Polling period for new topics [s]
+PATIENCE = 2.0  #: Time without a robot after which a message says so [s]
+SILENCE = 10.0  #: Time without any message after which the robot counts as stopped [s]
+DEPTH = 5000  #: Queued messages of a topic: five seconds at 1 kHz
+NICENESS = -10  #: Niceness where permitted. No real-time priority, which the bridge and the control process need.
+#: Requested for each socket, up to ``net.core.rmem_max`` [bytes]: a queue while others compute
 RECEIVE_BUFFER = 8_000_000
-"""Requested for each socket, up to ``net.core.rmem_max`` [bytes]: a queue while others compute."""
-
+#: Topics logged at their stamp; the others are logged at that of the newest joints
 STAMPED = frozenset(
     {
         *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND),
         *(topics.ODOM, topics.GROUND_TRUTH, topics.IMU_DATA, topics.EXTERNAL_WRENCH),
     }
 )
-"""Topics logged at their stamp; the others are logged at that of the newest joints."""
 
 
 class GraphRecorder:

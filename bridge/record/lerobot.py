@@ -28,12 +28,9 @@ from bridge.record.episodes import Episode, Quantity, commanded, episodes, obser
 from bridge.record.run_file import read_run
 from models.errors import PoiseError
 
-VERSION = "v3.0"
-"""Version of the layout."""
-
+VERSION = "v3.0"  #: Version of the layout
+#: Files in a folder [1], and about how large a file becomes [MB]: the usual ones of the layout
 CHUNK_SIZE, DATA_FILE_MB, VIDEO_FILE_MB = 1000, 100, 200
-"""Files in a folder [1], and about how large a file becomes [MB]: the usual ones of the layout."""
-
 STATE, ACTION = "observation.state", "action"
 TASKS, INFO, STATS = "meta/tasks.parquet", "meta/info.json", "meta/stats.json"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -15,26 +15,16 @@ from models.types import Matrix, RobotState, Vector
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Samples of one run.
-
-    Attributes:
-        t: Stamps, increasing (n,) [s].
-        q: Configurations in Pinocchio's order (n, nq) [m, rad].
-        v: Velocities in Pinocchio's order (n, nv) [m/s, rad/s].
-        tau: Joint torques (n, nj) [N.m].
-        wrenches: Ground reaction on each foot in its sole frame (n, 2, 6) [N, N.m].
-        events: Stamp [s] and text.
-        estimate: Estimated base pose in ``odom``: position, quaternion xyzw (n, 7) [m]; optional.
-    """
+    """Samples of one run."""
 
     robot: str
-    t: Vector
-    q: Matrix
-    v: Matrix
-    tau: Matrix
-    wrenches: Matrix
-    events: tuple[tuple[float, str], ...] = ()
-    estimate: Matrix | None = None
+    t: Vector  #: Stamps, increasing (n,) [s]
+    q: Matrix  #: Configurations in Pinocchio's order (n, nq) [m, rad]
+    v: Matrix  #: Velocities in Pinocchio's order (n, nv) [m/s, rad/s]
+    tau: Matrix  #: Joint torques (n, nj) [N.m]
+    wrenches: Matrix  #: Ground reaction on each foot in its sole frame (n, 2, 6) [N, N.m]
+    events: tuple[tuple[float, str], ...] = ()  #: Stamp [s] and text
+    estimate: Matrix | None = None  #: Estimated base pose in ``odom``: position, quaternion xyzw (n, 7) [m]; optional
 
     def split(self, word: str) -> tuple[Recording, Recording | None]:
         """Parts before and from the first event that begins with a word; the second is None without one."""

@@ -19,18 +19,10 @@ import numpy as np
 from bridge.record.recording import Recording
 from models.errors import PoiseError
 
-FRAMES, ROWS = 12, 2
-"""Pictures in a film strip, and rows of it [-]."""
-
-FRAME_SIZE = (300, 480)
-"""Width and height of one picture [pixel]."""
-
-DONE = "done"
-"""Last word of the events that end a part of the run."""
-
-NOT_OURS = 3
-"""Exit status for errors of the recording or the profile, not of the graphics."""
-
+FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
+FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
+DONE = "done"  #: Last word of the events that end a part of the run
+NOT_OURS = 3  #: Exit status for errors of the recording or the profile, not of the graphics
 GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 
 

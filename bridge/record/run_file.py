@@ -30,34 +30,25 @@ from models.nodes.odometry import OdometryCodec
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import FOOT_NAMES, JointCommand, JointTrajectory, Vector
 
-Joints = tuple[int, Vector, Vector, Vector]
-"""Own stamp [ns], positions, velocities, torques (nj,)."""
+Joints = tuple[int, Vector, Vector, Vector]  #: Own stamp [ns], positions, velocities, torques (nj,)
 
 
 @dataclass(slots=True)
 class RecordedRun:
-    """Contents of a recording, by the stamp of the tick [ns].
-
-    Attributes:
-        imu: Rate and specific force (3,).
-        feet: Wrenches of either foot (6,).
-        commands: Outputs of the laws.
-        estimates: Estimated base: pose (7,) and twist in the base frame (6,).
-        truths: True base of the simulator, likewise.
-        notes: Inputs of the laws.
-        motions: Trajectories by the CRC-32 of their message.
-        texts: Stamp [ns], topic and text of modes and events, in order.
-    """
+    """Contents of a recording, by the stamp of the tick [ns]."""
 
     robot: RobotModel
     joints: dict[int, Joints] = field(default_factory=dict)
-    imu: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
+    imu: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)  #: Rate and specific force (3,)
+    #: Wrenches of either foot (6,)
     feet: tuple[dict[int, Vector], dict[int, Vector]] = field(default_factory=lambda: ({}, {}))
-    commands: dict[int, JointCommand] = field(default_factory=dict)
+    commands: dict[int, JointCommand] = field(default_factory=dict)  #: Outputs of the laws
+    #: Estimated base: pose (7,) and twist in the base frame (6,)
     estimates: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
-    truths: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)
-    notes: list[TickInputs] = field(default_factory=list)
-    motions: dict[int, JointTrajectory] = field(default_factory=dict)
+    truths: dict[int, tuple[Vector, Vector]] = field(default_factory=dict)  #: True base of the simulator, likewise
+    notes: list[TickInputs] = field(default_factory=list)  #: Inputs of the laws
+    motions: dict[int, JointTrajectory] = field(default_factory=dict)  #: Trajectories by the CRC-32 of their message
+    #: Stamp [ns], topic and text of modes and events, in order
     texts: list[tuple[int, str, str]] = field(default_factory=list)
 
     @property

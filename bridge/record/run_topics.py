@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from models.nodes import topics
 
-DESCRIPTION, ROBOT = "poise", "robot"
-"""Metadata record of the file, and its key with the name of the robot's profile."""
-
+DESCRIPTION, ROBOT = "poise", "robot"  #: Metadata record of the file, and its key with the name of the robot's profile
 DIAGNOSTICS = "/diagnostics"
-EVENTS = "events"
-"""Events of the closed loop as text."""
-
+EVENTS = "events"  #: Events of the closed loop as text
 _TEXT, _TWIST, _PATH = "std_msgs/msg/String", "geometry_msgs/msg/Twist", "nav_msgs/msg/Path"
 _JOINTS, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 
+#: Type of each topic; names without a slash are relative to the namespace of the robot
 TYPES = {
     topics.JOINT_STATES: _JOINTS,
     topics.IMU_RAW: "sensor_msgs/msg/Imu",
@@ -59,4 +56,3 @@ TYPES = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     EVENTS: _TEXT,
 }
-"""Type of each topic; names without a slash are relative to the namespace of the robot."""

@@ -15,8 +15,7 @@ from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.types import FOOT_NAMES, JointCommand, SensorData, Vector
 
-QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))
-"""Quantities of a command, and their units."""
+QUANTITIES = (("q", "rad"), ("v", "rad/s"), ("tau", "N.m"))  #: Quantities of a command, and their units
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,33 +38,19 @@ class Difference:
 
 @dataclass(slots=True)
 class ReplayReport:
-    """Result of a replay.
+    """Result of a replay."""
 
-    Attributes:
-        ticks: Samples given to the estimator.
-        compared: Commands that were compared, all identical when ``first`` is None.
-        different: Commands that differ.
-        unrecorded: Commands of the replay that the recording lacks.
-        unmatched: Commands of the recording, from the start of the laws on, that the replay lacks.
-        lost: Ticks with missing sensors.
-        gaps: Missing notes, by their running number.
-        largest: Largest difference of each quantity [rad, rad/s, N.m].
-        first: The first difference.
-        end: Why the replay ended before the recording; empty when it did not.
-        since: Start of the replay, if that is a checkpoint [s].
-    """
-
-    ticks: int = 0
-    compared: int = 0
-    different: int = 0
-    unrecorded: int = 0
-    unmatched: int = 0
-    lost: int = 0
-    gaps: int = 0
-    largest: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    first: Difference | None = None
-    end: str = ""
-    since: float | None = None
+    ticks: int = 0  #: Samples given to the estimator
+    compared: int = 0  #: Commands that were compared, all identical when ``first`` is None
+    different: int = 0  #: Commands that differ
+    unrecorded: int = 0  #: Commands of the replay that the recording lacks
+    unmatched: int = 0  #: Commands of the recording, from the start of the laws on, that the replay lacks
+    lost: int = 0  #: Ticks with missing sensors
+    gaps: int = 0  #: Missing notes, by their running number
+    largest: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Largest difference of each quantity [rad, rad/s, N.m]
+    first: Difference | None = None  #: The first difference
+    end: str = ""  #: Why the replay ended before the recording; empty when it did not
+    since: float | None = None  #: Start of the replay, if that is a checkpoint [s]
 
     @property
     def identical(self) -> bool:

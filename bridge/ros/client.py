@@ -34,12 +34,10 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound=Status)
 
-SPIN = 0.01
-"""Longest wait for a callback between two checks of a condition [s]."""
+SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 
 
-STOP = "stop"
-"""Command that every source may send; never signed, so that no signature can be refused."""
+STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
 
 
 def signed(text: str, signer: Signer | None) -> str:

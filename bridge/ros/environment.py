@@ -18,18 +18,13 @@ from models.errors import PoiseError
 from models.nodes.spin import SUPERVISED, log_variables
 from models.numerics.threads import THREAD_VARIABLES
 
+#: Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-"""Read by the Fast DDS of ROS 2 Jazzy; the newer name ``FASTDDS_...`` is not."""
-
+#: Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)
 DISCOVERY_PORT, DOMAIN_STEP, DOMAIN_MAX = 7400, 250, 101
-"""Port of domain 0, ports per domain, and the last domain below Linux's ephemeral ports (DDSI-RTPS 9.6.1)."""
-
+#: Port of a domain's first participant after the discovery port, each next one is two on; how many are sought
 UNICAST_PORT, PARTICIPANTS = 10, 32
-"""Port of a domain's first participant after the discovery port, each next one is two on; how many are sought."""
-
-CLAIMS_MAX = 16
-"""Domains that a process holds at a time: the last ones returned."""
-
+CLAIMS_MAX = 16  #: Domains that a process holds at a time: the last ones returned
 _domains = itertools.count(os.getpid())
 _claims: deque[IO[str]] = deque(maxlen=CLAIMS_MAX)
 

@@ -23,8 +23,7 @@ from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.qos import SENSOR_QUEUE
 from models.nodes.spin import Stop, log_arguments
 
-SPIN = 0.1
-"""Longest wait for a callback [s]."""
+SPIN = 0.1  #: Longest wait for a callback [s]
 
 
 class ImuListener:

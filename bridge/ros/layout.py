@@ -19,12 +19,9 @@ ACTIONS = ProcessSpec("bridge.nodes.action_server", ("action_server",), optional
 CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True)
 
 REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
+#: Where permitted, the processes of the tick run before everything else and keep their memory
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
-"""Where permitted, the processes of the tick run before everything else and keep their memory."""
-
-CALIBRATED_NODES = ("robot_driver", "state_estimator")
-"""Nodes with the parameter ``calibration_dir``."""
-
+CALIBRATED_NODES = ("robot_driver", "state_estimator")  #: Nodes with the parameter ``calibration_dir``
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 

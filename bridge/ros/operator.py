@@ -19,9 +19,8 @@ from models.nodes.odometry import Velocity, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT
 from models.types import Vector
 
-SOURCE = "teleop"
-"""The operator's source of commands (controllers/config/arbitration.yaml)."""
-
+SOURCE = "teleop"  #: The operator's source of commands (controllers/config/arbitration.yaml)
+#: Buttons and the services that they call
 MODE_SERVICES = {
     "stand": "mode/stand",
     "walk": "mode/walk",
@@ -30,7 +29,6 @@ MODE_SERVICES = {
     "reset faults": "reset_faults",
     "reset robot": "reset",
 }
-"""Buttons and the services that they call."""
 
 
 class Operator:

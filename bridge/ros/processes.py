@@ -20,17 +20,13 @@ from rclpy.validate_namespace import validate_namespace
 
 from models.errors import PoiseError
 
-Parameters = Mapping[str, Mapping[str, object]]
-"""Parameter values by node name, then by parameter name."""
-
+Parameters = Mapping[str, Mapping[str, object]]  #: Parameter values by node name, then by parameter name
+#: Absolute topics, which are remapped into the namespace, as Nav2 does
 GLOBAL_TOPICS = ("/clock", "/diagnostics", "/tf", "/tf_static")
-"""Absolute topics, which are remapped into the namespace, as Nav2 does."""
-
+#: Signals that end a process, and the wait after each [s]
 STOP_SIGNALS = ((signal.SIGTERM, 7.0), (signal.SIGKILL, 2.0))
-"""Signals that end a process, and the wait after each [s]."""
-
+#: Exit codes of a process that ended on request: 0 once its nodes are up, the signal's while it still imports
 CLEAN_EXITS = (0, -signal.SIGTERM)
-"""Exit codes of a process that ended on request: 0 once its nodes are up, the signal's while it still imports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +163,7 @@ _UNCONFIGURED, _INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE
 _GOALS = {CONFIGURE: _INACTIVE, ACTIVATE: State.PRIMARY_STATE_ACTIVE, DEACTIVATE: _INACTIVE}
 _STARTS = {CONFIGURE: _UNCONFIGURED, ACTIVATE: _INACTIVE, DEACTIVATE: State.PRIMARY_STATE_ACTIVE}
 
-ASK_AGAIN = 1.0
-"""Time without an answer after which a node's state is requested [s]."""
+ASK_AGAIN = 1.0  #: Time without an answer after which a node's state is requested [s]
 
 
 class _Change:

@@ -20,17 +20,10 @@ from models.types import CommandReply, Mode
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
 
-PERIOD = 0.05
-"""Time between two velocities: ten fit into the time after which the robot stops [s]."""
-
-ANSWER_TIMEOUT = 5.0
-"""Longest wait for the answer to a goal, which is sent again every second [s]."""
-
-STEP_TIMEOUT = 2.0
-"""Longest wait for one footstep, on average, and for the start and the end of a walk [s]."""
-
-STANDSTILL_TIMEOUT = 10.0
-"""Longest wait for mode 'stand' after the last velocity [s]."""
+PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
+ANSWER_TIMEOUT = 5.0  #: Longest wait for the answer to a goal, which is sent again every second [s]
+STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the start and the end of a walk [s]
+STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
 
 
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
@@ -100,11 +93,8 @@ def _stand(client: Client, outcome: str) -> CommandReply:
     return CommandReply(stands, f"{outcome}; mode '{client.mode}'")
 
 
-PLAN_TIMEOUT = 30.0
-"""Longest wait for a plan [s]."""
-
-END_TIMEOUT = 10.0
-"""Longest wait for the end of the motion beyond the time that it was planned for [s]."""
+PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]
+END_TIMEOUT = 10.0  #: Longest wait for the end of the motion beyond the time that it was planned for [s]
 
 
 def reach(

@@ -12,11 +12,8 @@ from models.config import STRICT
 
 Axis = Literal["forward", "left", "turn"]
 
-Deed = Literal["halt", "walk", "stand", "wave", "E-STOP", "quit"]
-"""Immediate action of a key or a button."""
-
-Move = Literal["forward", "backward", "left", "right", "turn left", "turn right"]
-"""Velocity change of a key."""
+Deed = Literal["halt", "walk", "stand", "wave", "E-STOP", "quit"]  #: Immediate action of a key or a button
+Move = Literal["forward", "backward", "left", "right", "turn left", "turn right"]  #: Velocity change of a key
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

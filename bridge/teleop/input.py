@@ -18,12 +18,9 @@ from models.errors import PoiseError
 from models.nodes.odometry import Velocity
 from planners.gait.config import VelocityConfig
 
-KEYS_MAX = 64
-"""Keys that are read at a time [-]."""
-
-SLACK = 1e-3
-"""Rounding accepted at a limit, in parts of a step [-]."""
-
+KEYS_MAX = 64  #: Keys that are read at a time [-]
+SLACK = 1e-3  #: Rounding accepted at a limit, in parts of a step [-]
+#: Axis and sign of each move
 _MOVES: Mapping[str, tuple[Axis, int]] = {
     "forward": ("forward", 1),
     "backward": ("forward", -1),
@@ -32,7 +29,6 @@ _MOVES: Mapping[str, tuple[Axis, int]] = {
     "turn left": ("turn", 1),
     "turn right": ("turn", -1),
 }
-"""Axis and sign of each move."""
 
 
 def limits_of(config: VelocityConfig) -> dict[Axis, tuple[float, float]]:
@@ -106,14 +102,9 @@ def read_keys(descriptor: int) -> str:
         raise PoiseError(f"the terminal is gone: {error.strerror}") from error
 
 
-EVENT = struct.Struct("<IhBB")
-"""``struct js_event``: time [ms], value, type, number (linux/joystick.h)."""
-
-BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
-"""Types of events; the last is added to those of the initial state."""
-
-FULL = 32767.0
-"""Value of a full deflection [-]."""
+EVENT = struct.Struct("<IhBB")  #: ``struct js_event``: time [ms], value, type, number (linux/joystick.h)
+BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80  #: Types of events; the last is added to those of the initial state
+FULL = 32767.0  #: Value of a full deflection [-]
 
 
 class Gamepad:

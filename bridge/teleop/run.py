@@ -23,8 +23,8 @@ from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config
 
+#: Actions other than words of the robot, and the word for the second: it also ends motions
 QUIT, HALT, STOP = "quit", "halt", "stop"
-"""Actions other than words of the robot, and the word for the second: it also ends motions."""
 
 
 def teleop(

@@ -17,6 +17,7 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Foothold
 
+#: Colour of each thing, red, green and blue [0..255]
 COLORS = {
     "com": (40, 90, 220),
     "dcm": (220, 60, 40),
@@ -27,13 +28,8 @@ COLORS = {
     "left": (60, 120, 220),
     "right": (220, 120, 60),
 }
-"""Colour of each thing, red, green and blue [0..255]."""
-
-RADIUS = 0.02
-"""Of the balls at CoM, DCM and ZMP [m]."""
-
-LIFT = 0.003
-"""Height of lines above the floor [m]."""
+RADIUS = 0.02  #: Of the balls at CoM, DCM and ZMP [m]
+LIFT = 0.003  #: Height of lines above the floor [m]
 
 
 class BalanceScene:

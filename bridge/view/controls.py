@@ -18,15 +18,10 @@ from models.nodes.odometry import Velocity
 from models.types import Mode, Vector
 from planners.gait.config import VelocityConfig
 
+#: Headings of pushes, from that of the robot [deg]
 DIRECTIONS = {"from the left": -90.0, "from the right": 90.0, "from behind": 0.0, "from the front": 180.0}
-"""Headings of pushes, from that of the robot [deg]."""
-
-PUSH_STEP, PUSH_FIRST = 5.0, 100.0
-"""Of the slider for pushes: its step, and where it starts [N]."""
-
-ANSWER_MAX = 160
-"""Characters of an answer that are shown [-]."""
-
+PUSH_STEP, PUSH_FIRST = 5.0, 100.0  #: Of the slider for pushes: its step, and where it starts [N]
+ANSWER_MAX = 160  #: Characters of an answer that are shown [-]
 _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
 
@@ -104,8 +99,7 @@ def force_from(size: float, direction: float, yaw: float) -> Vector:
     return size * np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
-STICK_STEP = 0.05
-"""Of the velocity sticks [m/s], [rad/s]."""
+STICK_STEP = 0.05  #: Of the velocity sticks [m/s], [rad/s]
 
 
 class DeadMan:

@@ -12,14 +12,9 @@ from rclpy.parameter import Parameter
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 
-STEPS = 200
-"""Positions of a slider [-]."""
-
-REACH = 4.0
-"""Upper end of a slider as a multiple of its first value, within the parameter's range [-]."""
-
-USUAL = "whole_body."
-"""Common prefix of names, omitted from the short labels."""
+STEPS = 200  #: Positions of a slider [-]
+REACH = 4.0  #: Upper end of a slider as a multiple of its first value, within the parameter's range [-]
+USUAL = "whole_body."  #: Common prefix of names, omitted from the short labels
 
 
 class Gains:

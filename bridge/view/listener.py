@@ -31,54 +31,33 @@ from planners.nodes.footstep_messages import foothold_from_pose
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """State of the robot at one stamp, from its topics; W is ``odom``.
+    """State of the robot at one stamp, from its topics; W is ``odom``."""
 
-    Attributes:
-        t: Stamp of the joint states [s].
-        q: Estimated configuration (nq,) [m, rad].
-        v: Estimated velocity (nv,) [m/s, rad/s].
-        tau: Measured joint torques (nj,) [N.m].
-        wrenches: Ground reaction on each foot in its sole frame (2, 6) [N, N.m]; zero without a sensor.
-        push: Estimated push about the CoM in W: force, moment (6,) [N, N.m].
-        footsteps: Foot (0 left, 1 right) and place of the coming footsteps in W.
-        margin: Distance of the DCM inside the region from which one step brings it to rest [m]; NaN when not walking.
-    """
-
-    t: float
-    q: Vector
-    v: Vector
-    tau: Vector
-    wrenches: Matrix
-    push: Vector
-    footsteps: tuple[tuple[int, Foothold], ...]
+    t: float  #: Stamp of the joint states [s]
+    q: Vector  #: Estimated configuration (nq,) [m, rad]
+    v: Vector  #: Estimated velocity (nv,) [m/s, rad/s]
+    tau: Vector  #: Measured joint torques (nj,) [N.m]
+    wrenches: Matrix  #: Ground reaction on each foot in its sole frame (2, 6) [N, N.m]; zero without a sensor
+    push: Vector  #: Estimated push about the CoM in W: force, moment (6,) [N, N.m]
+    footsteps: tuple[tuple[int, Foothold], ...]  #: Foot (0 left, 1 right) and place of the coming footsteps in W
+    #: Distance of the DCM inside the region from which one step brings it to rest [m]; NaN when not walking
     margin: float
 
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Status texts of the robot.
+    """Status texts of the robot."""
 
-    Attributes:
-        mode: Of the supervisor; empty before the first word.
-        drivers: State of the joint drivers.
-        phase: Of the gait.
-        commander: Source in command.
-        faults: Latched faults, and the messages of nodes with errors, by node.
-        tick_median: Of the controller's last ticks [us]; NaN before its first diagnostics.
-        tick_tail: 99th percentile of these [us].
-    """
-
-    mode: str = ""
-    drivers: str = ""
-    phase: str = ""
-    commander: str = ""
-    faults: tuple[tuple[str, str], ...] = ()
-    tick_median: float = float("nan")
-    tick_tail: float = float("nan")
+    mode: str = ""  #: Of the supervisor; empty before the first word
+    drivers: str = ""  #: State of the joint drivers
+    phase: str = ""  #: Of the gait
+    commander: str = ""  #: Source in command
+    faults: tuple[tuple[str, str], ...] = ()  #: Latched faults, and the messages of nodes with errors, by node
+    tick_median: float = float("nan")  #: Of the controller's last ticks [us]; NaN before its first diagnostics
+    tick_tail: float = float("nan")  #: 99th percentile of these [us]
 
 
-SILENCE = 3.0
-"""Age of diagnostics above which a node counts as stopped, and of joints above which they are old [s]."""
+SILENCE = 3.0  #: Age of diagnostics above which a node counts as stopped, and of joints above which they are old [s]
 
 
 class Listener:

@@ -27,11 +27,8 @@ from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config
 
-CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))
-"""Position and target of the first view, for a robot at the origin [m]."""
-
-TUNED = "balance_controller"
-"""Node whose gains get sliders."""
+CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))  #: Position and target of the first view, for a robot at the origin [m]
+TUNED = "balance_controller"  #: Node whose gains get sliders
 
 
 class Page:

@@ -15,8 +15,7 @@ from models.robot_model import RobotModel
 from models.types import Vector
 from models.urdf import data_folder
 
-WORLD = "/world"
-"""Scene frame of ``odom``; it moves under a robot that the camera follows."""
+WORLD = "/world"  #: Scene frame of ``odom``; it moves under a robot that the camera follows
 
 
 class RobotScene:

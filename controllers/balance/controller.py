@@ -41,9 +41,7 @@ from models.types import (
 from planners.gait.config import leg_length
 from planners.gait.state import GaitPhase, Rest
 
-_STANCE = 0.005
-"""Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]."""
-
+_STANCE = 0.005  #: Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]
 _UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
 
 

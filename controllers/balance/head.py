@@ -16,8 +16,7 @@ from models.errors import CommandError, ConfigError
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointTrajectory, Reference, SolveStatus, Vector
 
-SETTLED = 1e-7
-"""A head that is so near to its goal has reached it [rad]."""
+SETTLED = 1e-7  #: A head that is so near to its goal has reached it [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

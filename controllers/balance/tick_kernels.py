@@ -15,6 +15,7 @@ from models.tree import KinematicTree, TreeFrames
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+#: Parts of the block of ``BalanceController``; the last three are those of its ``PostureReference``
 BALANCE = (
     "corners",
     "gains",
@@ -29,13 +30,11 @@ BALANCE = (
     "base",
     "torso",
 )
-"""Parts of the block of ``BalanceController``; the last three are those of its ``PostureReference``."""
-
 _CORNERS, _GAINS, _ROTATIONS, _POSITIONS, _ANCHOR_ROTATION, _ANCHOR = range(6)
 _DCM, _CMP, _ACCELERATION, _POSTURE_COM, _POSTURE_BASE, _POSTURE_TORSO = range(6, 12)
 
+#: Index of the gain that bounds the shift of the CMP [m]; those before it are the gains of ``balance_feedback``
 _REACH = 7
-"""Index of the gain that bounds the shift of the CMP [m]; those before it are the gains of ``balance_feedback``."""
 
 
 @njit(cache=True)

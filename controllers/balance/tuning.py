@@ -12,14 +12,9 @@ from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.errors import CommandError
 from models.types import Vector
 
-RAMP_TIME = 0.5
-"""Time in which a gain goes over to its new value [s]."""
-
-FACTOR = 2.0
-"""A gain may be changed to between this part and this multiple of what it was configured to [-]."""
-
-DCM_GAIN, HEIGHT_KP, HEIGHT_KD = 0, 5, 6
-"""Indices of the gains of the DCM feedback."""
+RAMP_TIME = 0.5  #: Time in which a gain goes over to its new value [s]
+FACTOR = 2.0  #: A gain may be changed to between this part and this multiple of what it was configured to [-]
+DCM_GAIN, HEIGHT_KP, HEIGHT_KD = 0, 5, 6  #: Indices of the gains of the DCM feedback
 
 
 def _gain(name: str, place: int) -> tuple[str, Callable[[BalanceController], Vector]]:
@@ -48,8 +43,8 @@ def _knobs() -> Iterator[tuple[str, Callable[[BalanceController], Vector]]]:
 
 _KNOBS = dict(_knobs())
 
+#: Names of the gains: as in ``balance.yaml`` and ``whole_body.yaml``, with the name of the file before them
 TUNABLE = tuple(_KNOBS)
-"""Names of the gains: as in ``balance.yaml`` and ``whole_body.yaml``, with the name of the file before them."""
 
 
 def configured(name: str, balance: BalanceConfig, whole_body: WholeBodyConfig) -> float:

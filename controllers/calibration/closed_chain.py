@@ -15,11 +15,10 @@ from models.calibration import Calibration
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
+#: Unknowns of the placement of the right sole in the left one: x, y [m], yaw [rad]; both lie on one level floor
 PLACEMENT = 3
-"""Unknowns of the placement of the right sole in the left one: x, y [m], yaw [rad]; both lie on one level floor."""
-
+#: Unknowns of the inertial unit: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]
 MOUNTING = 6
-"""Unknowns of the inertial unit: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]."""
 
 
 class ChainTerms:
@@ -102,11 +101,8 @@ class ChainTerms:
         return force + x[-3:] - measured, jacobian
 
 
-_CONVERGED = 1e-9
-"""Step of Gauss-Newton at which it has converged [rad, m, m/s^2]."""
-
-_GAP = 1.5
-"""Windows further apart than this many lengths are not differentiated across."""
+_CONVERGED = 1e-9  #: Step of Gauss-Newton at which it has converged [rad, m, m/s^2]
+_GAP = 1.5  #: Windows further apart than this many lengths are not differentiated across
 
 
 def calibrate_closed_chain(

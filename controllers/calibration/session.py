@@ -18,8 +18,7 @@ from models.robot_model import RobotModel
 from models.status import MotionState, MotionStatus
 from models.types import CommandReply, SensorData
 
-WHATS = ("imu", "joints", "feet")
-"""What can be calibrated."""
+WHATS = ("imu", "joints", "feet")  #: What can be calibrated
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +129,10 @@ def _load(windows: Sequence[Window]) -> float:
     return float(np.mean([window.loads.sum() for window in windows]))
 
 
+#: Situations of the robot that matter here; any other one is named in a refusal
 STANDING, MOVING, HANGING = "stand", "motion", "hanging"
-"""Situations of the robot that matter here; any other one is named in a refusal."""
-
+#: Motions of a standing robot, by the part under calibration
 MOTIONS = {"joints": "calibrate_joints", "feet": "calibrate_feet"}
-"""Motions of a standing robot, by the part under calibration."""
 
 
 class Stage(Enum):

@@ -39,8 +39,7 @@ def named(name: str, values: Vector) -> dict[str, float]:
     return {f"{name}_{axis}": float(value) for axis, value in zip(AXES, values, strict=True)}
 
 
-_ROUNDING = 1e-6
-"""Relative rounding of stamps that does not lengthen a window."""
+_ROUNDING = 1e-6  #: Relative rounding of stamps that does not lengthen a window
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +165,7 @@ def _joint(
     return f"joint '{model.joint_names[i]}' {verb} {values[i]:.3g} {unit} (at most {limit:g})"
 
 
+#: Unit of a number by pattern of its name
 UNITS = {
     r"time(_\w+)?": "s",
     r"joint_speed|gyro_spread|gyro_drift|(turning|gyro_bias)_[xyz]": "rad/s",
@@ -175,10 +175,8 @@ UNITS = {
     r"(left|right)_t[xyz]": "N.m",
     r"singular_(max|min)": "1/rad",
 }
-"""Unit of a number by pattern of its name."""
-
+#: Pattern of the names of counts, ratios and directions
 PLAIN = r"(samples|windows|joints)(_\w+)?|residual|shift|gravity_[xyz]|(left|right)_gain"
-"""Pattern of the names of counts, ratios and directions."""
 
 
 def name_and_unit(text: str) -> tuple[str, str]:

@@ -13,9 +13,7 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, default_config
 from models.errors import CommandError
 
-PLAIN = "plain"
-"""Source of the topics ``humanoid_commands`` and ``cmd_vel``."""
-
+PLAIN = "plain"  #: Source of the topics ``humanoid_commands`` and ``cmd_vel``
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -53,13 +51,10 @@ class ArbitrationConfig:
             raise ValueError("sources: two have the same priority")
 
 
-Velocity = tuple[float, float, float]
-"""Walking velocity: forward [m/s], left [m/s], turn [rad/s]."""
-
+Velocity = tuple[float, float, float]  #: Walking velocity: forward [m/s], left [m/s], turn [rad/s]
 STILL: Velocity = (0.0, 0.0, 0.0)
 
-NO_SOURCE = "none"
-"""Name for: no source is in command."""
+NO_SOURCE = "none"  #: Name for: no source is in command
 
 
 @dataclasses.dataclass(slots=True)

@@ -10,8 +10,7 @@ from pathlib import Path
 from controllers.commands.command_signature import KEY_BYTES
 from models.errors import ConfigError
 
-_MAX_SIZE = 4096
-"""Longest file that is read [bytes]."""
+_MAX_SIZE = 4096  #: Longest file that is read [bytes]
 
 
 def write_key(path: Path) -> None:

@@ -33,15 +33,9 @@ from models.errors import CommandError, ConfigError
 
 VERSION = "v1"
 
-KEY_BYTES = 32
-"""Least length of a key."""
-
-MAX_TEXT = 256
-"""Longest text that is signed [characters]; a supervisor takes no longer ones."""
-
-_MAX_LINE = 512
-"""Longest line that is looked at [characters]."""
-
+KEY_BYTES = 32  #: Least length of a key
+MAX_TEXT = 256  #: Longest text that is signed [characters]; a supervisor takes no longer ones
+_MAX_LINE = 512  #: Longest line that is looked at [characters]
 _SOURCE = re.compile(r"[a-z0-9_-]{1,32}", re.ASCII)
 _STAMP = re.compile(r"[1-9][0-9]{0,18}", re.ASCII)
 

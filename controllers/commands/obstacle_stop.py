@@ -46,11 +46,10 @@ class ObstacleStopConfig:
         return self.stop_distance + self.speed_min * (self.reaction_time + 0.5 * self.speed_min / self.deceleration)
 
 
+#: Words for a direction in B, counter-clockwise in quarters from x
 SIDES = ("ahead", "on the left", "behind", "on the right")
-"""Words for a direction in B, counter-clockwise in quarters from x."""
-
+#: Cosine of the angle between directions that share a stop: an eighth of a turn to either side
 _SAME_WAY = math.cos(math.radians(45.0))
-"""Cosine of the angle between directions that share a stop: an eighth of a turn to either side."""
 
 
 @dataclasses.dataclass(slots=True)

@@ -10,14 +10,10 @@ from controllers.estimation.stamps import StampFilter
 from models.constants import NANOSECONDS
 from models.types import FOOT_NAMES, SensorData, Vector
 
-JOINTS, IMU = 0, 1
-"""Rows of the stamp table; the feet follow."""
-
-MAX_AGE = 0.005
-"""Age up to which a sample of another source is used by default [s]."""
-
+JOINTS, IMU = 0, 1  #: Rows of the stamp table; the feet follow
+MAX_AGE = 0.005  #: Age up to which a sample of another source is used by default [s]
+#: Names of the sources, in the order of the stamp table
 SOURCES = ("joint_states", "imu", *(f"{name} foot" for name in FOOT_NAMES))
-"""Names of the sources, in the order of the stamp table."""
 
 
 class SampleAssembler:

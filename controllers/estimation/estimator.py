@@ -29,8 +29,7 @@ from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.types import CentroidalState, ContactState, Matrix, PushEstimate, RobotState, SensorData, Vector
 
-NOMINAL_STEP = 0.001
-"""Step of the call that compiles, and of the rate sample of a state that no step has led to [s]."""
+NOMINAL_STEP = 0.001  #: Step of the call that compiles, and of the rate sample of a state that no step has led to [s]
 
 
 class StateEstimator:

@@ -17,11 +17,8 @@ from models.types import Matrix, Vector
 
 Array = NDArray[np.float64]
 
-UNKNOWN = -1.0
-"""Of the expected contact of a foot: there is no gait schedule."""
-
-NOT_FINITE, SATURATED = 1.0, 2.0
-"""State of a foot's sample, in the buffer; 0 is sound."""
+UNKNOWN = -1.0  #: Of the expected contact of a foot: there is no gait schedule
+NOT_FINITE, SATURATED = 1.0, 2.0  #: State of a foot's sample, in the buffer; 0 is sound
 
 
 class FootSensorState(StrEnum):

@@ -45,12 +45,12 @@ from models.types import Matrix, Vector
 
 _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
 _LEVEL_MINUS = np.full(4, -1)
+#: Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]
 _LEVEL_GATE = 3.0
-"""Standard deviations beyond which the floor is taken for a real slope, and its level for no information [-]."""
+#: Sine of the angle between up and the base's x axis below which the robot lies and that axis has no heading [-]
 _LYING = 1e-6
-"""Sine of the angle between up and the base's x axis below which the robot lies and that axis has no heading [-]."""
+#: Factor on ``foot.slip`` below which the random walk of a foot is that of one that bears, rounding aside [-]
 FULLY_TRUSTED = 1.01
-"""Factor on ``foot.slip`` below which the random walk of a foot is that of one that bears, rounding aside [-]."""
 _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
 _REST_MINUS = np.full(3, -1)
 

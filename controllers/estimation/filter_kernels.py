@@ -15,9 +15,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SIZE = 27
+#: First index of each block of the error; feet and soles take six, left then right
 ROTATION, VELOCITY, POSITION, FOOT, SOLE, GYRO_BIAS, ACCEL_BIAS = 0, 3, 6, 9, 15, 21, 24
-"""First index of each block of the error; feet and soles take six, left then right."""
-
 _FOOT_PLUS = np.array([POSITION, POSITION + 1, POSITION + 2, ROTATION, ROTATION + 1, ROTATION + 2])
 _FOOT_MINUS = np.array(
     [[FOOT, FOOT + 1, FOOT + 2, SOLE, SOLE + 1, SOLE + 2], [FOOT + 3, FOOT + 4, FOOT + 5, SOLE + 3, SOLE + 4, SOLE + 5]]

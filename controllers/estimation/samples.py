@@ -17,14 +17,11 @@ from models.types import SensorData
 
 Array = NDArray[np.float64]
 
+#: Bits of ``SensorBuffer.accept``: which part of a sample is not finite
 BAD_JOINTS, BAD_TORQUES, BAD_IMU, BAD_FEET = 1, 2, 4, 8
-"""Bits of ``SensorBuffer.accept``: which part of a sample is not finite."""
-
-STALE = 16
-"""Bit of ``SensorBuffer.accept``: the sample is not newer than the last one, or its stamp jumps ahead."""
-
+STALE = 16  #: Bit of ``SensorBuffer.accept``: the sample is not newer than the last one, or its stamp jumps ahead
+#: Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less
 SATURATED_IMU, SATURATED_FEET = 32, 64
-"""Bits of ``SensorBuffer.accept``: an axis is at full scale; taken over, and to be trusted less."""
 
 
 @dataclass(slots=True)

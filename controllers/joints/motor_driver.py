@@ -17,8 +17,7 @@ from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-TOO_OLD = "commands too old"
-"""Key of the counter of commands that answer sensors too old."""
+TOO_OLD = "commands too old"  #: Key of the counter of commands that answer sensors too old
 
 
 def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:

@@ -33,11 +33,8 @@ from models.nodes.spin import run
 from models.status import ControlStatus
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
-OVERRUNS_TOLD = 10
-"""Consecutive ticks over their budget after which diagnostics are published at once."""
-
-FIRST_STEP = 0.001
-"""Step of the first tick after a reset, when there is no earlier stamp [s]."""
+OVERRUNS_TOLD = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
+FIRST_STEP = 0.001  #: Step of the first tick after a reset, when there is no earlier stamp [s]
 
 
 class BalanceControllerNode(PoiseNode):

@@ -33,8 +33,7 @@ from models.robot_model import RobotModel
 from models.status import MotionStatus
 from models.types import CommandReply, SensorData
 
-PERIOD = 0.02
-"""Update period of a running calibration [s]."""
+PERIOD = 0.02  #: Update period of a running calibration [s]
 
 
 def trigger_response(reply: CommandReply) -> Any:
@@ -148,11 +147,8 @@ class CalibrationRun:
         return self._mode if self._driver_state == topics.ACTIVE else self._driver_state
 
 
-NICENESS = 10
-"""Niceness of the solver: it yields to all other processes."""
-
-JOB, OUTCOME = "job", "outcome"
-"""Files that the two processes exchange; a pipe would block the one with the tick."""
+NICENESS = 10  #: Niceness of the solver: it yields to all other processes
+JOB, OUTCOME = "job", "outcome"  #: Files that the two processes exchange; a pipe would block the one with the tick
 
 
 class CalibrationSolver:

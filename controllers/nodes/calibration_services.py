@@ -25,11 +25,11 @@ from models.nodes.qos import LATCHED
 from models.nodes.services import PACKAGE, offer_own, own_message, serve_later
 from models.types import CommandReply, SensorData, Vector
 
+#: Actions on the files by name: function, and the word before the path in the answer
 FILE_ACTS: dict[str, tuple[Callable[[CalibrationStore], Calibration], str]] = {
     "show": (lambda store: store.load()[0], "in"),
     "rollback": (CalibrationStore.rollback, "back in"),
 }
-"""Actions on the files by name: function, and the word before the path in the answer."""
 
 
 def calibrate_response(reply: CommandReply) -> Any:

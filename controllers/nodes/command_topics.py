@@ -26,11 +26,8 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.status import RouteState, RouteStatus
 from models.types import CommandReply, Mode
 
-VELOCITY = "velocity "
-"""Prefix of a word with a velocity."""
-
-STOP = "stop"
-"""Command that every source may send, whichever is in command."""
+VELOCITY = "velocity "  #: Prefix of a word with a velocity
+STOP = "stop"  #: Command that every source may send, whichever is in command
 
 
 def velocity_from_words(text: str) -> Velocity:

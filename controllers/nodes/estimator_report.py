@@ -13,8 +13,7 @@ from models.nodes.cdr import NANOSECONDS
 from models.status import EstimatorStatus
 from models.types import Vector
 
-COASTING_TOLD = 0.01
-"""Time without usable samples after which diagnostics are published at once [s]."""
+COASTING_TOLD = 0.01  #: Time without usable samples after which diagnostics are published at once [s]
 
 
 class EstimatorReport:

@@ -27,8 +27,7 @@ from models.nodes.spin import run
 from models.robot_model import SOLE_FRAMES
 from models.types import FOOT_NAMES
 
-SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)
-"""For each foot: a valid sample, and no expectation from a gait."""
+SOUND, NO_SCHEDULE = np.zeros(2), np.full(2, UNKNOWN)  #: For each foot: a valid sample, and no expectation from a gait
 
 
 class FootSensorNode(PoiseNode):

@@ -24,20 +24,12 @@ from models.nodes.qos import LATCHED, PUBLISHER, SENSOR
 from models.status import ControlStatus, EstimatorStatus, GaitStatus, MotionState, MotionStatus, NodeStatus
 from models.types import SolveStatus, Vector
 
+#: Before the first report of the controller
 NO_CONTROL = ControlStatus(active=False, solve=SolveStatus.OPTIMAL, overruns=0, joint_fault="")
-"""Before the first report of the controller."""
-
-WATCHED = ("motion_planner",)
-"""Nodes without a stamped topic, supervised by their status."""
-
-COUNT_PERIOD = 0.2
-"""Time between two counts of the sensors' publishers [s]."""
-
-SWAY_TIME = 1.0
-"""Over which the velocity of the base is averaged: a step to either side [s]."""
-
-REASON_MAX = 200
-"""Longest reason that is taken from a report [characters]."""
+WATCHED = ("motion_planner",)  #: Nodes without a stamped topic, supervised by their status
+COUNT_PERIOD = 0.2  #: Time between two counts of the sensors' publishers [s]
+SWAY_TIME = 1.0  #: Over which the velocity of the base is averaged: a step to either side [s]
+REASON_MAX = 200  #: Longest reason that is taken from a report [characters]
 
 
 class HealthTopics:

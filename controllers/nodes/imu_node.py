@@ -25,8 +25,7 @@ from models.nodes.qos import LATCHED, SENSOR
 from models.nodes.spin import run
 from models.types import Vector
 
-NO_COVARIANCE = np.zeros((3, 3))
-"""A complementary filter has none: zeros mean unknown (sensor_msgs/Imu)."""
+NO_COVARIANCE = np.zeros((3, 3))  #: A complementary filter has none: zeros mean unknown (sensor_msgs/Imu)
 
 
 class ImuNode(PoiseNode):

@@ -18,9 +18,9 @@ from models.nodes.qos import EVENT
 from models.status import MotionState, MotionStatus
 from models.types import Mode
 
+#: Largest accepted trajectory [bytes]: 600 points of 32 joints with velocities have 340 000, decoded in some 30 ms; the
+#: drivers wait 40 ms for the next command
 TRAJECTORY_BYTES_MAX = 400_000
-"""Largest accepted trajectory [bytes]: 600 points of 32 joints with velocities have 340 000, decoded in some 30 ms; the
-drivers wait 40 ms for the next command."""
 
 
 class MotionTopics:

@@ -22,8 +22,7 @@ from models.nodes.parameters import declare_config
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
 from models.nodes.spin import run
 
-WATCH_PERIOD = 0.01
-"""Time between two checks for silent joints [s]."""
+WATCH_PERIOD = 0.01  #: Time between two checks for silent joints [s]
 
 
 class MotorControllerNode(PoiseNode):

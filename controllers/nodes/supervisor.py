@@ -33,9 +33,8 @@ from models.nodes.spin import run
 from models.status import MotionState, MotionStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
+#: Modes that can be requested by name
 _SERVED = tuple(mode.value for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK))
-"""Modes that can be requested by name."""
-
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
 
 
@@ -246,8 +245,7 @@ class SupervisorNode(PoiseNode):
             self._law.fault("the drivers were damped when the supervisor started")
 
 
-SET_MODE, COMMAND = "set_mode", "command"
-"""Names of the services."""
+SET_MODE, COMMAND = "set_mode", "command"  #: Names of the services
 
 
 def offer_own_types(

@@ -14,23 +14,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-MANY = 48
-"""Rows from which on the problem is left to a general solver."""
-
-_ROUNDS = 5
-"""Times that rows which an answer breaks are added."""
-
-_CHANGES = 4 * MANY
-"""Times that a row is added or dropped in one round."""
-
-_ROUNDING = 1e-12
-"""Excess over a bound, relative to the value, up to which a row is not broken [-]."""
-
-_DEPENDENT = 1e-10
-"""Share of a row's square that those before it leave, below which it depends on them [-]: rounding."""
-
-_BROKEN = 1e-9
-"""By how much, of its size, the answer for few rows may break another row [-]."""
+MANY = 48  #: Rows from which on the problem is left to a general solver
+_ROUNDS = 5  #: Times that rows which an answer breaks are added
+_CHANGES = 4 * MANY  #: Times that a row is added or dropped in one round
+_ROUNDING = 1e-12  #: Excess over a bound, relative to the value, up to which a row is not broken [-]
+_DEPENDENT = 1e-10  #: Share of a row's square that those before it leave, below which it depends on them [-]: rounding
+_BROKEN = 1e-9  #: By how much, of its size, the answer for few rows may break another row [-]
 
 
 class QP(NamedTuple):
@@ -53,25 +42,15 @@ class QP(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Memory of ``solve_few`` for problems of one size.
+    """Memory of ``solve_few`` for problems of one size."""
 
-    Attributes:
-        factor: L of H = L L', its diagonal inverted (nz, nz).
-        shift: L^-1 f (nz,).
-        marks: Rows to hold: those active in the last answer, and those broken (m,).
-        rows: Indices of the marked rows (m,).
-        whitened: The marked rows in coordinates in which H is the identity (m, nz).
-        bounds: Their lower and upper bounds (2, m).
-        multipliers: Of all rows (m,).
-    """
-
-    factor: Array
-    shift: Array
-    marks: Flags
-    rows: Index
-    whitened: Array
-    bounds: Array
-    multipliers: Array
+    factor: Array  #: L of H = L L', its diagonal inverted (nz, nz)
+    shift: Array  #: L^-1 f (nz,)
+    marks: Flags  #: Rows to hold: those active in the last answer, and those broken (m,)
+    rows: Index  #: Indices of the marked rows (m,)
+    whitened: Array  #: The marked rows in coordinates in which H is the identity (m, nz)
+    bounds: Array  #: Their lower and upper bounds (2, m)
+    multipliers: Array  #: Of all rows (m,)
 
 
 def make_workspace(qp: QP) -> Workspace:

@@ -31,30 +31,19 @@ from models.numerics.compiled import njit
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-PIVOT_FLOOR = 1e-6
-"""Pivot of a loop closure below which a row counts as dependent, as with both knees straight [-]."""
+PIVOT_FLOOR = 1e-6  #: Pivot of a loop closure below which a row counts as dependent, as with both knees straight [-]
 
 
 class Reduction(NamedTuple):
-    """``a = basis z + start``, ``w_i = maps_i z + offsets_i`` for one set of active contacts.
+    """``a = basis z + start``, ``w_i = maps_i z + offsets_i`` for one set of active contacts."""
 
-    Attributes:
-        active: Indices of the active contacts (k,).
-        core: Velocity indices of the base, then of the joints between base and active contacts (n,).
-        upper: The other velocity indices (nv - n,).
-        basis: N (nv, na).
-        start: a0 (nv,).
-        maps: P of all contacts, zero where inactive (contacts, 6, nz).
-        offsets: p of all contacts (contacts, 6).
-    """
-
-    active: Index
-    core: Index
-    upper: Index
-    basis: Array
-    start: Array
-    maps: Array
-    offsets: Array
+    active: Index  #: Indices of the active contacts (k,)
+    core: Index  #: Velocity indices of the base, then of the joints between base and active contacts (n,)
+    upper: Index  #: The other velocity indices (nv - n,)
+    basis: Array  #: N (nv, na)
+    start: Array  #: a0 (nv,)
+    maps: Array  #: P of all contacts, zero where inactive (contacts, 6, nz)
+    offsets: Array  #: p of all contacts (contacts, 6)
 
 
 def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int) -> Reduction:

@@ -23,41 +23,24 @@ OWN, DAQP = "own", "daqp"
 
 _HARD = 0
 _SOFT = 8
-_OPTIMAL = (1, 2)
-"""daqp exit flags: optimal, optimal with soft constraints in use."""
-
+_OPTIMAL = (1, 2)  #: daqp exit flags: optimal, optimal with soft constraints in use
+#: Largest KKT residual of an answer of the own solver; rows that all but depend on each other are left to daqp [-]
 _EXACT = 1e-9
-"""Largest KKT residual of an answer of the own solver; rows that all but depend on each other are left to daqp [-]."""
-
-INFINITE = 1e20
-"""From this size on a bound is none: a row without one has 1e30, divided by the weight."""
-
-TOLERANCE = 0.01
-"""Tolerance asked of a back-end of qpsolvers over the largest accepted residual [-]."""
-
-_SPARSE = ("osqp", "clarabel")
-"""Back-ends of qpsolvers that work on sparse matrices."""
+INFINITE = 1e20  #: From this size on a bound is none: a row without one has 1e30, divided by the weight
+TOLERANCE = 0.01  #: Tolerance asked of a back-end of qpsolvers over the largest accepted residual [-]
+_SPARSE = ("osqp", "clarabel")  #: Back-ends of qpsolvers that work on sparse matrices
 
 
 class Solution(Struct, frozen=True):
-    """Answer of one solve.
+    """Answer of one solve."""
 
-    Attributes:
-        z: Minimiser (nz,), or None when no solver found one.
-        status: How it was found; ``HELD`` when none was.
-        residual: Scaled KKT residual; NaN when there is no answer.
-        time: Wall-clock duration of the solve [s], for reports only.
-    """
-
-    z: Vector | None
-    status: SolveStatus
-    residual: float
-    time: float
+    z: Vector | None  #: Minimiser (nz,), or None when no solver found one
+    status: SolveStatus  #: How it was found; ``HELD`` when none was
+    residual: float  #: Scaled KKT residual; NaN when there is no answer
+    time: float  #: Wall-clock duration of the solve [s], for reports only
 
 
-Answer = tuple[Vector | None, float]
-"""Minimiser, None without one, and its KKT residual."""
-
+Answer = tuple[Vector | None, float]  #: Minimiser, None without one, and its KKT residual
 _NO_ANSWER: Answer = (None, float("nan"))
 
 

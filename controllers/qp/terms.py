@@ -23,27 +23,17 @@ Index = NDArray[np.int64]
 
 _WORLD = pin.Convention.WORLD
 
-TORSO, BASE = 2, 3
-"""Places of frames in the arrays of ``Dynamics``; the soles come before them."""
-
-FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")
-"""Frames of every robot, in the order of their places."""
+TORSO, BASE = 2, 3  #: Places of frames in the arrays of ``Dynamics``; the soles come before them
+FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")  #: Frames of every robot, in the order of their places
 
 
 class FrameTerms(NamedTuple):
-    """Terms of one frame F; all but the pose are expressed in F, linear part first.
+    """Terms of one frame F; all but the pose are expressed in F, linear part first."""
 
-    Attributes:
-        pose: Homogeneous transform in W (4, 4).
-        jacobian: J_F (6, nv).
-        twist: Velocity (6,) [m/s, rad/s].
-        drift: Classical acceleration at zero generalised acceleration (6,) [m/s^2, rad/s^2].
-    """
-
-    pose: Matrix
-    jacobian: Matrix
-    twist: Vector
-    drift: Vector
+    pose: Matrix  #: Homogeneous transform in W (4, 4)
+    jacobian: Matrix  #: J_F (6, nv)
+    twist: Vector  #: Velocity (6,) [m/s, rad/s]
+    drift: Vector  #: Classical acceleration at zero generalised acceleration (6,) [m/s^2, rad/s^2]
 
     @property
     def rotation(self) -> Matrix:

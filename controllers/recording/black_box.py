@@ -27,8 +27,7 @@ from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatu
 _MODES = {mode: index for index, mode in enumerate(Mode)}
 _STATUSES = {status: index for index, status in enumerate(SolveStatus)}
 
-_EVENTS = 256
-"""Events that are kept."""
+_EVENTS = 256  #: Events that are kept
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

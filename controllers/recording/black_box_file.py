@@ -18,21 +18,15 @@ from models.errors import PoiseError
 from models.files import state_folder
 from models.types import Matrix, Mode, SolveStatus, Vector
 
-FORMAT = 2
-"""Version of the file."""
-
-SINGLE = 1
-"""Version before it: single precision, no numbers of ticks, no state of the laws. Read, but not run again."""
-
-SUFFIX = ".npz"
-"""Of the files."""
-
+FORMAT = 2  #: Version of the file
+SINGLE = 1  #: Version before it: single precision, no numbers of ticks, no state of the laws. Read, but not run again.
+SUFFIX = ".npz"  #: Of the files
+#: Of a file that can be run again: inputs of the laws (JSON), and their state
 _TOLD, _MEMORY = "replay", "replay_memory"
-"""Of a file that can be run again: inputs of the laws (JSON), and their state."""
-
 Array = NDArray[np.float32]
 
 
+#: Arrays of the file and their units
 UNITS = {
     "t": "s",
     "stamp": "ns",
@@ -56,7 +50,6 @@ UNITS = {
     "status": "place in statuses",
     "mode": "place in modes",
 }
-"""Arrays of the file and their units."""
 
 
 @dataclass(frozen=True, slots=True)

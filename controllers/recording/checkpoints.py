@@ -16,8 +16,7 @@ from models.constants import NANOSECONDS
 from models.law_state import Bytes, Captured, LawState
 from models.law_state_file import describe
 
-PERIOD = 4.0
-"""Time between two checkpoints [s]: one takes as long as half a tick."""
+PERIOD = 4.0  #: Time between two checkpoints [s]: one takes as long as half a tick
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,11 +23,10 @@ from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode
 
+#: Text commands that need a gait planner; answered with the reason while there is none
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
-"""Text commands that need a gait planner; answered with the reason while there is none."""
-
+#: Modes in which the whole-body controller moves the joints
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
-"""Modes in which the whole-body controller moves the joints."""
 
 
 class Supervisor:

@@ -12,11 +12,8 @@ from controllers.vision.target_config import TargetConfig
 from models.config import default_config
 from models.types import Vector
 
-_DEGREES_PER_HUE = 2.0
-"""OpenCV counts hues of 8 bits in steps of two degrees."""
-
-_NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)
-"""Patches that do not hold a square of this size are noise [pixel]."""
+_DEGREES_PER_HUE = 2.0  #: OpenCV counts hues of 8 bits in steps of two degrees
+_NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not hold a square of this size are noise [pixel]
 
 
 @dataclass(frozen=True, slots=True)

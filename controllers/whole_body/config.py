@@ -79,34 +79,21 @@ class ContactConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PointTask:
-    """A task that holds the origin of a frame at a point; it acts once ``desired`` of the task is set.
+    """A task that holds the origin of a frame at a point; it acts once ``desired`` of the task is set."""
 
-    Attributes:
-        frame: Frame of the profile or of the URDF.
-        kp: [1/s^2].
-        kd: [1/s].
-        weight: [-].
-    """
-
-    frame: str
-    kp: NonNegative
-    kd: NonNegative
-    weight: NonNegative
+    frame: Annotated[str, Field(description="Frame of the profile or of the URDF")]
+    kp: Annotated[NonNegative, Field(description="[1/s^2]")]
+    kd: Annotated[NonNegative, Field(description="[1/s]")]
+    weight: Annotated[NonNegative, Field(description="[-]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class HeightLimit:
-    """Bounds of the CoM's height above the lowest sole in contact.
+    """Bounds of the CoM's height above the lowest sole in contact."""
 
-    Attributes:
-        enabled: Whether the QP has this limit.
-        minimum: Least height [m].
-        maximum: Greatest height [m].
-    """
-
-    enabled: bool
-    minimum: NonNegative
-    maximum: Positive
+    enabled: Annotated[bool, Field(description="Whether the QP has this limit")]
+    minimum: Annotated[NonNegative, Field(description="Least height [m]")]
+    maximum: Annotated[Positive, Field(description="Greatest height [m]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -155,31 +142,18 @@ class SolverConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SteppingConfig:
-    """Gains that differ while the robot steps; in between they are linear in the share of the gait.
+    """Gains that differ while the robot steps; in between they are linear in the share of the gait."""
 
-    Attributes:
-        com_weight_height: ``com.weight_height`` [-].
-        momentum_weight_vertical: ``angular_momentum.weight_vertical`` [-].
-        base_weight: ``base_orientation.weight`` [-].
-        contact_stiffness: ``contact.stiffness`` [1/s^2].
-        contact_damping: ``contact.damping`` [1/s].
-        contact_linear_max: ``contact.linear_max`` [m/s^2].
-        contact_angular_max: ``contact.angular_max`` [rad/s^2].
-        position_gain: ``limits.position_gain`` [1/s].
-        velocity_gain: ``limits.velocity_gain`` [1/s].
-        hold_ticks: ``solver.hold_ticks``.
-    """
-
-    com_weight_height: NonNegative
-    momentum_weight_vertical: NonNegative
-    base_weight: NonNegative
-    contact_stiffness: NonNegative
-    contact_damping: NonNegative
-    contact_linear_max: Positive
-    contact_angular_max: Positive
-    position_gain: Positive
-    velocity_gain: Positive
-    hold_ticks: Annotated[int, Field(ge=0)]
+    com_weight_height: Annotated[NonNegative, Field(description="``com.weight_height`` [-]")]
+    momentum_weight_vertical: Annotated[NonNegative, Field(description="``angular_momentum.weight_vertical`` [-]")]
+    base_weight: Annotated[NonNegative, Field(description="``base_orientation.weight`` [-]")]
+    contact_stiffness: Annotated[NonNegative, Field(description="``contact.stiffness`` [1/s^2]")]
+    contact_damping: Annotated[NonNegative, Field(description="``contact.damping`` [1/s]")]
+    contact_linear_max: Annotated[Positive, Field(description="``contact.linear_max`` [m/s^2]")]
+    contact_angular_max: Annotated[Positive, Field(description="``contact.angular_max`` [rad/s^2]")]
+    position_gain: Annotated[Positive, Field(description="``limits.position_gain`` [1/s]")]
+    velocity_gain: Annotated[Positive, Field(description="``limits.velocity_gain`` [1/s]")]
+    hold_ticks: Annotated[int, Field(ge=0, description="``solver.hold_ticks``")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

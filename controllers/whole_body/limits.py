@@ -16,11 +16,8 @@ from models.types import Matrix, Reference, Vector
 
 Array = NDArray[np.float64]
 
-UNBOUNDED = 1e30
-"""Bound of a row without one."""
-
-CONE_ROWS = 17
-"""Rows of a wrench cone."""
+UNBOUNDED = 1e30  #: Bound of a row without one
+CONE_ROWS = 17  #: Rows of a wrench cone
 
 
 class Rows(NamedTuple):

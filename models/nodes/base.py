@@ -23,11 +23,8 @@ from models.status import NodeStatus, Status
 
 T = TypeVar("T", bound=Status)
 
-LOG_PERIOD = 1.0
-"""Shortest time between two log lines about the same kind of refusal [s]."""
-
-ALARM_PERIOD = 0.05
-"""Shortest time between two alarms on ``/diagnostics`` [s]."""
+LOG_PERIOD = 1.0  #: Shortest time between two log lines about the same kind of refusal [s]
+ALARM_PERIOD = 0.05  #: Shortest time between two alarms on ``/diagnostics`` [s]
 
 
 @cache

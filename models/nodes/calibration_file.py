@@ -7,8 +7,7 @@ from models.calibration_store import CalibrationStore
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import describe
 
-NO_FILE = "none"
-"""Value of the parameter ``calibration_dir`` for no calibration."""
+NO_FILE = "none"  #: Value of the parameter ``calibration_dir`` for no calibration
 
 
 class CalibrationFile:

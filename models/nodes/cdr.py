@@ -20,11 +20,9 @@ from models.constants import NANOSECONDS as NANOSECONDS
 from models.errors import MessageError
 from models.types import Vector
 
+#: Offset of ``header.stamp`` in every stamped message: right after the CDR encapsulation header [bytes]
 STAMP_OFFSET = 4
-"""Offset of ``header.stamp`` in every stamped message: right after the CDR encapsulation header [bytes]."""
-
-STAMP_SIZE = 8
-"""Seconds (int32) and nanoseconds (uint32) [bytes]."""
+STAMP_SIZE = 8  #: Seconds (int32) and nanoseconds (uint32) [bytes]
 
 
 class Markers:
@@ -53,14 +51,9 @@ def padding(message: Any, size: int) -> NDArray[np.bool_]:
     return free
 
 
-_WORD = 4
-"""Size and alignment of lengths [bytes]."""
-
-_SPARE = 16
-"""Most bytes that a serialised message may have behind its end [bytes]."""
-
-_SIZES = {"double": 8, "int32": 4, "uint32": 4}
-"""Size and alignment of the primitive types that occur [bytes]."""
+_WORD = 4  #: Size and alignment of lengths [bytes]
+_SPARE = 16  #: Most bytes that a serialised message may have behind its end [bytes]
+_SIZES = {"double": 8, "int32": 4, "uint32": 4}  #: Size and alignment of the primitive types that occur [bytes]
 
 
 def _walk(value: Any, kind: str, at: int, free: NDArray[np.bool_]) -> int:

@@ -21,19 +21,12 @@ _AXES = 3
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """Measurement of the IMU without its biases, and its orientation.
+    """Measurement of the IMU without its biases, and its orientation."""
 
-    Attributes:
-        orientation: Of the unit in ``odom``, quaternion xyzw (4,).
-        covariance: Of the orientation, rotation about the fixed axes of ``odom`` (3, 3) [rad^2].
-        gyro: Angular velocity in the unit's frame (3,) [rad/s].
-        accel: Specific force in the unit's frame (3,) [m/s^2].
-    """
-
-    orientation: Vector
-    covariance: Matrix
-    gyro: Vector
-    accel: Vector
+    orientation: Vector  #: Of the unit in ``odom``, quaternion xyzw (4,)
+    covariance: Matrix  #: Of the orientation, rotation about the fixed axes of ``odom`` (3, 3) [rad^2]
+    gyro: Vector  #: Angular velocity in the unit's frame (3,) [rad/s]
+    accel: Vector  #: Specific force in the unit's frame (3,) [m/s^2]
 
 
 class OrientedImuCodec:
@@ -70,6 +63,7 @@ class OrientedImuCodec:
         return stamp_of(data), ImuSample(values[0], values[1].reshape(_AXES, _AXES), values[2], values[3])
 
 
+#: Header of the CSV file: orientation of the IMU in odom, rate and specific force in its own frame
 COLUMNS = (
     "stamp_s",
     *("qx", "qy", "qz", "qw"),
@@ -77,7 +71,6 @@ COLUMNS = (
     *("wx_rad_s", "wy_rad_s", "wz_rad_s"),
     *("ax_m_s2", "ay_m_s2", "az_m_s2"),
 )
-"""Header of the CSV file: orientation of the IMU in odom, rate and specific force in its own frame."""
 
 
 class CsvImuLog:

@@ -26,28 +26,19 @@ from typing import Any
 
 from models.errors import PoiseError
 
-DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"
-"""Folder with a folder for each package."""
-
+DEFINITIONS = Path(__file__).resolve().parents[1] / "interfaces"  #: Folder with a folder for each package
+#: Packages to build, and those that their definitions refer to, besides ``ALWAYS``
 PACKAGES = {
     "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
     "tf2_msgs": ("geometry_msgs",),
 }
-"""Packages to build, and those that their definitions refer to, besides ``ALWAYS``."""
-
+#: Packages that every service or action refers to
 ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")
-"""Packages that every service or action refers to."""
-
-STAMP = ".poise_built"
-"""File in a package built here: hash of the definitions that it was built from."""
-
+STAMP = ".poise_built"  #: File in a package built here: hash of the definitions that it was built from
+#: Packages whose versions the build depends on
 VERSIONS = ("rosidl_generator_py", "rosidl_typesupport_fastrtps_c", "rclpy", "numpy")
-"""Packages whose versions the build depends on."""
-
-SAID_MAX = 600
-"""Characters of the compiler's output in an error, from its end [-]."""
-
+SAID_MAX = 600  #: Characters of the compiler's output in an error, from its end [-]
 ADVICE = "Debian and Ubuntu: sudo apt install g++ python3-dev"
 
 LOADER = '''"""Built by poise from its interface definitions."""
@@ -232,13 +223,13 @@ def main() -> None:
     build_interfaces(into, lambda text: print(f"poise: {text}"), Path(prefix) / "share")
 
 
+#: Libraries of a package, in the order of their dependencies
 LIBRARIES = (
     "rosidl_generator_c",
     "rosidl_typesupport_introspection_c",
     "rosidl_typesupport_fastrtps_c",
     "rosidl_typesupport_c",
 )
-"""Libraries of a package, in the order of their dependencies."""
 
 
 def generate(package: str, source: Path, files: Sequence[Path], work: Path, share: Path) -> None:

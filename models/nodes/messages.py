@@ -22,8 +22,7 @@ from models.nodes.cdr import NANOSECONDS, Markers, Template, stamp_of
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-UNKNOWN_COVARIANCE = -1.0
-"""First element of a covariance whose quantity the sensor does not measure (sensor_msgs/Imu)."""
+UNKNOWN_COVARIANCE = -1.0  #: First element of a covariance whose quantity the sensor does not measure (sensor_msgs/Imu)
 
 
 def to_ns(t: float) -> int:
@@ -310,8 +309,7 @@ class TorqueCodec:
         return stamp_of(data), values[0]
 
 
-PAN, TILT = "pan", "tilt"
-"""Names in the messages; the profile maps them to joints."""
+PAN, TILT = "pan", "tilt"  #: Names in the messages; the profile maps them to joints
 
 
 def head_message(stamp: int, pan: float, tilt: float) -> Any:
@@ -338,8 +336,7 @@ def head_from_message(message: Any) -> tuple[float, float]:
     return float(angles[PAN]), float(angles[TILT])
 
 
-MODES = {mode.value: mode for mode in Mode}
-"""Mode by its word."""
+MODES = {mode.value: mode for mode in Mode}  #: Mode by its word
 
 
 def mode_named(word: str) -> Mode:

@@ -18,11 +18,8 @@ from models.nodes.messages import decode, require_finite
 from models.nodes.topics import BASE_FRAME
 from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
 
-QUATERNION_TOLERANCE = 1e-3
-"""Accepted deviation of a quaternion's norm from 1 [-]."""
-
-_COVARIANCE = 36
-"""Elements of a covariance of six quantities."""
+QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1 [-]
+_COVARIANCE = 36  #: Elements of a covariance of six quantities
 
 
 class OdometryCodec:
@@ -97,8 +94,7 @@ def contacts_from_message(message: UInt8MultiArray) -> tuple[bool, bool]:
     return bool(message.data[0]), bool(message.data[1])
 
 
-Velocity = tuple[float, float, float]
-"""Forward [m/s], left [m/s], turn [rad/s], of ``base_link`` in its own frame."""
+Velocity = tuple[float, float, float]  #: Forward [m/s], left [m/s], turn [rad/s], of ``base_link`` in its own frame
 
 
 def velocity_to_twist(velocity: Velocity) -> Any:

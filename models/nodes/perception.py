@@ -15,11 +15,9 @@ from models.nodes.messages import set_stamp, stamp_ns, to_seconds
 from models.profile import CAMERA_FRAME
 from models.scan import SCAN_FRAME, Scan, check_scan
 
-Picture = NDArray[np.uint8]
-"""Rows of pixels of red, green, blue (height, width, 3)."""
-
+Picture = NDArray[np.uint8]  #: Rows of pixels of red, green, blue (height, width, 3)
+#: Encodings that are read, and the order of their channels
 ENCODINGS = {"rgb8": slice(None), "bgr8": slice(None, None, -1)}
-"""Encodings that are read, and the order of their channels."""
 
 
 def image_message(stamp: int, picture: Picture) -> Any:

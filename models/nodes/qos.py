@@ -17,54 +17,50 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
+#: Sensors and states: only the newest sample matters
 SENSOR = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Sensors and states: only the newest sample matters."""
-
+#: Sensors for a subscriber that counts or logs: deep enough for a busy one
 SENSOR_QUEUE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=100,
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Sensors for a subscriber that counts or logs: deep enough for a busy one."""
-
+#: ``/robot_description``, ``/mode``: late subscribers get the last value
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""``/robot_description``, ``/mode``: late subscribers get the last value."""
-
+#: Requests and replies: none may be lost
 EVENT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Requests and replies: none may be lost."""
-
+#: Joint commands without an offered or requested deadline, for commanders slower than the controller
 COMMAND = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Joint commands without an offered or requested deadline, for commanders slower than the controller."""
 
 
+#: Sensors in lockstep: the plant waits for the answer, so no sample may be lost
 SENSOR_RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Sensors in lockstep: the plant waits for the answer, so no sample may be lost."""
 
 
 def sensor(*, reliable: bool) -> QoSProfile:
@@ -85,12 +81,9 @@ def command(deadline_s: float | None = None) -> QoSProfile:
     )
 
 
+#: Time for which a mismatch counts without the graph: the event may precede the discovery of the other end [s]
 SETTLE_TIME = 1.0
-"""Time for which a mismatch counts without the graph: the event may precede the discovery of the other end [s]."""
-
-INCOMPATIBLE_QOS = "incompatible QoS"
-"""First words of the key in diagnostics; the topic follows."""
-
+INCOMPATIBLE_QOS = "incompatible QoS"  #: First words of the key in diagnostics; the topic follows
 PUBLISHER, SUBSCRIBER = "publisher", "subscriber"
 
 

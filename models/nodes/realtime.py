@@ -42,8 +42,7 @@ def release() -> None:
     gc.collect()
 
 
-_done: set[str] = set()
-"""Completed steps of this process; nodes that share it request the same ones."""
+_done: set[str] = set()  #: Completed steps of this process; nodes that share it request the same ones
 
 
 def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
@@ -83,8 +82,8 @@ def lock_memory(log: Callable[[str], object]) -> bool:
     return False
 
 
+#: Kernel's description of a core. Locked by the process that has taken it, until that ends.
 _CORE = "/sys/devices/system/cpu/cpu{}"
-"""Kernel's description of a core. Locked by the process that has taken it, until that ends."""
 
 
 def take_core(log: Callable[[str], object]) -> bool:
@@ -140,8 +139,7 @@ def _about(core: int, file: str) -> str:
         return ""
 
 
-_cores: set[int] = set()
-"""Allowed cores of this process before it was pinned; empty while it is not."""
+_cores: set[int] = set()  #: Allowed cores of this process before it was pinned; empty while it is not
 
 
 def be_ordinary() -> None:
@@ -171,11 +169,8 @@ def die_with_parent() -> None:
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-WINDOW = 4096
-"""Ticks in the statistics: about four seconds at 1 kHz."""
-
-MEDIAN, TAIL = "tick p50 [us]", "tick p99 [us]"
-"""Keys of the figures in the diagnostics."""
+WINDOW = 4096  #: Ticks in the statistics: about four seconds at 1 kHz
+MEDIAN, TAIL = "tick p50 [us]", "tick p99 [us]"  #: Keys of the figures in the diagnostics
 
 
 class TickTimer:

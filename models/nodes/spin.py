@@ -19,11 +19,8 @@ from rclpy.utilities import ok, try_shutdown
 from models.errors import PoiseError
 from models.nodes import realtime
 
-SUPERVISED = "POISE_SUPERVISED"
-"""Set by the launcher for the processes that are to end with it."""
-
-SPIN_TIMEOUT = 0.1
-"""Longest time between two checks of the stop flag [s]."""
+SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for the processes that are to end with it
+SPIN_TIMEOUT = 0.1  #: Longest time between two checks of the stop flag [s]
 
 
 def log_variables() -> dict[str, str]:

@@ -58,19 +58,14 @@ TF, TF_STATIC = "/tf", "/tf_static"
 ODOM_FRAME, BASE_FRAME, FOOTPRINT_FRAME = "odom", "base_link", "base_footprint"
 IMU_FRAME = "imu"
 
+#: Words of ``driver_state``: held by the simulator, hanging, or the state of the joint drivers
 HELD, HANGING, ACTIVE, DAMPED, OFF = "held", "hanging", "active", "damped", "off"
-"""Words of ``driver_state``: held by the simulator, hanging, or the state of the joint drivers."""
-
+#: Words of ``gait/phase``: the robot cannot walk, or stands still. Others name the phase of a walk.
 GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
-"""Words of ``gait/phase``: the robot cannot walk, or stands still. Others name the phase of a walk."""
-
 CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator/status"
 GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
-SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"
-"""Records of ``models/status.py``, for programs."""
-
-STOP_MOTION = "stop"
-"""``motion/request`` that asks the controller to hold the present posture."""
+SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records of ``models/status.py``, for programs
+STOP_MOTION = "stop"  #: ``motion/request`` that asks the controller to hold the present posture
 
 
 def source_topics(source: str) -> tuple[str, str]:

@@ -11,8 +11,7 @@ from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
 
-SMALL_ANGLE = 1e-6
-"""Angle under which the series of the exponential is used [rad]; the dropped terms are below 1e-13."""
+SMALL_ANGLE = 1e-6  #: Angle under which the series of the exponential is used [rad]; the dropped terms are below 1e-13
 
 
 @njit(cache=True)

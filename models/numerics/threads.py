@@ -2,8 +2,8 @@
 
 import os
 
+#: Environment variables that hold numerical libraries to one thread; they must be set before numpy is imported
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Environment variables that hold numerical libraries to one thread; they must be set before numpy is imported."""
 
 
 def use_one_thread() -> None:

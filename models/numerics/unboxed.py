@@ -31,13 +31,9 @@ class _UnboxedType(types.StructRef):
 
 
 class Unboxed(structref.StructRefProxy, Generic[T]):
-    """Handle of a record in compiled memory.
+    """Handle of a record in compiled memory."""
 
-    Attributes:
-        record: The record; only compiled code reads it.
-    """
-
-    record: T
+    record: T  #: The record; only compiled code reads it
 
 
 structref.define_proxy(Unboxed, _UnboxedType, ["record"])

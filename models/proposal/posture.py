@@ -26,8 +26,8 @@ from models.proposal.skeleton import BASE, Legs, Skeleton
 from models.proposal.soles import SoleShape
 from models.types import Vector
 
+#: Share of a knee's torque limit that standing on one leg may take; a walk bends it further and accelerates
 _RESERVE = 0.5
-"""Share of a knee's torque limit that standing on one leg may take; a walk bends it further and accelerates."""
 
 
 def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: list[int], q: Vector) -> list[Finding]:
@@ -57,11 +57,8 @@ def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: lis
     return [Finding("note", named("joint", weak), text, "kept: it may stand and not walk")]
 
 
-_HABIT = 1e-3
-"""Weight of staying at zero against the tasks."""
-
-_SMALL = 5e-4
-"""A joint that is closer to zero is left out of the posture [rad]."""
+_HABIT = 1e-3  #: Weight of staying at zero against the tasks
+_SMALL = 5e-4  #: A joint that is closer to zero is left out of the posture [rad]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,7 @@ from pydantic.fields import FieldInfo
 from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
 
-_WIDTH = 120
-"""Longest line of a comment."""
-
+_WIDTH = 120  #: Longest line of a comment
 _HEAD = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
 # {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that is not in the URDF is an

@@ -112,17 +112,10 @@ def _filed(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
     return name
 
 
-FORWARD = "base_forward"
-"""Link put above a base that looks backward."""
-
-_EQUAL = 0.02
-"""Limits of partners that differ by less count as equal [rad], [-]."""
-
-_PATTERN = "g1"
-"""Packaged robot whose sensors a proposal takes."""
-
-_PATTERN_MASS = 33.3
-"""Its mass [kg]."""
+FORWARD = "base_forward"  #: Link put above a base that looks backward
+_EQUAL = 0.02  #: Limits of partners that differ by less count as equal [rad], [-]
+_PATTERN = "g1"  #: Packaged robot whose sensors a proposal takes
+_PATTERN_MASS = 33.3  #: Its mass [kg]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,7 @@ from models.proposal.skeleton import BASE, Skeleton
 from models.types import Matrix
 from models.urdf import possible
 
-BASE_LINK = "base_link"
-"""Name of REP-105 for the base: that of the root of many robots."""
-
+BASE_LINK = "base_link"  #: Name of REP-105 for the base: that of the root of many robots
 _UNSUPPORTED = ("prismatic", "planar")
 
 
@@ -153,14 +151,10 @@ def _fill_range(robot: ET.Element, reach: float) -> list[Finding]:
 _MIRROR = np.diag([1.0, -1.0, 1.0])
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
-_DIGITS = 12
-"""Digits that count of an inertia in a message; less is the rounding of a printed zero."""
-
-_DENSITY = 1000.0
-"""Of a body without shapes, as a solid ball [kg/m^3]."""
-
+_DIGITS = 12  #: Digits that count of an inertia in a message; less is the rounding of a printed zero
+_DENSITY = 1000.0  #: Of a body without shapes, as a solid ball [kg/m^3]
+#: Radius of gyration, over the leg's length, beyond which an inertia is a placeholder rather than a body's [-]
 _SPREAD = 0.5
-"""Radius of gyration, over the leg's length, beyond which an inertia is a placeholder rather than a body's [-]."""
 
 
 def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:

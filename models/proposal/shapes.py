@@ -18,8 +18,8 @@ from models.errors import RobotModelError
 from models.types import Matrix, Vector
 from models.urdf import resolve_uri
 
+#: 'note': a gap that the proposal fills; 'wrong': the description contradicts itself or a robot that can stand
 Severity = Literal["note", "wrong"]
-"""'note': a gap that the proposal fills; 'wrong': the description contradicts itself or a robot that can stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +94,12 @@ def longest_chain(robot: ET.Element) -> float:
     return max((length(link) for link in joints), default=0.0)
 
 
-_STL_HEAD, _STL_FACE = 84, 50
-"""Bytes of a binary STL file before its faces, and of a face."""
-
-_STL_FACES = 200_000
-"""Most faces of an STL file that MuJoCo takes."""
-
-_ROUND = 24
-"""Points on the rim of a cylinder."""
-
+_STL_HEAD, _STL_FACE = 84, 50  #: Bytes of a binary STL file before its faces, and of a face
+_STL_FACES = 200_000  #: Most faces of an STL file that MuJoCo takes
+_ROUND = 24  #: Points on the rim of a cylinder
 _Y_UP = b"<up_axis>Y_UP"
-_HEADER = 20000
-"""Bytes of a Collada file within which its <asset> lies."""
-
-_FLAT = 1e-12
-"""Volume below which MuJoCo takes a mesh for a surface [m^3]."""
+_HEADER = 20000  #: Bytes of a Collada file within which its <asset> lies
+_FLAT = 1e-12  #: Volume below which MuJoCo takes a mesh for a surface [m^3]
 
 
 def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tuple[list[Finding], bool]:

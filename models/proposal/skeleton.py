@@ -15,9 +15,7 @@ from models.profile import Frame
 from models.proposal.shapes import Finding, link_points, named
 from models.types import Matrix, Vector
 
-BASE = 1
-"""Pinocchio's index of the free flyer; the joints of the URDF follow."""
-
+BASE = 1  #: Pinocchio's index of the free flyer; the joints of the URDF follow
 _MIRROR = np.array([1.0, -1.0, 1.0])  # reflection at the plane y = 0 of the base
 _PARALLEL = 0.99  # least cosine between an axis and the image of its partner
 
@@ -101,9 +99,7 @@ class Skeleton:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-LEG_JOINTS = 6
-"""Joints that a leg needs to keep its sole flat wherever the base goes."""
-
+LEG_JOINTS = 6  #: Joints that a leg needs to keep its sole flat wherever the base goes
 _LEFT = re.compile(r"(?:^|[_\-.])l(?:eft)?(?:[_\-.]|$)|^L(?=[A-Z])|^LLEG|(?i:left)")
 _RIGHT = re.compile(r"(?:^|[_\-.])r(?:ight)?(?:[_\-.]|$)|^R(?=[A-Z])|^RLEG|(?i:right)")
 
@@ -216,11 +212,8 @@ _CAMERA = re.compile(r"camera|rgbd|realsense|d435|zed|gaze|eye", re.IGNORECASE)
 _HEAD = re.compile(r"head|face", re.IGNORECASE)
 _IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
 
-_IMU_REACH = 0.5
-"""How far from the base an inertial unit may be, over the leg's length [-]."""
-
-_HEAD_ABOVE = 1.2
-"""Height of a head that no link shows, over that of the shoulders above the soles."""
+_IMU_REACH = 0.5  #: How far from the base an inertial unit may be, over the leg's length [-]
+_HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,18 +17,10 @@ from models.proposal.shapes import Finding, link_points
 from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton
 from models.types import Matrix, Vector
 
-_WIDER = (1.0, 2.5, 5.0)
-"""Factors on the band of points that belong to a sole, tried until they span an area."""
-
-_SAME_WAY = np.cos(np.radians(3.0))
-"""Facets whose normals agree so well are one face."""
-
-_LEVEL = np.radians(2.0)
-"""A face tilted by less than this at zero is level: meshes are coarse."""
-
-_GRID = 48
-"""Places along the sole that the largest rectangle may begin and end at."""
-
+_WIDER = (1.0, 2.5, 5.0)  #: Factors on the band of points that belong to a sole, tried until they span an area
+_SAME_WAY = np.cos(np.radians(3.0))  #: Facets whose normals agree so well are one face
+_LEVEL = np.radians(2.0)  #: A face tilted by less than this at zero is level: meshes are coarse
+_GRID = 48  #: Places along the sole that the largest rectangle may begin and end at
 _DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -160,8 +152,7 @@ def largest_rectangle(points: Matrix) -> Vector | None:
     return np.array([x[first], x[last], bottom[first, last], top[first, last]])
 
 
-_LEAST = 0.02
-"""Bodies thinner than this get no hull [m]."""
+_LEAST = 0.02  #: Bodies thinner than this get no hull [m]
 
 
 def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limbs) -> dict[str, Hull]:

@@ -30,8 +30,7 @@ from planners.gait.footsteps import (
 from planners.gait.reaction import LegLever, rest_of_swing
 from planners.gait.swing import SwingShape, SwingState
 
-Box = tuple[Point, Point]
-"""Least and largest of two coordinates [m]."""
+Box = tuple[Point, Point]  #: Least and largest of two coordinates [m]
 
 
 class StepProblem(NamedTuple):
@@ -184,17 +183,11 @@ class Walk(Struct, frozen=True):
 
 
 class _Nominal(NamedTuple):
-    """The step under way as ``_pose`` leaves it to ``_place``, each (2,) [m].
+    """The step under way as ``_pose`` leaves it to ``_place``, each (2,) [m]."""
 
-    Attributes:
-        step: Nominal ZMP point in the stance frame, from the ZMP point of the stance.
-        shift: From a foothold to its ZMP point, less the ZMP point of the stance.
-        offset: DCM offset at the nominal touchdown, in W.
-    """
-
-    step: Vector
-    shift: Vector
-    offset: Vector
+    step: Vector  #: Nominal ZMP point in the stance frame, from the ZMP point of the stance
+    shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
+    offset: Vector  #: DCM offset at the nominal touchdown, in W
 
 
 class _Setup(NamedTuple):

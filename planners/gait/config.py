@@ -14,12 +14,8 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, default_config
 from models.robot_model import RobotModel
 
-QUINTIC_PEAK = 15.0 / 8.0
-"""Peak over mean speed of a quintic from rest to rest [-]."""
-
-JOINTS_V = 6
-"""Index of the first joint in a velocity: the base's twist comes before."""
-
+QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
+JOINTS_V = 6  #: Index of the first joint in a velocity: the base's twist comes before
 Positive = Annotated[float, Field(gt=0.0)]
 NonNegative = Annotated[float, Field(ge=0.0)]
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -54,48 +50,28 @@ class TimingConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ReachConfig:
-    """Where feet may be put.
+    """Where feet may be put."""
 
-    Attributes:
-        width: Nominal lateral distance of the soles [m].
-        width_min: Least lateral distance of the soles [m].
-        width_max: Largest lateral distance of the soles [m].
-        width_urgent: The same for an urgent step [m].
-        forward: Largest step ahead of the stance foot [m].
-        backward: Largest step behind the stance foot [m].
-        turn_out: Largest turn of a sole outwards from the stance sole [rad].
-        turn_in: Largest turn of a sole inwards [rad].
-    """
-
-    width: Positive
-    width_min: Positive
-    width_max: Positive
-    width_urgent: Positive
-    forward: Positive
-    backward: Positive
-    turn_out: Positive
-    turn_in: NonNegative
+    width: Annotated[Positive, Field(description="Nominal lateral distance of the soles [m]")]
+    width_min: Annotated[Positive, Field(description="Least lateral distance of the soles [m]")]
+    width_max: Annotated[Positive, Field(description="Largest lateral distance of the soles [m]")]
+    width_urgent: Annotated[Positive, Field(description="The same for an urgent step [m]")]
+    forward: Annotated[Positive, Field(description="Largest step ahead of the stance foot [m]")]
+    backward: Annotated[Positive, Field(description="Largest step behind the stance foot [m]")]
+    turn_out: Annotated[Positive, Field(description="Largest turn of a sole outwards from the stance sole [rad]")]
+    turn_in: Annotated[NonNegative, Field(description="Largest turn of a sole inwards [rad]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class VelocityConfig:
-    """Limits of the command.
+    """Limits of the command."""
 
-    Attributes:
-        forward: Largest velocity forward [m/s].
-        backward: Largest velocity backward [m/s].
-        lateral: Largest velocity to either side [m/s].
-        turn: Largest turning speed [rad/s].
-        acceleration: Of the linear velocities [m/s^2].
-        turn_acceleration: Of the turning speed [rad/s^2].
-    """
-
-    forward: Positive
-    backward: Positive
-    lateral: Positive
-    turn: Positive
-    acceleration: Positive
-    turn_acceleration: Positive
+    forward: Annotated[Positive, Field(description="Largest velocity forward [m/s]")]
+    backward: Annotated[Positive, Field(description="Largest velocity backward [m/s]")]
+    lateral: Annotated[Positive, Field(description="Largest velocity to either side [m/s]")]
+    turn: Annotated[Positive, Field(description="Largest turning speed [rad/s]")]
+    acceleration: Annotated[Positive, Field(description="Of the linear velocities [m/s^2]")]
+    turn_acceleration: Annotated[Positive, Field(description="Of the turning speed [rad/s^2]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -15,11 +15,9 @@ from models.types import Matrix, RobotState, Vector
 from planners.gait.config import GaitConfig, LiftConfig
 from planners.gait.footsteps import Feet, Foothold, Point, middle, replaced, wrap
 
+#: Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless
 _UPRIGHT_MIN = 0.1
-"""Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless."""
-
-_LOADED = 0.05
-"""Share of the weight from which a sole has a centre of pressure [-]."""
+_LOADED = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
 
 
 class Measurement(Struct, frozen=True):

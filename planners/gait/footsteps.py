@@ -15,14 +15,9 @@ from planners.gait.config import ReachConfig
 
 LEFT, RIGHT = 0, 1
 
-Velocity = tuple[float, float, float]
-"""Forward [m/s], left [m/s], turn [rad/s], in the body's frame."""
-
-Pose = tuple[float, float, float]
-"""x, y in W [m], heading in W [rad]."""
-
-Point = tuple[float, float]
-"""x, y [m]."""
+Velocity = tuple[float, float, float]  #: Forward [m/s], left [m/s], turn [rad/s], in the body's frame
+Pose = tuple[float, float, float]  #: x, y in W [m], heading in W [rad]
+Point = tuple[float, float]  #: x, y [m]
 
 
 class StepLimits(NamedTuple):
@@ -97,8 +92,7 @@ class Foothold(Struct, frozen=True):
         return Foothold(self.x + x, self.y + y, self.yaw, self.z)
 
 
-Feet = tuple[Foothold, Foothold]
-"""Footholds of the left and the right sole."""
+Feet = tuple[Foothold, Foothold]  #: Footholds of the left and the right sole
 
 
 def replaced(feet: Feet, foot: int, hold: Foothold) -> Feet:

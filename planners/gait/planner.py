@@ -26,8 +26,7 @@ from planners.gait.route import Footstep, Route
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.swing import SwingFoot
 
-_NEARER = 0.01
-"""Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]."""
+_NEARER = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
 
 
 class GaitPlanner:

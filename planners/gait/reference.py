@@ -16,8 +16,7 @@ from planners.gait.contact import AirborneState, Measurement
 from planners.gait.footsteps import Point, middle, wrap
 from planners.gait.state import BodyState, GaitPhase, GaitState
 
-Place = tuple[float, float, float, float]
-"""x, y, z [m] and heading [rad] in W."""
+Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 
 
 class ReferenceBuilder:

@@ -24,8 +24,7 @@ from planners.gait.footsteps import (
     wrap,
 )
 
-SLACK = 1e-6
-"""Tolerance of the limits for rounding [m, rad]."""
+SLACK = 1e-6  #: Tolerance of the limits for rounding [m, rad]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from planners.gait.footsteps import LEFT, Feet, Foothold, Velocity, limits_of, p
 from planners.gait.route import Route
 from planners.gait.swing import AT_REST, SwingState
 
-TIMES = 5
-"""Touchdown times that the capturability margin tries."""
+TIMES = 5  #: Touchdown times that the capturability margin tries
 
 
 class GaitPhase(Enum):

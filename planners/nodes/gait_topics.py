@@ -22,8 +22,7 @@ from planners.gait.route import Footstep
 from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 
-TAKEN_MAX = 20
-"""Length of ``gait/footsteps_taken``."""
+TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
 
 def declare_rates(node: PoiseNode) -> tuple[int, int]:

@@ -33,11 +33,9 @@ from planners.library import calibration_motions, motion_files, variant
 from planners.motion import MotionPlanner
 from planners.motion_config import MotionConfig
 
+#: Longest wait for the controller's status of a trajectory [s]; none comes for one refused beside a running one
 BEGIN_TIMEOUT = 2.0
-"""Longest wait for the controller's status of a trajectory [s]; none comes for one refused beside a running one."""
-
-LOOK_PERIOD = 0.05
-"""Period of checks of that wait [s]."""
+LOOK_PERIOD = 0.05  #: Period of checks of that wait [s]
 
 
 class MotionService:
