@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
@@ -44,13 +44,15 @@ class Row(AnyRow):
     """One fault in lockstep; acts are of ``benchmarks/faults/fault_acts.py``, '{knee}' in a reason is the knee's name.
 
     ``expect`` is the required reaction, ``faults`` are those of ``bridge.plants.fault_plan``, ``box`` requires a black
-    box.
+    box. A pushed robot steps first: where nothing can take the push, times count from its end, ``push`` [s] after the
+    injection.
     """
 
     expect: Literal["rides", "damps", "stands", "refuses"]
     faults: list[dict[str, Any]] = Field(default_factory=list)
     loop: LoopChanges = Field(default_factory=LoopChanges)
     box: bool = False
+    push: Annotated[float, Field(ge=0.0)] = 0.0
 
 
 @schema(frozen=True, slots=True, config=STRICT)

@@ -88,7 +88,7 @@ class _Trial:
         loop.run(given.settle)
         before = loop.mode
         doing: Doing = iter(())
-        start = loop.t
+        start = loop.t + row.push
         with self._steps.watch():
             if row.faults:
                 loop.inject([Fault(**item) for item in with_knee(row.faults, self.knee)])
