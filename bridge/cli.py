@@ -133,11 +133,11 @@ def up(
 ) -> None:
     """Run the real-time graph until Ctrl-C."""
     need_ros()
+    from bridge.launch.graph import own_motions
     from bridge.launch.graph import up as launch
     from bridge.launch.world import inhabitants, up_world
-    from bridge.own_motions import own_motions
     from bridge.plants.fault_plan import fault_plan
-    from bridge.plants.sensor_errors import read_sensor_errors
+    from bridge.plants.sensors import read_sensor_errors
     from models.terrain import terrain_named
 
     with report_errors():
@@ -216,7 +216,7 @@ def teleop(
 ) -> None:
     """Steer the running robot by keys of the terminal or a gamepad, on /commands/teleop."""
     need_ros()
-    from bridge.teleop.run import teleop as steer
+    from bridge.teleop import teleop as steer
 
     with report_errors():
         steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=_signer(key))
@@ -318,8 +318,8 @@ def check_robot(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a profile that is there already.")] = False,
 ) -> None:
     """Propose a profile for a URDF, try to stand, squat, wave and walk with it, and say what is missing or wrong."""
-    from bridge.check_robot.check import check_robot as check
-    from bridge.check_robot.check import report
+    from bridge.check_robot import check_robot as check
+    from bridge.check_robot import report
 
     with report_errors():
         verdict = check(urdf, out or Path(f"{urdf.stem}.yaml"), package_dir or (), overwrite=overwrite)

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Literal
 import mujoco
 
 from bridge.calibrating import Calibrator
-from bridge.loop.black_box import LoopBlackBox
 from bridge.loop.lockstep import Lockstep
-from bridge.loop.log import LoopLog
+from bridge.loop.log import LoopBlackBox, LoopLog
 from bridge.loop.obstacle_guard import ObstacleGuard
+from bridge.plants.config import LoopConfig
 from bridge.plants.fault_plan import Faults
-from bridge.plants.loop_config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorErrors
 from bridge.plants.world import ALONE, MujocoWorld
 from controllers.estimation.estimator import StateEstimator
 from controllers.input_log import InputLog

@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.core.contender import load
 from bridge.closed_loop import ClosedLoop
-from bridge.loop.monitor import PlantMonitor
-from bridge.plants.loop_config import LoopConfig
+from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.start_up import hanging_command, release_loaded
 from controllers.joints.joint_servo import JointServo

@@ -20,7 +20,7 @@ from benchmarks.faults.fault_acts import ACTS, Doing
 from benchmarks.faults.fault_rows import LoopChanges, Row, config, with_knee
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
-from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorErrors
 from models.config import read_yaml
 from models.errors import PoiseError
 from models.profile import load_profile

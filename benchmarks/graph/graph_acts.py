@@ -16,8 +16,7 @@ from std_msgs.msg import String
 from benchmarks.graph import flood
 from benchmarks.graph.graph_kinds import PRODDED_CONTROL, PRODDED_PLANNER
 from benchmarks.graph.graph_stage import LOOK, GraphStage, User
-from bridge.ros.layout import BRIDGE, CONTROL, ESTIMATOR, PLANNER, SUPERVISOR
-from bridge.ros.processes import ACTIVATE, DEACTIVATE, change_state
+from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
 from controllers.commands.command_key import read_key
 from controllers.commands.command_signature import Signer
 from models.errors import PoiseError

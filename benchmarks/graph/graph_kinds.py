@@ -22,8 +22,7 @@ from benchmarks.core.benchmark import Positive, settings
 from benchmarks.core.fault_rows import AnyRow
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
-from bridge.ros.layout import BRIDGE, CONTROL, PLANNER, SUPERVISOR, process_specs
-from bridge.ros.processes import Parameters, ProcessSpec
+from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, Parameters, ProcessSpec, process_specs
 from controllers.commands.command_key import write_key
 from models.config import STRICT
 from models.errors import PoiseError

@@ -28,8 +28,7 @@ from benchmarks.core.benchmark import Positive, settings
 from benchmarks.core.machine import Use, UseMeter
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
-from bridge.ros.layout import CONTROL, REALTIME_NODES, process_specs
-from bridge.ros.processes import ProcessSpec
+from bridge.ros.processes import CONTROL, REALTIME_NODES, ProcessSpec, process_specs
 from models.config import STRICT
 from models.errors import PoiseError
 from models.nodes import topics

@@ -23,10 +23,10 @@ from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.driver.latency_probe import LatencyProbe
-from bridge.driver.pacing import Pacer
+from bridge.driver.probes import LatencyProbe
+from bridge.driver.run_loop import Pacer
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.layout import REALTIME
+from bridge.ros.processes import REALTIME
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, STAMP_OFFSET, STAMP_SIZE, stamp_of

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bridge.driver import stage_probe
-from bridge.driver.stage_probe import StageProbe
+from bridge.driver import probes
+from bridge.driver.probes import StageProbe
 from bridge.nodes.control import factories
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
@@ -62,7 +62,7 @@ class StagedPlanner(GaitPlannerNode):
 
         def planned(state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
             reference = plan(state, dt, rest)
-            PROBE.note(stage_probe.PLANNED)
+            PROBE.note(probes.PLANNED)
             return reference
 
         self._law.step = planned  # type: ignore[method-assign]
@@ -88,9 +88,9 @@ def _noted(step: Callable[..., Any]) -> Callable[..., Any]:
     """A law's tick, its begin and end recorded; a gait planner within it moves the begin."""
 
     def recorded(*arguments: Any) -> Any:
-        PROBE.note(stage_probe.PLANNED)
+        PROBE.note(probes.PLANNED)
         result = step(*arguments)
-        PROBE.note(stage_probe.SOLVED)
+        PROBE.note(probes.SOLVED)
         return result
 
     return recorded
@@ -101,7 +101,7 @@ def _followed(publish: Callable[[bytes], None]) -> Callable[[bytes], None]:
 
     def followed(data: bytes) -> None:
         publish(data)
-        PROBE.note(stage_probe.COMMANDED)
+        PROBE.note(probes.COMMANDED)
 
     return followed
 

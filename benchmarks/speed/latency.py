@@ -26,8 +26,7 @@ from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_
 from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
 from benchmarks.speed.latency_stages import STAGES, answered, split, tails
-from bridge.driver.latency_probe import LatencyProbe
-from bridge.driver.stage_probe import LEFT, RIGHT, cost
+from bridge.driver.probes import LEFT, RIGHT, LatencyProbe, cost
 from bridge.ros.environment import free_domain
 from models.constants import NANOSECONDS
 from models.errors import PoiseError

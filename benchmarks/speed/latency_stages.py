@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.core.timed_run import Spread, percentiles_of
-from bridge.driver.stage_probe import ARRIVED, COMMANDED, ESTIMATED, PLANNED, SOLVED, STAMP
+from bridge.driver.probes import ARRIVED, COMMANDED, ESTIMATED, PLANNED, SOLVED, STAMP
 from models.types import Matrix, Vector
 
 STAGES = (
@@ -40,7 +40,7 @@ class Ticks:
 
     total: Vector  #: From just before the sensors are published until the drivers have the command (n,) [us]
     stages: Matrix  #: Parts of it by ``STAGES`` (n, 8) [us]
-    contacts: NDArray[np.uint8]  #: Feet in contact (n,), bits of ``bridge/driver/stage_probe.py``
+    contacts: NDArray[np.uint8]  #: Feet in contact (n,), bits of ``bridge/driver/probes.py``
 
 
 def answered(rows: Mapping[str, NDArray[Any]], skip: int) -> tuple[NDArray[np.int64], Vector, float]:

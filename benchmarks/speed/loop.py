@@ -3,7 +3,7 @@
 The robot stands, then walks straight ahead in lockstep (``ClosedLoop``) with sensor noise, estimator and the delay of
 its profile, without a log. Second by second, in turn: the plain loop, with clocks read around it only; the loop with
 every tick split by stage (``loop_timing.py``); and the physics of that second alone
-(``bridge/plants/bare_physics.py``), the floor of a tick. So ratios are of the same run. The process keeps to one core.
+(``bridge/plants/world.py``), the floor of a tick. So ratios are of the same run. The process keeps to one core.
 Speed is judged by the processor time of all its threads, which other load does not change; wall time stands beside it.
 The garbage collector is off.
 """

@@ -20,8 +20,8 @@ from benchmarks.core.harness import Report
 from benchmarks.core.loops import advance, keep_upright
 from benchmarks.core.timed_run import MICRO, Stopwatch
 from bridge.closed_loop import ClosedLoop
-from bridge.loop.monitor import PlantMonitor
-from bridge.plants.bare_physics import BarePhysics
+from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.world import BarePhysics
 from controllers.safety.supervisor import Supervisor
 from models.nodes.realtime import each_thread
 

@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
 from benchmarks.core.harness import Case, Options, Report
 from bridge.closed_loop import ClosedLoop
-from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorErrors
 from bridge.plots import new_figure
 from controllers.calibration.closed_chain import ChainTerms
 from models.calibration import Calibration

@@ -16,7 +16,7 @@ from benchmarks.core.loops import demand, keep_upright
 from benchmarks.stability.push import stance
 from benchmarks.stability.push_bounds import ankle_bound
 from bridge.closed_loop import ClosedLoop
-from bridge.support_polygon import distance_along
+from bridge.stability import distance_along
 from models.config import STRICT
 from models.types import Mode, Vector
 

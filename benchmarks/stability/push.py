@@ -25,8 +25,7 @@ from benchmarks.stability.push_bounds import ankle_bound
 from benchmarks.stability.push_plot import PushMap, angles, direction_name, draw_map
 from benchmarks.stability.torque_bound import torque_bound
 from bridge.closed_loop import ClosedLoop
-from bridge.stability import Balance, balance
-from bridge.support_polygon import distance_along
+from bridge.stability import Balance, balance, distance_along
 from controllers.balance.controller import BalanceController
 from models.config import STRICT
 from models.robot_model import RobotModel

@@ -1,4 +1,4 @@
-"""The robot for the actions: status topics, services of the supervisor, and waiting."""
+"""The robot for the actions: its status topics and services, and one goal at a time."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from pydantic import Field
+from pydantic.dataclasses import dataclass as config_dataclass
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from bridge.actions.config import ActionsConfig
-from models.errors import CommandError, MessageError
+from models.config import STRICT
+from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.interfaces import interface
@@ -24,6 +27,33 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.status import MotionState, MotionStatus, RouteStatus
 from models.types import CommandReply, Mode, Vector
+
+
+@config_dataclass(frozen=True, slots=True, config=STRICT)
+class ActionsConfig:
+    """How long the actions wait, and what they take for rest."""
+
+    period: Annotated[float, Field(ge=0.01, le=1.0, description="Between two looks at what has happened [s]")]
+    answer_timeout: Annotated[
+        float, Field(gt=0.0, le=600.0, description="Longest wait for the answer of a service or the gait planner [s]")
+    ]
+    start_timeout: Annotated[
+        float, Field(gt=0.0, le=600.0, description="Longest wait for a motion to start, planning included [s]")
+    ]
+    halt_timeout: Annotated[
+        float, Field(gt=0.0, le=600.0, description="Longest wait for a motion that is stopped to slow down [s]")
+    ]
+    walk_timeout: Annotated[float, Field(gt=0.0, description="Longest walk to one goal [s]")]
+    stand_timeout: Annotated[
+        float, Field(gt=0.0, le=600.0, description="Longest wait for a standstill after the last footstep [s]")
+    ]
+    goal_period: Annotated[
+        float, Field(gt=0.0, le=60.0, description="Between two publications of a goal until it is answered [s]")
+    ]
+    words: Annotated[int, Field(ge=10, le=10000, description="Words of a topic that are remembered [1]")]
+    quiet: Annotated[int, Field(ge=1, le=100, description="Looks without motion after which it is at rest [1]")]
+    moved: Annotated[float, Field(gt=0.0, le=0.1, description="Change of a joint between looks that is a motion [rad]")]
+
 
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may go on
 
@@ -155,3 +185,93 @@ class RobotClient:
 
     def _on_odom(self, data: bytes) -> None:
         self._odom = data
+
+
+#: Reasons that end a goal, besides those of the robot
+REPLACED, DEACTIVATED = "replaced by a newer goal", "the action server was deactivated"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a goal ended, with the reason in ``message``; ``code`` is the action's error code, where it has one."""
+
+    success: bool
+    message: str
+    cancelled: bool = False
+    code: int = 0
+
+
+class Turn:
+    """The right of one goal, by its number, to move the robot."""
+
+    def __init__(self, turns: Turns, number: int) -> None:
+        self._turns, self._number = turns, number
+
+    @property
+    def ended(self) -> str:
+        """Why the goal cannot go on; empty while it can."""
+        if self._turns.newest != self._number:
+            return REPLACED
+        return DEACTIVATED if self._turns.closed else self._turns.robot.stopped
+
+
+class Turns:
+    """Gives the robot to one goal after the other; ``newest`` is the newest's number, ``closed`` set while inactive."""
+
+    def __init__(self, robot: RobotClient) -> None:
+        self.robot, self.newest, self.closed = robot, 0, False
+        self._taken = False
+
+    async def take(self) -> Turn:
+        """End the goal before, and wait until it has ended."""
+        self.newest += 1
+        turn = Turn(self, self.newest)
+        while self._taken:
+            await self.robot.turn()
+        self._taken = True
+        return turn
+
+    def release(self) -> None:
+        """Report that the goal and its effect on the robot have ended."""
+        self._taken = False
+
+
+class Action(Protocol):
+    """Behaviour of an action."""
+
+    def refusal(self, request: Any) -> Outcome | None:
+        """Why a goal is refused beforehand; None for a valid one."""
+        ...
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
+        """Execute the goal. Afterwards the robot is at rest or follows another client, whatever the outcome."""
+        ...
+
+    def result(self, outcome: Outcome) -> Any:
+        """Result message of an outcome."""
+        ...
+
+
+def goal(turns: Turns, action: Action) -> Callable[[Any], Any]:
+    """Action server callback; sets the goal's state by the outcome. A ``PoiseError`` aborts the goal with its text."""
+
+    async def execute(handle: Any) -> Any:
+        outcome = action.refusal(handle.request)
+        if outcome is None:
+            turn = await turns.take()
+            try:
+                ended = turn.ended
+                outcome = Outcome(False, ended) if ended else await action.run(handle, turn)
+            except PoiseError as error:
+                outcome = Outcome(False, str(error))
+            finally:
+                turns.release()
+        if outcome.cancelled:
+            handle.canceled()
+        elif outcome.success:
+            handle.succeed()
+        else:
+            handle.abort()
+        return action.result(outcome)
+
+    return execute

@@ -24,8 +24,8 @@ def imu(
     if csv is None and mcap is None:
         raise typer.BadParameter("name a file: --csv FILE, --mcap FILE, or both")
     need_ros()
+    from bridge.record.graph_recorder import ImuListener
     from bridge.record.mcap_log import ImuLog, McapImuLog
-    from bridge.ros.imu_listener import ImuListener
     from models.nodes import topics
     from models.nodes.imu import CsvImuLog, ImuSample
     from models.nodes.spin import Stop
@@ -66,7 +66,7 @@ def black_box(
     robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
 ) -> None:
     """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
-    from bridge.plots.black_box import plot_black_box
+    from bridge.plots.record import plot_black_box
     from controllers.recording.black_box_file import BlackBoxRecord
     from models.robot_model import RobotModel
 

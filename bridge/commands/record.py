@@ -79,7 +79,7 @@ def _replay(file: Path, robot: str) -> ReplayReport:
     from controllers.recording.black_box_file import SUFFIX, BlackBoxRecord
 
     if file.suffix == SUFFIX:
-        from bridge.replay.box import replay_box
+        from bridge.replay.replay import replay_box
 
         return replay_box(BlackBoxRecord.load(file), robot)
     need_ros()

@@ -14,8 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bridge.demo.config import DemoConfig
-from bridge.demo.stage import PUSH, STOP, WALK, WAVE
+from bridge.demo.stage import PUSH, STOP, WALK, WAVE, DemoConfig
 from bridge.record.recording import Recording, sole_middle
 from bridge.record.render import DONE
 from bridge.stability import Stability, analyse, stability_figures

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from bridge.demo.config import DemoConfig
 from bridge.demo.report import Check, judge, judge_speed, judge_walk, print_report, write_report
-from bridge.demo.stage import WALK, SquareWalk, Stage
+from bridge.demo.stage import WALK, DemoConfig, SquareWalk, Stage
 from bridge.launch.graph import Graph
-from bridge.plots import plot_run
-from bridge.plots.walk import plot_walk
+from bridge.plots import plot_run, plot_walk
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
 from bridge.stability import stability_figures

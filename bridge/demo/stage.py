@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 from std_msgs.msg import Float64
 
-from bridge.demo.config import DemoConfig
 from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
+from models.config import STRICT
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
@@ -22,6 +25,40 @@ from models.status import MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import Mode
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
+
+Positive = Annotated[float, Field(gt=0.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class DemoConfig:
+    """Steps and pass criteria of the demonstration; see ``bridge/config/demo.yaml``."""
+
+    realtime_priority: Annotated[int, Field(ge=0, le=99)]
+    start_limit: Positive
+    quiet_time: Positive
+    motions: tuple[str, ...]
+    motion_limit: Positive
+    pause: Positive
+    push_force: tuple[float, float, float]
+    push_duration: Positive
+    recover_time: Positive
+    poll_period: Positive
+    real_time_min: Positive
+    com_drift_limit: Positive
+    foot_limit: Positive
+    height_tolerance: Positive
+    hand_travel: Positive
+    squat_depth: Positive
+    push_excursion: Positive
+    square_side: Positive
+    walk_limit: Positive
+    walk_push: float
+    walk_push_after: Positive
+    closure_limit: Positive
+    turn_tolerance: Positive
+    drift_limit: Positive
+    walk_wave_steps: Annotated[int, Field(ge=1)]
+    walk_hand_travel: Positive
 
 
 class Stage:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bridge.plants.base import Plant, SimulatedPlant
-from bridge.plants.loop_config import LoopConfig
+from bridge.plants.config import LoopConfig
 from bridge.plants.start_up import ReleaseGate, hanging_command
 from controllers.estimation.assembler import mean_sample
 from controllers.joints.joint_servo import JointServo, ServoState

@@ -18,22 +18,41 @@ from std_srvs.srv import Trigger
 
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.ros.environment import graph_environment, join_graph
-from bridge.ros.layout import BRIDGE, activation_order, node_parameters, process_specs
 from bridge.ros.processes import (
     ACTIVATE,
+    BRIDGE,
     CONFIGURE,
     GraphProcess,
     Parameters,
     ProcessSpec,
     absolute_namespace,
+    activation_order,
     change_state,
+    node_parameters,
+    process_specs,
     stop_all,
 )
+from controllers.safety.supervisor_config import SupervisorConfig
+from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import missing_types
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.spin import log_arguments, make_executor
+from models.robot_model import RobotModel
+from planners.library import load_motion, motion_files
+
+
+def own_motions(robot: str, folder: Path) -> Parameters:
+    """Node parameters for a folder of motion files; ``ConfigError`` when empty, or with file and key of an error."""
+    model = RobotModel.load(robot)
+    names = [load_motion(file, model).name for file in motion_files(folder)]
+    known = default_config(SupervisorConfig, "controllers", "supervisor").motions
+    return {
+        "motion_planner": {"motions_folder": str(folder.resolve())},
+        "supervisor": {"motions": [*known, *(name for name in names if name not in known)]},
+    }
+
 
 START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
 SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]

@@ -12,16 +12,18 @@ from types import TracebackType
 from typing import IO, Any
 
 from bridge.driver.world import SHARED
-from bridge.launch.graph import Graph, actions_possible, count_restart
+from bridge.launch.graph import Graph, actions_possible, count_restart, own_motions
 from bridge.launch.run import run_until_signal, wait_for
-from bridge.own_motions import own_motions
 from bridge.plants.world import SPACING, Place
 from bridge.ros.environment import graph_environment
-from bridge.ros.layout import BRIDGE, node_parameters, process_specs, sensor_rate
 from bridge.ros.processes import (
+    BRIDGE,
     GraphProcess,
     Parameters,
     absolute_namespace,
+    node_parameters,
+    process_specs,
+    sensor_rate,
     stop_all,
     write_parameters,
 )

@@ -9,8 +9,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from bridge.plants.mujoco import MujocoPlant
-from bridge.record.mcap_log import McapLog
-from bridge.record.run_topics import DESCRIPTION, EVENTS, ROBOT, TYPES
+from bridge.record.mcap_log import DESCRIPTION, EVENTS, ROBOT, TYPES, McapLog
 from models.nodes import topics
 from models.nodes.messages import (
     ImuCodec,

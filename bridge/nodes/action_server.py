@@ -10,11 +10,8 @@ from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.actions.config import ActionsConfig
-from bridge.actions.goals import Action, Turns, goal
-from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory
-from bridge.actions.robot import RobotClient
-from bridge.actions.walk import WalkTo
+from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory, WalkTo
+from bridge.actions.robot import Action, ActionsConfig, RobotClient, Turns, goal
 from models.config import default_config
 from models.errors import MessageError
 from models.nodes import topics

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
-from bridge.plants.camera_config import CameraConfig
+from bridge.plants.config import CameraConfig
 from bridge.record.render import GL_ADVICE
 from controllers.nodes.estimate_topics import Due
 from models.camera import Pinhole

@@ -11,19 +11,16 @@ from typing import Any
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.utilities import remove_ros_args
 
-from bridge.driver.command_input import CommandInput
 from bridge.driver.drivers import Drivers, SimulatedDrivers
-from bridge.driver.latency_probe import LatencyProbe
-from bridge.driver.parameters import DriverConfig, read_options
+from bridge.driver.probes import LatencyProbe
 from bridge.driver.run_loop import run_plant
-from bridge.driver.sensor_topics import ScanTopic, SensorTopics
 from bridge.driver.services import SimulationServices
-from bridge.driver.status_topics import StatusTopics, TruthTopics
+from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, StatusTopics, TruthTopics
 from bridge.driver.world import DriverWorld, robot_name
 from bridge.plants.base import Plant, SimulatedPlant, make_plant
-from bridge.plants.loop_config import LoopConfig
+from bridge.plants.config import DriverConfig, LoopConfig, read_options
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.sensor_errors import read_sensor_errors
+from bridge.plants.sensors import read_sensor_errors
 from bridge.plants.world import ALONE, Place
 from bridge.ros.processes import absolute_namespace, namespace_rules
 from models.config import default_config

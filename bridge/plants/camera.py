@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.plants.camera_config import CameraConfig
+from bridge.plants.config import CameraConfig
 from models.camera import Pinhole
 from models.config import default_config
 from models.errors import ConfigError

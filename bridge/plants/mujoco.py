@@ -8,8 +8,7 @@ import numpy as np
 from bridge.plants.base import SimulatedPlant
 from bridge.plants.fault_plan import Faults
 from bridge.plants.fault_proxy import FaultProxy
-from bridge.plants.sensor_errors import SensorErrors
-from bridge.plants.sensors import SensorNoise
+from bridge.plants.sensors import SensorErrors, SensorNoise
 from bridge.plants.world import ALONE, MujocoWorld
 from controllers.joints.joint_servo import drive_torque
 from models.errors import CommandError, ConfigError

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from bridge.plants.base import SimulatedPlant
-from bridge.plants.loop_config import LoopConfig
+from bridge.plants.config import LoopConfig
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

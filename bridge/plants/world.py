@@ -21,6 +21,7 @@ from models.types import Vector
 if TYPE_CHECKING:
     from bridge.plants.mujoco import MujocoPlant
 
+
 SPACING = 1.5  #: Distance along y of robots without a place [m]
 STEP_MAX = 0.001  #: Longest physics step; a longer tick is divided into equal steps [s]
 ALONE = ""  #: Name of the only robot of a world
@@ -241,3 +242,43 @@ class MujocoWorld:
 def physics_step(period: float) -> float:
     """Length of the physics steps in a tick of a length [s]."""
     return period / max(math.ceil(round(period / STEP_MAX, 6)), 1) if 0.0 < period < 1.0 else period
+
+
+#: All inputs of ``mj_step``, with the warm start of the contact solver and pushes
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class BarePhysics:
+    """Records the start and the controls of a part of a run, and repeats it in a separate state, ``data``.
+
+    ``MujocoWorld`` makes ``mj_step`` in two halves, so ``replay`` passes the same states as long as only the actuators
+    have acted since the tick before ``begin``. Its time is the least that a tick can take. ``ticks`` is the longest
+    part.
+    """
+
+    def __init__(self, model: mujoco.MjModel, ticks: int) -> None:
+        self._model, self.data = model, mujoco.MjData(model)
+        self._start: Vector = np.zeros(mujoco.mj_stateSize(model, STATE))
+        self._controls = np.zeros((ticks, model.nu))
+        self._count = 0
+
+    def begin(self, data: mujoco.MjData) -> None:
+        """Record the start state."""
+        mujoco.mj_getState(self._model, data, self._start, STATE)
+        self._count = 0
+
+    def note(self, data: mujoco.MjData) -> None:
+        """Record the controls of a tick."""
+        self._controls[self._count] = data.ctrl
+        self._count += 1
+
+    def rewind(self) -> None:
+        """Return to the start."""
+        mujoco.mj_setState(self._model, self.data, self._start, STATE)
+
+    def replay(self) -> None:
+        """Step through the recorded part, after ``rewind``."""
+        model, data, step = self._model, self.data, mujoco.mj_step
+        for controls in self._controls[: self._count]:
+            data.ctrl[:] = controls
+            step(model, data)

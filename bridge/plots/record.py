@@ -1,23 +1,32 @@
-"""Pictures of a recording: balance, torques, walk, and tick timing."""
+"""Pictures of a recording and of a black box: sensors, commands, balance and timing."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from bridge.plots import new_figure, plot_run
-from bridge.plots.walk import plot_walk
+from bridge.plots import new_figure, plot_run, plot_walk
+from bridge.record.mcap_log import EVENTS
 from bridge.record.recording import Recording
-from bridge.record.run_file import RecordedRun
-from bridge.record.run_topics import EVENTS
 from bridge.stability import analyse
+from controllers.recording.black_box_file import BlackBoxRecord
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError
 from models.nodes import topics
-from models.types import FOOT_NAMES, Mode
+from models.robot_model import RobotModel
+from models.types import FOOT_NAMES, Matrix, Mode, SolveStatus, Vector
 
-ROWS = 3000  #: Maximum number of rows for balance and torques
+if TYPE_CHECKING:
+    from bridge.record.run_file import RecordedRun
+
+RECORD_ROWS, BOX_ROWS = 3000, 1000  #: Maximum number of rows for balance and torques
+JOINTS = 5  #: Number of joints drawn: farthest from the command, or nearest to the torque limit
+_COLOURS = ("#7b4fa3", "#c98a1b")  #: Of left and right foot
 _MS = 1e-6  #: Of a nanosecond [ms]
 
 
@@ -28,7 +37,7 @@ def plot_record(run: RecordedRun, folder: Path) -> list[Path]:
     walks = [stamp for stamp, topic, text in run.texts if topic == topics.MODE and text == Mode.WALK.value]
     if walks and (recording.t > walks[0] / NANOSECONDS).sum() > 1:
         files.append(plot_walk(run.robot, recording.between(walks[0] / NANOSECONDS, np.inf), folder))
-    return [_overview(run, folder / "record.png"), *files]
+    return [_record_overview(run, folder / "record.png"), *files]
 
 
 def as_recording(run: RecordedRun) -> Recording:
@@ -40,7 +49,7 @@ def as_recording(run: RecordedRun) -> Recording:
     stamps = sorted(set(bases) & set(run.joints))
     if not stamps:
         raise PoiseError("the recording holds no odometry with joint samples of the same stamp: nothing to draw")
-    stamps = stamps[:: -(-len(stamps) // ROWS)]
+    stamps = stamps[:: -(-len(stamps) // RECORD_ROWS)]
     nothing = np.zeros(6)
     joints = [run.joints[stamp] for stamp in stamps]
     found = sorted(set(stamps) & set(run.estimates)) == stamps
@@ -60,41 +69,125 @@ def _label(topic: str, text: str) -> str:
     return text if topic in (EVENTS, topics.HUMANOID_COMMANDS) else f"mode {text}"
 
 
-def _overview(run: RecordedRun, file: Path) -> Path:
+def _stacked(count: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Axes against time, one above the other."""
+    figure = new_figure(13.0, height)
+    return figure, [figure.add_subplot(count, 1, i + 1) for i in range(count)]
+
+
+def _finish(figure: Figure, axes: Sequence[Axes], t: Vector, file: Path) -> Path:
+    for one in axes:
+        one.set_xlim(t[0], max(t[-1], t[0] + 1e-3))
+        one.grid(alpha=0.3)
+        one.tick_params(labelsize=8)
+        one.yaxis.label.set_fontsize(8)
+        if one.get_legend_handles_labels()[0]:
+            one.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
+    axes[-1].set_xlabel("t [s]")
+    figure.savefig(file, dpi=100)
+    return file
+
+
+def _draw_largest(axes: Axes, t: Vector, values: Matrix, names: Sequence[str], label: str) -> None:
+    """The joints with the largest values (n, nj)."""
+    largest = np.nan_to_num(np.abs(values)).max(axis=0)
+    for joint in np.argsort(-largest, kind="stable")[:JOINTS]:
+        axes.plot(t, values[:, joint], linewidth=0.8, label=names[joint].removesuffix("_joint"))
+    axes.set_ylabel(label)
+
+
+def _record_overview(run: RecordedRun, file: Path) -> Path:
     """Loads, torques near their limits, modes, time between samples, and ticks without an answer."""
-    figure = new_figure(13.0, 10.0)
-    loads, torques, modes, steps, missing = (figure.add_subplot(5, 1, i + 1) for i in range(5))
+    figure, axes = _stacked(5, 10.0)
+    loads, torques, modes, steps, missing = axes
     stamps = np.array(sorted(run.joints))
     t, weight = stamps / NANOSECONDS, run.robot.mass * GRAVITY
-    for foot, name in enumerate(FOOT_NAMES):
-        kept = run.feet[foot]
+    for kept, name in zip(run.feet, FOOT_NAMES, strict=True):
         at = np.array(sorted(kept))
         if at.size:
             loads.plot(at / NANOSECONDS, [kept[s][2] / weight for s in at], linewidth=0.8, label=f"{name} foot")
-    loads.set_ylabel("force / weight [-]", fontsize=8)
+    loads.set_ylabel("force / weight [-]")
     used = np.array([np.abs(run.joints[s][3]) / run.robot.tau_max for s in stamps])  # (n, nj)
-    for joint in np.argsort(-used.max(axis=0), kind="stable")[:5]:
-        torques.plot(t, used[:, joint], linewidth=0.7, label=run.robot.joint_names[joint].removesuffix("_joint"))
-    torques.set_ylabel("torque / limit [-]", fontsize=8)
+    _draw_largest(torques, t, used, run.robot.joint_names, "torque / limit [-]")
     names = [mode.value for mode in Mode]
     found = [(s / NANOSECONDS, names.index(text)) for s, topic, text in run.texts if topic == topics.MODE]
     if found:
         times, levels = zip(*found, (t[-1], found[-1][1]), strict=True)
         modes.step(times, levels, where="post", color="k", linewidth=1.0)
     modes.set_yticks(range(len(names)), names, fontsize=7)
-    modes.set_ylabel("mode", fontsize=8)
+    modes.set_ylabel("mode")
     steps.plot(t[1:], np.diff(stamps) * _MS, ".", markersize=2, label=f"{run.lost} samples lost")
-    steps.set_ylabel("between\nsamples [ms]", fontsize=8)
+    steps.set_ylabel("between\nsamples [ms]")
     answered = np.array(sorted(run.commands))
     if answered.size > 1:
         missing.plot(answered[1:] / NANOSECONDS, np.diff(answered) * _MS, ".", markersize=2)
-    missing.set_ylabel("between\ncommands [ms]", fontsize=8)
-    for one in (loads, torques, modes, steps, missing):
-        one.set_xlim(t[0], max(t[-1], t[0] + 1e-3))
-        one.grid(alpha=0.3)
-        one.tick_params(labelsize=8)
-        if one.get_legend_handles_labels()[0]:
-            one.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
-    missing.set_xlabel("t [s]")
-    figure.savefig(file, dpi=100)
-    return file
+    missing.set_ylabel("between\ncommands [ms]")
+    return _finish(figure, axes, t, file)
+
+
+def plot_black_box(model: RobotModel, record: BlackBoxRecord, folder: Path) -> list[Path]:
+    """Draw a black box into ``folder``; returns the files. ``PoiseError`` when it is empty or of another robot."""
+    if record.joint_names != model.joint_names:
+        raise PoiseError(f"the black box is of a robot '{record.robot}' with other joints than '{model.name}'")
+    if len(record.t) == 0:
+        raise PoiseError("the black box is empty")
+    recording = _recording(record)
+    files = plot_run(model, recording, analyse(model, recording), folder)
+    return [_box_overview(model, record, folder / "black_box.png"), *files]
+
+
+def _recording(record: BlackBoxRecord) -> Recording:
+    """Some rows as a recording: estimated state, measured torques and wrenches."""
+    rows = slice(None, None, -(-len(record.t) // BOX_ROWS))
+    return Recording(
+        robot=record.robot,
+        t=record.t[rows],
+        q=record.q[rows].astype(float),
+        v=record.v[rows].astype(float),
+        tau=record.joint_tau[rows].astype(float),
+        wrenches=record.wrenches[rows].astype(float),
+        events=record.events,
+    )
+
+
+def _box_overview(model: RobotModel, record: BlackBoxRecord, file: Path) -> Path:
+    """Attitude, IMU, loads, tracking, torques and solver against time."""
+    figure, axes = _stacked(7, 13.0)
+    t, weight = record.t, model.mass * GRAVITY
+    x, y = record.q[:, 3:5].T
+    tilt = np.degrees(np.arccos(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)))
+    axes[0].plot(t, tilt, color="k", linewidth=1.0, label="base")
+    axes[0].set_ylabel("tilt [deg]")
+    for k, name in enumerate("xyz"):
+        axes[1].plot(t, record.gyro[:, k], linewidth=0.7, label=f"gyro {name}")
+        axes[2].plot(t, record.accel[:, k], linewidth=0.7, label=f"accel {name}")
+    axes[1].set_ylabel("rate [rad/s]")
+    axes[2].set_ylabel("specific force\n[m/s^2]")
+    for foot, (name, colour) in enumerate(zip(FOOT_NAMES, _COLOURS, strict=True)):
+        axes[3].plot(t, record.wrenches[:, foot, 2] / weight, color=colour, linewidth=0.9, label=f"{name} foot")
+        axes[3].plot(t, record.planned_wrenches[:, foot, 2] / weight, ":", color=colour, linewidth=0.9, label="... QP")
+    axes[3].set_ylabel("force / weight [-]")
+    error = np.degrees(record.command_q - record.joint_q, dtype=np.float64)
+    _draw_largest(axes[4], t, error, record.joint_names, "command - joint [deg]")
+    used = record.joint_tau.astype(float) / model.tau_max
+    _draw_largest(axes[5], t, used, record.joint_names, "torque / limit [-]")
+    _draw_status(axes[6], record)
+    for one in axes:
+        for time, _ in record.events:
+            one.axvline(time, color="0.6", linewidth=0.8, zorder=0)
+    events = [f"{time:.2f} s {text[:120]}" for time, text in record.events]
+    figure.suptitle("\n".join([f"{record.robot}: {record.reason[:120]}", *events[-8:]]), fontsize=9)
+    return _finish(figure, axes, t, file)
+
+
+def _draw_status(axes: Axes, record: BlackBoxRecord) -> None:
+    """Solver status, better ones higher, the lowest for no command; and the modes."""
+    statuses = list(SolveStatus)
+    levels = ["none", *(status.value.replace("_", " ") for status in reversed(statuses))]
+    heights = np.where(record.status < 0, 0, len(statuses) - record.status)
+    axes.step(record.t, heights, where="post", color="k", linewidth=1.0)
+    axes.set_yticks(range(len(levels)), levels, fontsize=7)
+    axes.set_ylim(-0.5, len(levels) - 0.5)
+    modes = record.modes
+    for i in [i for i in range(len(modes)) if i == 0 or modes[i] is not modes[i - 1]]:
+        axes.text(record.t[i], 0.2, f" {modes[i].value}", fontsize=7, color="0.3")

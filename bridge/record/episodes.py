@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.record.mcap_log import EVENTS
 from bridge.record.run_file import RecordedRun
-from bridge.record.run_topics import EVENTS
 from controllers.safety.supervisor import ACTIVE_MODES, GAIT_WORDS
 from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config

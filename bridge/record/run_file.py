@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 
-from bridge.record.run_topics import DESCRIPTION, EVENTS, ROBOT
+from bridge.record.mcap_log import DESCRIPTION, EVENTS, ROBOT
 from controllers.input_log import TickInputs
 from controllers.recording.black_box_file import SUFFIX
 from models.errors import PoiseError

@@ -1,22 +1,26 @@
-"""Subscriptions of the page, polled thirty times a second, and the records to draw."""
+"""Settings and subscriptions of the page, and the records to draw."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry, Path
+from pydantic import Field
+from pydantic.dataclasses import dataclass as config_dataclass
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
+from bridge.plants.config import Positive
 from bridge.ros.client import Client
 from bridge.ros.newest import ignore, newest
 from bridge.ros.processes import in_namespace
+from models.config import STRICT
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds, wrench_vector
@@ -27,6 +31,22 @@ from models.status import ControlStatus
 from models.types import Matrix, Mode, Vector
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import foothold_from_pose
+
+
+@config_dataclass(frozen=True, slots=True, config=STRICT)
+class ViewConfig:
+    """Rates and contents of the page; see ``bridge/config/view.yaml``."""
+
+    rate: Positive
+    plot_rate: Positive
+    plot_window: Positive
+    force_scale: Positive
+    force_least: Positive
+    drive_idle: Positive
+    drive_rate: Positive
+    push_force_max: Positive
+    torques: Annotated[int, Field(ge=1)]
+    answer_timeout: Positive
 
 
 @dataclass(frozen=True, slots=True)

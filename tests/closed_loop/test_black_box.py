@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
-from bridge.replay.box import replay_box
+from bridge.replay.replay import replay_box
 from controllers.recording.black_box_file import UNITS, BlackBoxRecord
 from models.errors import PoiseError
 from models.robot_model import RobotModel

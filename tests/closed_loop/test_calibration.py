@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.plants.sensor_errors import SensorErrors
+from bridge.plants.sensors import SensorErrors
 from controllers.calibration.closed_chain import ChainTerms
 from models.calibration import Calibration
 from models.robot_model import RobotModel

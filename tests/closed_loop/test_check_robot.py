@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from bridge.check_robot.check import Verdict, check_robot, shortened
-from bridge.check_robot.trials import Trial, TrialConfig, Trials
+from bridge.check_robot import Trial, TrialConfig, Trials, Verdict, check_robot, shortened
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
 from models.config import default_config

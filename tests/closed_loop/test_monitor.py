@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from bridge.loop.monitor import PlantMonitor
-from bridge.plants.loop_config import LoopConfig
+from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.start_up import ReleaseGate, hanging_command
 from controllers.joints.joint_servo import JointServo

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.plants.sensor_errors import FootFault, SensorErrors
+from bridge.plants.sensors import FootFault, SensorErrors
 from controllers.estimation.feet import FootSensorState
 from models.constants import GRAVITY
 from models.robot_model import RobotModel

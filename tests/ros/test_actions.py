@@ -13,7 +13,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
-from bridge.ros.layout import process_specs
+from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.launch.graph import Graph
-from bridge.replay.box import replay_box
+from bridge.replay.replay import replay_box
 from bridge.ros.environment import free_domain
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.recording.black_box_file import BlackBoxRecord

@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bridge.launch.graph import Graph
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.sensor_errors import read_sensor_errors
+from bridge.plants.sensors import read_sensor_errors
 from bridge.ros.environment import free_domain
 from controllers.calibration.closed_chain import ChainTerms
 from models.calibration_store import CalibrationStore

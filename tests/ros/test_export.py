@@ -18,8 +18,8 @@ from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
 from bridge.record import lerobot
 from bridge.record.episodes import commanded, episodes, observed
+from bridge.record.mcap_log import EVENTS
 from bridge.record.run_file import RecordedRun, read_run
-from bridge.record.run_topics import EVENTS
 from models.nodes import topics
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES

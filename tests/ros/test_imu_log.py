@@ -19,8 +19,8 @@ from sensor_msgs.msg import Imu
 from typer.testing import CliRunner
 
 from bridge.cli import app
+from bridge.record.graph_recorder import ImuListener
 from bridge.record.mcap_log import McapImuLog
-from bridge.ros.imu_listener import ImuListener
 from models.constants import GRAVITY
 from models.errors import MessageError, PoiseError
 from models.nodes import topics

@@ -18,8 +18,7 @@ from benchmarks.graph.graph_run import Run, Scenario, latency_config
 from benchmarks.speed import latency
 from benchmarks.speed.latency import judge, summarise, verdict
 from benchmarks.speed.latency_stages import STAGES, split, tails
-from bridge.driver.latency_probe import LatencyProbe
-from bridge.driver.stage_probe import LEFT, RIGHT
+from bridge.driver.probes import LEFT, RIGHT, LatencyProbe
 from models.errors import PoiseError
 
 pytestmark = pytest.mark.ros

@@ -14,9 +14,8 @@ from typer.testing import CliRunner
 from bridge.cli import app
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
-from bridge.record.mcap_log import McapLog
+from bridge.record.mcap_log import DESCRIPTION, ROBOT, McapLog
 from bridge.record.run_file import missing, read_run
-from bridge.record.run_topics import DESCRIPTION, ROBOT
 from bridge.replay.replay import replay
 from models.errors import ConfigError, PoiseError
 from models.nodes.messages import JointStateCodec

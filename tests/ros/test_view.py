@@ -173,7 +173,7 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
 
 
 def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Bench) -> None:
-    from bridge.view.gains import Gains
+    from bridge.view.page import Gains
 
     world, told = bench.world, list[str]()
     world.declare_parameter("com.kp", 40.0, describe("CoM stiffness [1/s^2]", read_only=False, low=0.0, high=500.0))

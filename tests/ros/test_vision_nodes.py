@@ -21,8 +21,7 @@ from std_msgs.msg import Bool, String
 from bridge.launch.graph import Graph
 from bridge.nodes.camera_node import CameraNode
 from bridge.ros.environment import free_domain
-from bridge.ros.layout import process_specs
-from bridge.ros.processes import ProcessSpec
+from bridge.ros.processes import ProcessSpec, process_specs
 from controllers.joints.angle_history import AngleHistory
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.vision_node import VisionNode

@@ -29,8 +29,8 @@ from benchmarks.speed.loop_timing import (
     time_pieces,
 )
 from bridge.closed_loop import ClosedLoop
-from bridge.loop.monitor import PlantMonitor
-from bridge.plants.bare_physics import BarePhysics
+from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.world import BarePhysics
 from controllers.safety.supervisor import Supervisor
 
 CONFIG = settings(LoopBenchConfig, "loop")

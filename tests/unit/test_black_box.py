@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bridge.replay.box import replay_box
+from bridge.replay.replay import replay_box
 from controllers.recording.black_box import BlackBox, BlackBoxConfig
 from controllers.recording.black_box_file import FORMAT, UNITS, BlackBoxFolder, BlackBoxRecord
 from models.config import default_config

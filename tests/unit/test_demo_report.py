@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bridge.demo.config import DemoConfig
 from bridge.demo.report import Check, judge, judge_speed, print_report, write_report
+from bridge.demo.stage import DemoConfig
 from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bridge.plants.sensor_errors import FootFault
+from bridge.plants.sensors import FootFault
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.feet import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState, SlipMonitor

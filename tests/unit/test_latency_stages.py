@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.core.timed_run import spread
 from benchmarks.speed.latency_stages import STAGES, answered, split, tails
-from bridge.driver.latency_probe import LatencyProbe
-from bridge.driver.stage_probe import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, StageProbe, cost
+from bridge.driver.probes import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, LatencyProbe, StageProbe, cost
 
 MS, US = 1_000_000, 1_000
 PARTS = np.array([100, 60, 90, 5, 80, 40, 70, 30])

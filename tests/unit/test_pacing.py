@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bridge.driver.pacing import Pacer
+from bridge.driver.run_loop import Pacer
 from models.errors import ConfigError
 
 MS = 1_000_000

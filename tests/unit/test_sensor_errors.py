@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.plants.sensor_errors import read_sensor_errors
+from bridge.plants.sensors import read_sensor_errors
 from models.errors import ConfigError, JointNameError
 from models.robot_model import RobotModel
 

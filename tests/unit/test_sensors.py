@@ -10,8 +10,7 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
-from bridge.plants.sensor_errors import SensorErrors
-from bridge.plants.sensors import SensorNoise
+from bridge.plants.sensors import SensorErrors, SensorNoise
 from models.errors import ConfigError, JointNameError
 from models.robot_model import RobotModel
 from models.types import SensorData

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from bridge.teleop.config import TeleopConfig
-from bridge.teleop.input import Gamepad, KeyLaw, limits_of
+from bridge.teleop import Gamepad, KeyLaw, TeleopConfig, limits_of
 from models.config import default_config
 from models.errors import PoiseError
 from models.robot_model import RobotModel

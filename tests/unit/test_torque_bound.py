@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.stability.push_bounds import ankle_bound
 from benchmarks.stability.torque_bound import static_force, static_torques, torque_bound
-from bridge.support_polygon import distance_along, support_polygon
+from bridge.stability import distance_along, support_polygon
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

@@ -31,7 +31,7 @@ def server() -> Iterator[Any]:
 
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_every_visual_is_there_and_moves_with_its_joint(server: Any, name: str) -> None:
-    from bridge.view.robot_scene import RobotScene
+    from bridge.view.scene import RobotScene
 
     model = RobotModel.load(name)
     scene = RobotScene(server.scene, model)
@@ -47,9 +47,8 @@ def test_every_visual_is_there_and_moves_with_its_joint(server: Any, name: str) 
 
 
 def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -> None:
-    from bridge.view.balance_scene import BalanceScene
-    from bridge.view.config import ViewConfig
-    from bridge.view.listener import Snapshot
+    from bridge.view.listener import Snapshot, ViewConfig
+    from bridge.view.scene import BalanceScene
 
     scene = BalanceScene(server.scene, g1, default_config(ViewConfig, "bridge", "view"))
     state = standing(g1)
@@ -66,9 +65,8 @@ def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -
 
 
 def test_ground_reactions_point_as_the_soles_do(server: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bridge.view.balance_scene import BalanceScene
-    from bridge.view.config import ViewConfig
-    from bridge.view.listener import Snapshot
+    from bridge.view.listener import Snapshot, ViewConfig
+    from bridge.view.scene import BalanceScene
 
     config, state = default_config(ViewConfig, "bridge", "view"), standing(g1)
     q = state.q.copy()
@@ -106,7 +104,7 @@ def test_a_push_comes_from_the_robots_side_wherever_it_looks() -> None:
 
 
 def test_a_footstep_is_drawn_where_it_is() -> None:
-    from bridge.view.balance_scene import outline
+    from bridge.view.scene import outline
 
     corners = np.array([[0.1, 0.03, 0.0], [-0.1, 0.03, 0.0], [-0.1, -0.03, 0.0], [0.1, -0.03, 0.0]])
     drawn = outline(Foothold(1.0, 2.0, 0.5 * math.pi), corners, 0.25)

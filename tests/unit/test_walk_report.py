@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from bridge.demo.config import DemoConfig
 from bridge.demo.report import judge_walk
-from bridge.plots.walk import footsteps, plot_walk
+from bridge.demo.stage import DemoConfig
+from bridge.plots import footsteps, plot_walk
 from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY

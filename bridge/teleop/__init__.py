@@ -1,1 +1,0 @@
-"""``poise teleop``: words and velocities from keyboard or gamepad."""
