@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from bridge.commands import log, reach, record
-from bridge.commands.common import Namespace, Network, console, need, need_ros, print_reply, report_errors
+from bridge.commands import record
+from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, signer_of
+from bridge.commands.robot import calibrate, hang, mode, reach, send, walk
 from models.numerics.threads import use_one_thread
-
-if TYPE_CHECKING:
-    from controllers.commands.command_signature import Signer
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of groups of commands, such as ``poise bench``
 
@@ -48,23 +46,9 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
     help="Whole-body control for humanoid robots over ROS 2.",
 )
-app.add_typer(log.app, name="log")
-for _command in (record.record, record.replay, record.plot, record.export):
-    app.command()(_command)
-app.command(context_settings={"ignore_unknown_options": True})(reach.reach)  # -0.3 is a place, not an option
+app.add_typer(record.log_app, name="log")
 
-CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
-
-
-def _signer(key: Path | None, source: str = "teleop") -> Signer | None:
-    """Signer of a source's commands; None without a key."""
-    if key is None:
-        return None
-    from controllers.commands.command_key import read_key
-    from controllers.commands.command_signature import Signer
-
-    return Signer(read_key(key), source)
 
 
 def _print_version(requested: bool) -> None:
@@ -169,24 +153,6 @@ def up(
 
 
 @app.command()
-def send(
-    text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
-    key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
-    source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
-    network: Network = False,
-    namespace: Namespace = "",
-) -> None:
-    """Send a text command to the running robot and say what became of it."""
-    with report_errors():
-        signer = _signer(key, source)
-    need_ros()
-    from bridge.ros.client import Client
-
-    with report_errors(), Client(network=network, namespace=namespace, signer=signer) as client:
-        raise typer.Exit(print_reply(client.command(text)))
-
-
-@app.command()
 def view(
     robot: Annotated[str, typer.Option(help="Robot profile; the one that the running graph names by default.")] = "",
     host: Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 for all of this machine.")] = "127.0.0.1",
@@ -203,7 +169,7 @@ def view(
     if key is not None and host not in ("127.0.0.1", "localhost"):
         raise typer.BadParameter("a page that others reach would sign for each of them: --key goes with 127.0.0.1 only")
     with report_errors():
-        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=_signer(key))
+        serve(robot=robot, host=host, port=port, network=network, namespace=namespace, signer=signer_of(key))
 
 
 @app.command()
@@ -219,7 +185,7 @@ def teleop(
     from bridge.teleop import teleop as steer
 
     with report_errors():
-        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=_signer(key))
+        steer(robot, gamepad=gamepad, network=network, namespace=namespace, signer=signer_of(key))
 
 
 @app.command()
@@ -230,82 +196,6 @@ def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing fi
     with report_errors():
         write_key(file)
     console().print(f"{file}: new key; copy it to the robot and its operators, and keep it secret", markup=False)
-
-
-@app.command()
-def mode(
-    name: Annotated[str, typer.Argument(help="off, damp, stand or walk; also estop and reset_faults.")],
-    network: Network = False,
-    namespace: Namespace = "",
-) -> None:
-    """Request a mode of the running robot."""
-    services = {word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")}
-    services |= {word: word for word in ("estop", "reset_faults")}
-    if name not in services:
-        raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(services)}")
-    need_ros()
-    from bridge.ros.client import Client
-
-    with report_errors(), Client(network=network, namespace=namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(services[name])))
-
-
-@app.command(context_settings={"ignore_unknown_options": True})  # -0.3 is a velocity, not an option
-def walk(
-    forward: Annotated[float | None, typer.Argument(help=r"Velocity forward; negative backward \[m/s].")] = None,
-    left: Annotated[float, typer.Argument(help=r"Velocity to the left \[m/s].")] = 0.0,
-    turn: Annotated[float, typer.Argument(help=r"Turning speed to the left \[rad/s].")] = 0.0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="How long; then it stops and stands.")] = 5.0,
-    to: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),
-    ] = None,
-    network: Network = False,
-    namespace: Namespace = "",
-) -> None:
-    """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
-    if to is None and forward is None:
-        raise typer.BadParameter("give a velocity, or a pose with --to")
-    need_ros()
-    from bridge.ros.client import Client
-    from bridge.ros.walk import walk as drive
-    from bridge.ros.walk import walk_to
-
-    with report_errors(), Client(network=network, namespace=namespace) as client:
-        if to is not None:
-            raise typer.Exit(print_reply(walk_to(client, to)))
-        raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
-
-
-@app.command()
-def calibrate(
-    what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],
-    network: Network = False,
-    namespace: Namespace = "",
-) -> None:
-    """Have the running robot calibrate its sensors, show what is kept, or return to the file before it."""
-    known = ("imu", "joints", "feet", "show", "rollback")
-    if what not in known:
-        raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
-    need_ros()
-    from bridge.ros.client import Client
-
-    with report_errors(), Client(network=network, namespace=namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
-
-
-@app.command()
-def hang(
-    down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
-    network: Network = False,
-    namespace: Namespace = "",
-) -> None:
-    """Have a crane lift the simulated robot, held or off, so that its feet are in the air."""
-    need_ros()
-    from bridge.ros.client import Client
-
-    with report_errors(), Client(network=network, namespace=namespace) as client:
-        raise typer.Exit(print_reply(client.switch("hang", not down)))
 
 
 @app.command("check-robot")
@@ -344,3 +234,9 @@ def robots() -> None:
         height = pin.centerOfMass(model.pin, model.data(), model.standing_configuration())[2]
         table.add_row(name, str(model.nj), f"{model.mass:.1f}", f"{height:.3f}", sole)
     console().print(table)
+
+
+for _command in (record.record, record.replay, record.plot, record.export, send, mode, calibrate, hang):
+    app.command()(_command)
+for _numeric in (walk, reach):
+    app.command(context_settings={"ignore_unknown_options": True})(_numeric)  # -0.3 is a number, not an option

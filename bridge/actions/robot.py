@@ -241,15 +241,12 @@ class Action(Protocol):
 
     def refusal(self, request: Any) -> Outcome | None:
         """Why a goal is refused beforehand; None for a valid one."""
-        ...
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal. Afterwards the robot is at rest or follows another client, whatever the outcome."""
-        ...
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
-        ...
 
 
 def goal(turns: Turns, action: Action) -> Callable[[Any], Any]:

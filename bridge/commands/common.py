@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,6 +13,8 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from bridge.ros.client import Client
+    from controllers.commands.command_signature import Signer
     from models.types import CommandReply
 
 Network = Annotated[bool, typer.Option(help="The robot may run on another machine.")]
@@ -23,6 +26,11 @@ def console(**options: Any) -> Console:
     from rich.console import Console
 
     return Console(**options)
+
+
+def say(text: str) -> None:
+    """Print plain text without wrapping."""
+    console(soft_wrap=True).print(text, markup=False, highlight=False)
 
 
 def need_ros() -> None:
@@ -67,3 +75,25 @@ def report_errors() -> Iterator[None]:
     except PoiseError as error:
         console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
         raise typer.Exit(2) from error
+
+
+def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
+    """Signer of a source's commands; None without a key."""
+    if key is None:
+        return None
+    from controllers.commands.command_key import read_key
+    from controllers.commands.command_signature import Signer
+
+    return Signer(read_key(key), source)
+
+
+@contextmanager
+def connected(network: bool, namespace: str, key: Path | None = None, source: str = "teleop") -> Iterator[Client]:
+    """Client of the running robot, which signs with a key; an error of poise ends the command with status 2."""
+    with report_errors():
+        signer = signer_of(key, source)
+        need_ros()
+        from bridge.ros.client import Client
+
+        with Client(network=network, namespace=namespace, signer=signer) as client:
+            yield client

@@ -1,4 +1,4 @@
-"""``poise record``, ``replay``, ``plot`` and ``export``: a run in a file, run again, drawn, and as a data set."""
+"""``poise record``, ``replay``, ``plot``, ``export`` and ``log``: runs in files, run again, drawn, as a data set."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors
+from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, say
 
 if TYPE_CHECKING:
     from bridge.replay.replay import ReplayReport
@@ -30,15 +30,12 @@ def record(
     from models.nodes.spin import Stop
 
     path = out or Path("out") / f"recording-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"
-    say = console(soft_wrap=True).print
     stop = Stop()  # Ctrl-C no longer interrupts: the file is completed
     with report_errors():
         log = McapLog(path)
         recorder = GraphRecorder(log)
         try:
-            recorder.record(
-                seconds, stop, network=network, namespace=namespace, say=lambda text: say(text, markup=False)
-            )
+            recorder.record(seconds, stop, network=network, namespace=namespace, say=say)
         finally:
             if recorder.received:
                 log.close()
@@ -54,11 +51,9 @@ def record(
         table.add_row(topic, str(count))
     console().print(table)
     for topic, reason in recorder.left_out.items():
-        say(f"{topic} left out: {reason}", markup=False, highlight=False)
+        say(f"{topic} left out: {reason}")
     lost = f"{recorder.lost} joint samples lost" if recorder.lost else "no joint sample lost"
-    say(
-        f"{path}: {recorder.duration:.3f} s, {sum(log.counts.values())} messages, {lost}", markup=False, highlight=False
-    )
+    say(f"{path}: {recorder.duration:.3f} s, {sum(log.counts.values())} messages, {lost}")
 
 
 def replay(
@@ -68,9 +63,8 @@ def replay(
     """Run the laws again on a recording or a black box; status 0 only if every command is the same to the last bit."""
     with report_errors():
         report = _replay(file, robot)
-    say = console(soft_wrap=True).print
     for line in _lines(report):
-        say(line, markup=False, highlight=False)
+        say(line)
     raise typer.Exit(0 if report.identical else 1)
 
 
@@ -121,7 +115,7 @@ def plot(
 
     with report_errors():
         files = plot_record(read_run(file, robot), out)
-    console(soft_wrap=True).print(", ".join(str(each) for each in files), markup=False, highlight=False)
+    say(", ".join(str(each) for each in files))
 
 
 def export(
@@ -145,3 +139,80 @@ def export(
         frames = [n for name, n in lengths if name == each]
         table.add_row(each, str(len(frames)), str(sum(frames)))
     console().print(table)
+
+
+log_app = typer.Typer(no_args_is_help=True, help="Write logs of the running robot, and draw those of its black box.")
+
+
+@log_app.command()
+def imu(
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write a table here.")] = None,
+    mcap: Annotated[Path | None, typer.Option("--mcap", help="Write the messages here.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="For how long; until Ctrl-C otherwise.")] = None,
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Log orientation, rate and specific force of the IMU from /imu/data; Ctrl-C completes the files."""
+    if csv is None and mcap is None:
+        raise typer.BadParameter("name a file: --csv FILE, --mcap FILE, or both")
+    need_ros()
+    from bridge.record.graph_recorder import ImuListener
+    from bridge.record.mcap_log import McapLog
+    from models.nodes import topics
+    from models.nodes.imu import CsvImuLog, ImuSample
+    from models.nodes.spin import Stop
+
+    topic = f"/{topics.IMU_DATA}"
+    messages: McapLog | None = None
+    lines: CsvImuLog | None = None
+
+    def take(stamp: int, sample: ImuSample, data: bytes) -> None:
+        if messages is not None:
+            messages.add(topic, data, stamp)
+        if lines is not None:
+            lines.add(stamp, sample, data)
+
+    listener = ImuListener(take)
+    stop = Stop()  # Ctrl-C no longer interrupts: the files are completed
+    with report_errors():
+        try:
+            if mcap is not None:
+                messages = McapLog(mcap)
+                messages.announce(topic, "sensor_msgs/msg/Imu")
+            if csv is not None:
+                lines = CsvImuLog(csv)
+            listener.listen(seconds, stop, network=network, namespace=namespace)
+        finally:
+            for log in (messages, lines):
+                if log is None:
+                    continue
+                if listener.count:
+                    log.close()
+                else:
+                    log.discard()
+    if not listener.count:
+        raise typer.Exit(1)
+    files = ", ".join(str(path) for path in (csv, mcap) if path is not None)
+    refused = f", {listener.refused} refused" if listener.refused else ""
+    say(f"{listener.count} samples in {listener.duration:.3f} s{refused}: {files}")
+
+
+@log_app.command("black-box")
+def black_box(
+    file: Annotated[Path, typer.Argument(help="File of a black box; ~/.local/state/poise/black_box holds them.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("out/black_box"),
+    last: Annotated[float, typer.Option(min=0.0, help="Draw so many seconds of its end.")] = 60.0,
+    robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
+) -> None:
+    """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
+    from bridge.plots.record import plot_black_box
+    from controllers.recording.black_box_file import BlackBoxRecord
+    from models.robot_model import RobotModel
+
+    with report_errors():
+        record = BlackBoxRecord.load(file).last(last)
+        files = plot_black_box(RobotModel.load(robot or record.robot), record, out)
+    say(f"{record.robot}, {len(record.t)} rows, {record.t[-1] - record.t[0]:.3f} s: {record.reason}")
+    for t, text in record.events:
+        say(f"{t:10.3f} s  {text}")
+    say(", ".join(str(path) for path in files))

@@ -89,33 +89,26 @@ class Paced(Protocol):
     @property
     def running(self) -> bool:
         """Whether the plant's time advances."""
-        ...
 
     @property
     def answered(self) -> bool:
         """Whether the drivers have the command of this tick."""
-        ...
 
     @property
     def free_running(self) -> bool:
         """Lockstep: whether the plant steps without an answer, because no command is due."""
-        ...
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
-        ...
 
     def step(self) -> None:
         """Advance by one tick."""
-        ...
 
     def overrun(self, ticks: int) -> None:
         """Count skipped ticks, possibly none."""
-        ...
 
     def idle(self) -> None:
         """Publish a sign of life; called regularly while the plant's time stands still."""
-        ...
 
 
 def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:

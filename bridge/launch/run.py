@@ -23,7 +23,6 @@ class Running(AbstractContextManager["Running"], Protocol):
 
     def spin(self, duration: float) -> None:
         """Serve callbacks and supervise the processes for a time [s]."""
-        ...
 
 
 class _Interrupted(Exception):

@@ -27,22 +27,18 @@ class Plant(Protocol):
     @property
     def period(self) -> float:
         """Time from one tick to the next [s]."""
-        ...
 
     def read(self) -> SensorData:
         """Newest measurements, nan where not measured; the robot's stamp stays the same without a new sample."""
-        ...
 
     def write(self, command: JointCommand) -> None:
         """Set the command that the drives track until the next call.
 
         tau = kp (q_d - q) + kd (v_d - v) + tau_d, limits applied.
         """
-        ...
 
     def close(self) -> None:
         """Release the torque and the connection; otherwise the robot may keep its last command."""
-        ...
 
 
 @runtime_checkable
@@ -58,67 +54,52 @@ class SimulatedPlant(Plant, Protocol):
     @property
     def t(self) -> float:
         """Simulated time since ``reset`` [s]."""
-        ...
 
     @property
     def held(self) -> bool:
         """Whether the base is held."""
-        ...
 
     @property
     def load(self) -> float:
         """True normal force on both soles [N]."""
-        ...
 
     @property
     def truth(self) -> RobotState:
         """True state; for scoring only."""
-        ...
 
     @property
     def obstacle_centre(self) -> Vector | None:
         """Middle of the obstacle in W (3,) [m]; None for a world without one."""
-        ...
 
     def reset(self, seed: int | None = None) -> None:
         """Reset the robot to its start with its base held; a seed replaces that of the sensor noise."""
-        ...
 
     def hold(self) -> None:
         """Hold the base where it is."""
-        ...
 
     def release(self) -> None:
         """Release the base."""
-        ...
 
     def hoist(self, height: float) -> None:
         """Lift the held robot by a height [m]."""
-        ...
 
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body's CoM with a force in W (3,) [N] for a time [s]; ``CommandError`` for invalid arguments."""
-        ...
 
     def place_obstacle(self, x: float, y: float) -> None:
         """Place the obstacle on the ground at a point of W [m]; ``CommandError`` for a world without one."""
-        ...
 
     def remove_obstacle(self) -> None:
         """Move the obstacle out of the way."""
-        ...
 
     def transmit(self, sensors: SensorData) -> SensorData | None:
         """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
-        ...
 
     def transmit_scan(self, scan: Scan) -> Scan | None:
         """A scan as the laws receive it; None when a fault suppresses it."""
-        ...
 
     def step(self) -> None:
         """Advance the world by one period."""
-        ...
 
 
 def find_plant(name: str) -> Callable[..., Plant]:

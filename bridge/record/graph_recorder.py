@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from array import array
 from collections.abc import Callable
@@ -12,28 +11,21 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from bridge.record.mcap_log import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES, McapLog
 from bridge.record.run_file import missing
-from bridge.ros.environment import join_graph, roomy_profile
-from bridge.ros.processes import absolute_namespace, in_namespace
+from bridge.ros.participant import participant
 from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.messages import decode
 from models.nodes.qos import SENSOR_QUEUE
-from models.nodes.spin import Stop, log_arguments, make_executor
+from models.nodes.spin import Stop, make_executor
 
 LOOK = 0.1  #: Polling period for new topics [s]
 PATIENCE = 2.0  #: Time without a robot after which a message says so [s]
@@ -92,22 +84,15 @@ class GraphRecorder:
         With ``network`` the robot may run on another machine. The file omits its namespace, so that it replays as that
         of a robot without one. ``say`` takes a sentence about progress.
         """
-        join_graph(network=network)
         with suppress(OSError):  # not permitted: as any other process
             os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # before there are threads, which inherit it
-        context = Context()
-        arguments = [*sys.argv[:1], *log_arguments()]
-        with roomy_profile(RECEIVE_BUFFER):
-            rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-            node = Node("poise_record", context=context, **in_namespace(absolute_namespace(namespace)))
-        executor = make_executor(context)
+        joined = participant(
+            "poise_record", network=network, namespace=namespace, receive_buffer=RECEIVE_BUFFER, make=make_executor
+        )
         try:
-            executor.add_node(node)
-            self._run(node, executor, seconds, stop, say)
+            with joined as (node, executor):
+                self._run(node, executor, seconds, stop, say)
         finally:
-            executor.shutdown()
-            node.destroy_node()
-            try_shutdown(context=context)
             self._write_waiting()
             self._log.describe(DESCRIPTION, {ROBOT: self.robot})
 
@@ -236,23 +221,12 @@ class ImuListener:
         ``stop`` is set by the signal; with ``network`` the robot may run on another machine. Raises ``CommandError``
         when no sample arrives within ``silence`` [s].
         """
-        join_graph(network=network)
-        context = Context()
-        args = [*sys.argv, *log_arguments()]
-        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-        node = Node("poise_imu_log", context=context, **in_namespace(absolute_namespace(namespace)))
-        executor = SingleThreadedExecutor(context=context)
-        try:
-            executor.add_node(node)
+        with participant("poise_imu_log", network=network, namespace=namespace) as (node, executor):
             node.create_subscription(Imu, topics.IMU_DATA, self.on_message, SENSOR_QUEUE, raw=True)
-            heard, since = self.count, time.monotonic()
+            received, since = self.count, time.monotonic()
             while not stop.requested and (seconds is None or self.duration < seconds):
                 executor.spin_once(timeout_sec=SPIN)
-                if self.count != heard:
-                    heard, since = self.count, time.monotonic()
+                if self.count != received:
+                    received, since = self.count, time.monotonic()
                 elif time.monotonic() - since > silence:
                     raise CommandError(f"{topics.IMU_DATA} is silent for {silence:.0f} s: is the robot up? (poise up)")
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-            try_shutdown(context=context)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
 
 from mcap.writer import Writer
 
 from models.files import part_beside
 from models.nodes import topics
-from models.nodes.imu import ImuSample
 from models.nodes.message_text import message_text
 
 DESCRIPTION, ROBOT = "poise", "robot"  #: Metadata record of the file, and its key with the name of the robot's profile
@@ -108,39 +106,3 @@ class McapLog:
         """Delete the incomplete file."""
         self._file.close()
         self._part.unlink()
-
-
-class ImuLog(Protocol):
-    """Log of samples."""
-
-    def add(self, stamp: int, sample: ImuSample, data: bytes) -> None:
-        """Write a sample of a stamp [ns] with its serialised message."""
-        ...
-
-    def close(self) -> None:
-        """Complete the file and move it to its path."""
-        ...
-
-    def discard(self) -> None:
-        """Delete the incomplete file."""
-        ...
-
-
-class McapImuLog:
-    """The received messages, with their stamps as the time of the log; arguments and errors as ``McapLog``."""
-
-    def __init__(self, path: Path, topic: str) -> None:
-        self._log, self._topic = McapLog(path), topic
-        self._log.announce(topic, "sensor_msgs/msg/Imu")
-
-    def add(self, stamp: int, sample: ImuSample, data: bytes) -> None:
-        """Write the message."""
-        self._log.add(self._topic, data, stamp)
-
-    def close(self) -> None:
-        """Complete the file and move it to its path."""
-        self._log.close()
-
-    def discard(self) -> None:
-        """Delete the incomplete file."""
-        self._log.discard()

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from models.errors import PoiseError
 from models.robot_model import RobotModel
-from models.types import Matrix, RobotState, Vector
+from models.types import Matrix, Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,37 +85,3 @@ def sole_middle(model: RobotModel, data: pin.Data, q: Vector) -> tuple[float, fl
     middle = 0.5 * (poses[0].translation + poses[1].translation)
     ahead = poses[0].rotation[:, 0] + poses[1].rotation[:, 0]
     return float(middle[0]), float(middle[1]), float(np.arctan2(ahead[1], ahead[0]))
-
-
-class Recorder:
-    """Collects robot states into a ``Recording``, at most one per period [s]."""
-
-    def __init__(self, robot: str, period: float = 0.01) -> None:
-        self._robot = robot
-        self._period = period
-        self._states: list[RobotState] = []
-        self._events: list[tuple[float, str]] = []
-
-    def add(self, state: RobotState) -> None:
-        """Add a state, unless it is older than the last one or within the period."""
-        if not self._states or state.t >= self._states[-1].t + self._period - 1e-9:  # 1e-9: rounding of stamps
-            self._states.append(state)
-
-    def event(self, t: float, text: str) -> None:
-        """Add an event at a time [s]."""
-        self._events.append((t, text))
-
-    def recording(self) -> Recording:
-        """The recording so far; ``PoiseError`` without states."""
-        if not self._states:
-            raise PoiseError("nothing was recorded: no state of the robot arrived")
-        states = self._states
-        return Recording(
-            robot=self._robot,
-            t=np.array([state.t for state in states]),
-            q=np.array([state.q for state in states]),
-            v=np.array([state.v for state in states]),
-            tau=np.array([state.tau for state in states]),
-            wrenches=np.array([[contact.wrench for contact in state.contacts] for state in states]),
-            events=tuple(self._events),
-        )

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import try_shutdown
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.ros.environment import join_graph
-from bridge.ros.processes import absolute_namespace, in_namespace
+from bridge.ros.participant import participant
+from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
-from models.nodes.spin import log_arguments
 from models.nodes.status import subscribe_status
 from models.status import MotionState, MotionStatus, Status, SupervisorStatus
 from models.types import CommandReply
@@ -64,7 +57,7 @@ class Client:
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
-        context: The ROS context.
+        context: The ROS context, inside the ``with`` block.
     """
 
     def __init__(self, *, network: bool = False, signer: Signer | None = None, namespace: str = "") -> None:
@@ -74,16 +67,13 @@ class Client:
         self.driver_state = ""
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
-        self.context = Context()
+        self.context: Context
+        self._stack = ExitStack()
 
     def __enter__(self) -> Client:
-        join_graph(network=self._network)
-        rclpy.init(
-            args=[*sys.argv, *log_arguments()], context=self.context, signal_handler_options=SignalHandlerOptions.NO
-        )
-        self._node = Node("poise_client", context=self.context, **in_namespace(self.namespace))
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self._node)
+        joined = participant("poise_client", network=self._network, namespace=self.namespace)
+        self._node, self._executor = self._stack.enter_context(joined)
+        self.context = self._node.context
         self._text = self._node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
         listen = self._node.create_subscription
         listen(String, topics.MODE, self._on_mode, LATCHED)
@@ -92,13 +82,8 @@ class Client:
         self.subscribe_status(SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._executor.remove_node(self._node)
-        self._executor.shutdown()
-        self._node.destroy_node()
-        try_shutdown(context=self.context)
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
 
     def _on_mode(self, message: String) -> None:
         self.mode = message.data

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.record.graph_recorder import ImuListener
-from bridge.record.mcap_log import McapImuLog
+from bridge.record.mcap_log import McapLog
 from models.constants import GRAVITY
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
@@ -51,14 +51,12 @@ def table(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def test_both_files_hold_every_sample(tmp_path: Path) -> None:
-    logs = [
-        CsvImuLog(tmp_path / "new" / "imu.csv"),
-        McapImuLog(tmp_path / "imu.mcap", "/imu/data"),
-    ]
+    lines, messages = CsvImuLog(tmp_path / "new" / "imu.csv"), McapLog(tmp_path / "imu.mcap")
+    messages.announce("/imu/data", "sensor_msgs/msg/Imu")
 
     def take(stamp: int, taken: ImuSample, data: bytes) -> None:
-        for log in logs:
-            log.add(stamp, taken, data)
+        lines.add(stamp, taken, data)
+        messages.add("/imu/data", data, stamp)
 
     listener = ImuListener(take)
     stamps = [12_000_000_000 + 10 * MS * i for i in range(300)]
@@ -67,8 +65,8 @@ def test_both_files_hold_every_sample(tmp_path: Path) -> None:
     listener.on_message(encode(stamps[-1]))  # twice
     listener.on_message(b"no message")
     assert list(tmp_path.glob("*.mcap")) == []  # not before it is complete
-    for log in logs:
-        log.close()
+    lines.close()
+    messages.close()
     assert (listener.count, listener.refused, listener.duration) == (300, 2, pytest.approx(2.99))
 
     header, rows = table(tmp_path / "new" / "imu.csv")
@@ -78,10 +76,10 @@ def test_both_files_hold_every_sample(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows[7, 5:8], RPY, atol=1e-8)
     np.testing.assert_allclose(rows[7, 8:], [7.0, 2.0, 3.0, 4.0, 5.0, GRAVITY])
 
-    messages = list(read_ros2_messages(str(tmp_path / "imu.mcap")))
-    assert [each.log_time_ns for each in messages] == stamps
-    assert (messages[7].channel.topic, messages[7].schema.name) == ("/imu/data", "sensor_msgs/msg/Imu")
-    message = messages[7].ros_msg
+    found = list(read_ros2_messages(str(tmp_path / "imu.mcap")))
+    assert [each.log_time_ns for each in found] == stamps
+    assert (found[7].channel.topic, found[7].schema.name) == ("/imu/data", "sensor_msgs/msg/Imu")
+    message = found[7].ros_msg
     assert message.header.frame_id == topics.IMU_FRAME
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 70 * MS)
     assert message.orientation.w == pytest.approx(sample().orientation[3], abs=1e-15)

@@ -173,7 +173,7 @@ class _Robot:
 
     asked: ClassVar[list[object]] = []
 
-    def __init__(self, *, network: bool = False, namespace: str = "") -> None:
+    def __init__(self, *, network: bool = False, namespace: str = "", signer: object = None) -> None:
         self.asked.clear()
 
     def __enter__(self) -> _Robot:

@@ -1,0 +1,106 @@
+"""Commands to a running robot: texts, modes, walks, reaching, calibrations and the crane."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bridge.commands.common import Namespace, Network, connected, print_reply
+
+CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
+
+
+def mode(
+    name: Annotated[str, typer.Argument(help="off, damp, stand or walk; also estop and reset_faults.")],
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Request a mode of the running robot."""
+    services = {word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")}
+    services |= {word: word for word in ("estop", "reset_faults")}
+    if name not in services:
+        raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(services)}")
+    with connected(network, namespace) as client:
+        raise typer.Exit(print_reply(client.trigger(services[name])))
+
+
+def walk(
+    forward: Annotated[float | None, typer.Argument(help=r"Velocity forward; negative backward \[m/s].")] = None,
+    left: Annotated[float, typer.Argument(help=r"Velocity to the left \[m/s].")] = 0.0,
+    turn: Annotated[float, typer.Argument(help=r"Turning speed to the left \[rad/s].")] = 0.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="How long; then it stops and stands.")] = 5.0,
+    to: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help=r"Walk to x \[m], y \[m] and heading \[rad] in odom instead.", metavar="X Y YAW"),
+    ] = None,
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Have the running robot walk at a velocity, on /cmd_vel, or to a pose, on /goal_pose, then stand."""
+    if to is None and forward is None:
+        raise typer.BadParameter("give a velocity, or a pose with --to")
+    with connected(network, namespace) as client:
+        from bridge.ros.walk import walk as drive
+        from bridge.ros.walk import walk_to
+
+        if to is not None:
+            raise typer.Exit(print_reply(walk_to(client, to)))
+        raise typer.Exit(print_reply(drive(client, (forward or 0.0, left, turn), seconds)))
+
+
+def calibrate(
+    what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Have the running robot calibrate its sensors, show what is kept, or return to the file before it."""
+    known = ("imu", "joints", "feet", "show", "rollback")
+    if what not in known:
+        raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
+    with connected(network, namespace) as client:
+        raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
+
+
+def hang(
+    down: Annotated[bool, typer.Option("--down", help="Put it back to its start.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Have a crane lift the simulated robot, held or off, so that its feet are in the air."""
+    with connected(network, namespace) as client:
+        raise typer.Exit(print_reply(client.switch("hang", not down)))
+
+
+def send(
+    text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
+    key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
+    source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Send a text command to the running robot and say what became of it."""
+    with connected(network, namespace, key, source) as client:
+        raise typer.Exit(print_reply(client.command(text)))
+
+
+def reach(
+    frame: Annotated[str, typer.Argument(help="left_hand, right_hand, head, base_link or torso.")],
+    x: Annotated[float, typer.Argument(help=r"Forward \[m].")],
+    y: Annotated[float, typer.Argument(help=r"Left \[m].")],
+    z: Annotated[float, typer.Argument(help=r"Up \[m].")],
+    of: Annotated[
+        str, typer.Option("--in", help="Frame of the target: odom, base_footprint, or one of the robot.")
+    ] = "base_link",
+    duration: Annotated[float, typer.Option(min=0.0, help=r"Time to get there; 0: as short as can be \[s].")] = 0.0,
+    plan_only: Annotated[bool, typer.Option("--plan-only", help="Say whether and how fast; nothing moves.")] = False,
+    network: Network = False,
+    namespace: Namespace = "",
+) -> None:
+    """Have the standing robot bring a hand, its head or its pelvis to a place, or say why it cannot."""
+    with connected(network, namespace) as client:
+        from bridge.ros.walk import reach as go
+
+        reply = go(client, frame, (x, y, z), frame_id=of, duration=duration, execute=not plan_only)
+        raise typer.Exit(print_reply(reply))
