@@ -10,7 +10,7 @@ ROBOT ?= g1
 OUT ?= out
 BENCHES ?= tick qp gait loop push stand latency calibrate estimate walk terrain
 
-.PHONY: help demo view test test-slow check bench report report-docs reference clean distclean
+.PHONY: help demo view test test-slow check bench report report-docs docs reference clean distclean
 
 help:  ## This text
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
@@ -54,6 +54,10 @@ report-docs:  ## ... and what of it is committed in docs/benchmark_report/, also
 	@.ci/setup dev
 	@$(BIN)/poise bench all --quick --out $(OUT)/bench-quick || [ $$? -eq 1 ]
 	@$(BIN)/poise bench report $(OUT)/bench-quick --docs docs/benchmark_report
+
+docs:  ## The documentation as a site in out/site, with the reference of the Python interface; no dead link passes
+	@.ci/setup dev
+	@NO_MKDOCS_2_WARNING=1 PYTHONPATH=$(CURDIR) $(BIN)/mkdocs build --quiet --strict
 
 reference:  ## docs/reference.md from what the nodes declare
 	@.ci/setup dev
