@@ -138,8 +138,7 @@ def run_all(
 ) -> None:
     """All benchmarks: cases in JSON lines, a Markdown and an HTML report with plots; it goes on where it ended."""
     from benchmarks.report.report_page import write_report
-    from benchmarks.report.saved_reports import CASES
-    from benchmarks.report.suite import entries_of, run_suite
+    from benchmarks.report.suite import CASES, entries_of, run_suite
 
     console, name = Console(), "quick" if quick else "full"
     with refused(console):
@@ -161,7 +160,7 @@ def report(
 ) -> None:
     """Build the report of all benchmarks again from their JSON lines, without measuring anything."""
     from benchmarks.report.report_page import publish_report, write_report
-    from benchmarks.report.saved_reports import read_progress
+    from benchmarks.report.suite import read_progress
 
     console = Console()
     with refused(console):

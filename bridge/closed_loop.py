@@ -65,6 +65,8 @@ class ClosedLoop:
         record_period_s: Time between two rows of it [s]; that of ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
         controller: Whole-body law to use instead of a new ``BalanceController``.
+        stack: Control stack to use instead of a new ``ControlStack`` with ``controller``, ``gait`` and ``calibration``.
+        drivers: Joint drivers.
         gait: How it walks; the gait of the robot when None.
         config: Start-up, scoring and log settings; the packaged ones when None.
         sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
@@ -109,6 +111,8 @@ class ClosedLoop:
         record_period_s: float | None = None,
         visuals: bool = False,
         controller: Law | None = None,
+        stack: ControlStack | None = None,
+        drivers: type[JointServo] = JointServo,
         gait: GaitConfig | None = None,
         config: LoopConfig | None = None,
         sensor_errors: SensorErrors | None = None,
@@ -152,7 +156,7 @@ class ClosedLoop:
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
         self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, controller, estimate)
         replayable = estimate == "sensors" and controller is None
-        self.stack = ControlStack(
+        self.stack = stack or ControlStack(
             self.robot,
             StackConfig(gait=gait),
             period=control_period_s,
@@ -172,6 +176,7 @@ class ClosedLoop:
             note=self._note,
             after_tick=self._record,
             recorder=self._recorder,
+            drivers=drivers,
         )
         self.log = LoopLog(self.robot)
         self.events: list[tuple[float, str]] = []
@@ -402,7 +407,10 @@ class ClosedLoop:
         if self.black_box is not None:
             self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
-            self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
+            self._add_row()
+
+    def _add_row(self) -> None:
+        self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))

@@ -78,32 +78,20 @@ class Part:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Info:
-    """Description of a benchmark.
+    """Description of a benchmark."""
 
-    Attributes:
-        about: Help text of its command.
-        order: Place in the suites and in the report.
-        command: Name of the command when it differs from that of the report; several modes share one.
-        mode: Value of the option ``--mode`` that selects it.
-        seeds: Default number of seeds.
-        choice: Option that selects cases; none when empty.
-        contender: Whether another controller can be tested.
-        quick, full: Parts of ``poise bench all --quick`` and ``--full``; left out when None.
-        keys: Figures in the summary of the report, with their names in words.
-        figures: Figures in the table of the report.
-    """
-
-    about: str
-    order: int = 1000
-    command: str = ""
-    mode: str = ""
-    seeds: Count = 1
-    choice: Literal["", "scenario", "direction"] = ""
-    contender: bool = False
-    quick: Part | None = None
-    full: Part | None = None
+    about: str  #: Help text of its command
+    order: int = 1000  #: Place in the suites and in the report
+    command: str = ""  #: Name of the command when it differs from that of the report; several modes share one
+    mode: str = ""  #: Value of the option ``--mode`` that selects it
+    seeds: Count = 1  #: Default number of seeds
+    choice: Literal["", "scenario", "direction"] = ""  #: Option that selects cases; none when empty
+    contender: bool = False  #: Whether another controller can be tested
+    quick: Part | None = None  #: Part of ``poise bench all --quick``; left out when None
+    full: Part | None = None  #: Likewise, of ``--full``
+    #: Figures in the summary of the report, with their names in words
     keys: dict[str, str] = field(default_factory=dict)
-    figures: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()  #: Figures in the table of the report
 
 
 class Benchmark(ABC):
@@ -117,9 +105,9 @@ class Benchmark(ABC):
     def __init__(self, name: str) -> None:
         self.name = name
 
-    @abstractmethod
     def cases(self, options: Options) -> list[Case]:
-        """Inputs of every case; ``ConfigError`` where the options name an unknown scenario."""
+        """Inputs of every case, by default one a seed; ``ConfigError`` where the options name an unknown scenario."""
+        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
 
     @abstractmethod
     def figures(self, cases: list[Case]) -> dict[str, float]:

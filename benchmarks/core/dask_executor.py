@@ -11,13 +11,12 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
-from types import TracebackType
 
 from distributed import Client, Future, LocalCluster, Security, as_completed
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 
-from benchmarks.core.measured import Case, Done
+from benchmarks.core.executors import Case, Done, Executor
 from benchmarks.core.provenance import source_state, versions
 from models.errors import PoiseError, WorkersError
 from models.numerics.threads import use_one_thread
@@ -40,14 +39,14 @@ def _sent() -> Callable[..., Done]:
     """Function sent to workers as code: a worker without poise can still load it, and reports what is missing."""
 
     def measured_there(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
-        from benchmarks.core.measured import measured_elsewhere
+        from benchmarks.core.executors import measured_elsewhere
 
         return measured_elsewhere(module, name, case, asked)
 
     return measured_there
 
 
-class DaskWorkers:
+class DaskWorkers(Executor):
     """Workers of dask: ``workers`` processes on the loopback interface of this machine, or those of ``scheduler``.
 
     Workers started here take one case at a time, with numerical libraries on one thread.
@@ -57,12 +56,6 @@ class DaskWorkers:
         self._workers, self._address = workers, scheduler
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
-
-    def __enter__(self) -> DaskWorkers:
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: TracebackType | None) -> None:
-        self.rest()
 
     def rest(self) -> None:
         """See ``Executor``; the workers of a scheduler elsewhere stay there."""
@@ -143,7 +136,6 @@ class DaskWorkers:
                 client.cancel(list(indices))
 
     def _cores(self, client: Client) -> int:
-        """Cases that all workers together can measure at a time."""
         try:
             if client.status == "running":
                 return sum(client.ncores().values())

@@ -1,33 +1,101 @@
-"""Where cases are measured: in this process, in a pool of processes, or by dask on one machine or many."""
+"""One measured case, and where cases are measured: this process, a pool of processes, or dask on many machines."""
 
 from __future__ import annotations
 
+import os
+import socket
+import time
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from multiprocessing import get_context
-from types import TracebackType
+from operator import attrgetter
+from typing import Any
 
-from benchmarks.core.measured import Case, Done, Executor, measured
-from models.errors import PoiseError
+from benchmarks.core.provenance import difference, machine, source_state, versions
+from models.errors import PoiseError, WorkersError
 from models.nodes.realtime import die_with_parent
 from models.numerics.threads import use_one_thread
+
+Case = dict[str, Any]  # one measured case: its inputs (seed, direction, ...) and outcome, as plain JSON values
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """One finished case from the process that measured it.
+
+    ``seconds`` is wall time, ``cpu_seconds`` processor time without children [s], ``load`` the load average afterwards;
+    ``machine`` and ``revision`` are those of ``provenance``; ``host`` is for messages only.
+    """
+
+    outcome: Case
+    seconds: float
+    cpu_seconds: float
+    load: float
+    machine: str
+    revision: str
+    versions: dict[str, str]
+    host: str
+
+
+class Clock:
+    """Times a case of this process, from when it is made."""
+
+    def __init__(self) -> None:
+        self._wall, self._cpu = time.monotonic(), time.process_time()
+
+    def done(self, outcome: Case) -> Done:
+        """The case, just finished."""
+        seconds, cpu = time.monotonic() - self._wall, time.process_time() - self._cpu
+        load = round(os.getloadavg()[0], 2)
+        where = machine(), source_state(), versions(), socket.gethostname()
+        return Done(outcome, round(seconds, 3), round(cpu, 3), load, *where)
+
+
+def measured(measure: Callable[..., Case], case: Case) -> Done:
+    """Measure one case in this process."""
+    clock = Clock()
+    return clock.done(measure(**case))
+
+
+def measured_elsewhere(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
+    """Measure one case on another machine; ``WorkersError`` when revision or packages differ from those ``asked`` for.
+
+    The function is passed by module and name, because a scheduler that unpickles a function imports all its
+    dependencies.
+    """
+    if why := difference((source_state(), versions()), asked):
+        raise WorkersError(f"a worker on {socket.gethostname()} {why}")
+    return measured(attrgetter(name)(import_module(module)), case)
+
+
+class Executor(AbstractContextManager["Executor"]):
+    """Measures cases; workers start with the first ones and end with the context."""
+
+    def __exit__(self, *_: object) -> None:
+        self.rest()
+
+    @abstractmethod
+    def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+        """Measure every case once; yields the index of each as soon as it is finished, in any order.
+
+        ``measure`` is a function of a module, sent to other processes by name, and called with a case's entries.
+        """
+
+    def rest(self) -> None:
+        """End the workers and their helpers until the next cases."""
+
 
 DEATHS_ALLOWED = 3  # deaths of workers in a row, without a finished case, that end the sweep
 
 
-class InProcess:
+class InProcess(Executor):
     """One case after another, here."""
-
-    def __enter__(self) -> InProcess:
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: TracebackType | None) -> None:
-        pass
-
-    def rest(self) -> None:
-        """There are no workers."""
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         """See ``Executor``."""
@@ -35,18 +103,12 @@ class InProcess:
             yield index, measured(measure, case)
 
 
-class ProcessPool:
+class ProcessPool(Executor):
     """Processes of this machine; when one dies, all restart with the remaining cases."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
-
-    def __enter__(self) -> ProcessPool:
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: TracebackType | None) -> None:
-        self.rest()
 
     def rest(self) -> None:
         """See ``Executor``."""
@@ -93,13 +155,15 @@ def local_executor(workers: int) -> Executor:
     return InProcess() if workers <= 1 else worker_processes(workers)
 
 
-def worker_processes(workers: int) -> Executor:
-    """Measures in other processes of this machine: by dask where it is installed, else by a pool."""
-    if find_spec("distributed") is None:
-        return ProcessPool(workers)
-    from benchmarks.core.dask_executor import DaskWorkers
+def worker_processes(workers: int = 0, scheduler: str = "") -> Executor:
+    """Measures in other processes of this machine or of a ``scheduler``: by dask where installed, else by a pool."""
+    if find_spec("distributed") is not None:
+        from benchmarks.core.dask_executor import DaskWorkers
 
-    return DaskWorkers(workers=workers)
+        return DaskWorkers(workers=workers, scheduler=scheduler)
+    if scheduler:
+        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
+    return ProcessPool(workers)
 
 
 def make_executor(workers: int, scheduler: str = "") -> Executor:
@@ -108,10 +172,4 @@ def make_executor(workers: int, scheduler: str = "") -> Executor:
     Raises:
         PoiseError: A scheduler is named and dask is not installed.
     """
-    if not scheduler:
-        return local_executor(workers)
-    if find_spec("distributed") is None:
-        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
-    from benchmarks.core.dask_executor import DaskWorkers
-
-    return DaskWorkers(scheduler=scheduler)
+    return worker_processes(scheduler=scheduler) if scheduler else local_executor(workers)

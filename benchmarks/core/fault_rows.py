@@ -16,25 +16,15 @@ from models.config import STRICT
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class AnyRow:
-    """One fault, in lockstep or of the graph.
+    """One fault, in lockstep or of the graph."""
 
-    Attributes:
-        group: Heading in the table.
-        act: Name of the act, besides ``faults``.
-        within: Longest time until the expected reaction, for 'damps' and 'stands' [s].
-        reason: Text in the reason.
-        walk: Whether the robot walks.
-        duration: Watched from the fault on [s]; None for the usual time.
-        mode: Expected mode afterwards; empty for the initial mode or that of ``expect``.
-    """
-
-    group: str
-    act: str = ""
-    within: Positive | None = None
-    reason: str = ""
-    walk: bool = False
-    duration: Positive | None = None
-    mode: str = ""
+    group: str  #: Heading in the table
+    act: str = ""  #: Name of the act, besides ``faults``
+    within: Positive | None = None  #: Longest time until the expected reaction, for 'damps' and 'stands' [s]
+    reason: str = ""  #: Text in the reason
+    walk: bool = False  #: Whether the robot walks
+    duration: Positive | None = None  #: Watched from the fault on [s]; None for the usual time
+    mode: str = ""  #: Expected mode afterwards; empty for the initial mode or that of ``expect``
 
 
 def _verdict(case: Case) -> str:
@@ -42,7 +32,6 @@ def _verdict(case: Case) -> str:
 
 
 def _line(case: Case) -> str:
-    """One row of the table."""
     limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
     time = "" if case["time"] is None else f" after {case['time']:.3f} s"
     step = f", torque step {case['torque_step']:.2f}" if "torque_step" in case else ""

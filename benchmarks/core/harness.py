@@ -23,9 +23,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from benchmarks.core.executors import InProcess, local_executor
-from benchmarks.core.measured import Case as Case
-from benchmarks.core.measured import Done, Executor
+from benchmarks.core.executors import Case as Case
+from benchmarks.core.executors import Done, Executor, InProcess, local_executor
 from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
 from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, nulled, plain, with_nan
 from models.errors import ConfigError, WorkersError

@@ -11,27 +11,26 @@ import numpy as np
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Positive
-from benchmarks.core.contender_loop import AnyLoop
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT
 from models.errors import PoiseError
 from models.types import JointCommand, Vector
 
 
-def demand(loop: AnyLoop, command: str) -> None:
+def demand(loop: ClosedLoop, command: str) -> None:
     """Give a text command that must be accepted; ``PoiseError`` names command and reason of a refusal."""
     reply = loop.command(command)
     if not reply.accepted:
         raise PoiseError(f"{command}: {reply.reason}")
 
 
-def keep_upright(loop: AnyLoop) -> None:
+def keep_upright(loop: ClosedLoop) -> None:
     """``PoiseError`` when the robot has fallen, saying how."""
     if loop.fallen:
         raise PoiseError(f"{loop.robot.name} fell: {loop.fall_reason}")
 
 
-def advance(loop: AnyLoop, duration: float) -> None:
+def advance(loop: ClosedLoop, duration: float) -> None:
     """Run for a time [s]; ``PoiseError`` when the robot falls."""
     loop.run(duration)
     keep_upright(loop)

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from benchmarks.core.measured import Done
+from benchmarks.core.executors import Done
 from benchmarks.core.provenance import digest
 from models.errors import ConfigError
 
@@ -151,11 +151,6 @@ def _text(line: Line) -> str:
 class ResultsFile:
     """Finished cases by key; a context that locks the file and removes an incomplete last line.
 
-    Attributes:
-        found: Requested cases that were in the file.
-        added: Cases written.
-        taken: Keys of the cases that each benchmark requested, in order.
-
     Raises:
         ConfigError: Another process writes to it, or a line is damaged.
     """
@@ -175,8 +170,8 @@ class ResultsFile:
             raise
         self._lines = {line["key"]: line for line in lines if "key" in line and not line["case"].get(NOT_RUN)}
         _take_away_the_rest(self._file)
-        self.found = self.added = 0
-        self.taken: dict[str, list[str]] = {}
+        self.found = self.added = 0  #: Requested cases that were in the file, and cases written
+        self.taken: dict[str, list[str]] = {}  #: Keys of the cases that each benchmark requested, in order
 
     def __enter__(self) -> ResultsFile:
         return self

@@ -12,16 +12,17 @@ from unittest.mock import patch
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most
-from benchmarks.core.harness import Case, Options, Report
+from benchmarks.core.harness import Case, Report
 from benchmarks.core.machine import resident
 from models.config import STRICT
-from models.types import Vector
+from models.types import SolveStatus, Vector
 
 MICRO = 1e-3  # nanoseconds to microseconds
+STATUSES = tuple(SolveStatus)
 
 #: Percentiles that a case keeps of every subject, for the plot [%]
 QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
@@ -76,30 +77,20 @@ def resident_growth(run: Callable[[float], None], settle: float, time: float) ->
     """Growth of resident memory over a run of ``time`` [s], after one of ``settle`` [s], simulated [KiB]."""
     with collector_off():
         run(settle)
-        before = _resident()
+        before = resident("self")
         run(time)
-        return _resident() - before
-
-
-def _resident() -> float:
-    """Resident memory of this process [KiB]."""
-    return 1024.0 * resident("self")
+        return 1024.0 * (resident("self") - before)
 
 
 class Stopwatch:
-    """Times calls, and records which of them the scheduler interrupted.
-
-    Attributes:
-        wall, cpu: Wall-clock and thread CPU time (rows, subjects) [ns].
-        preempted: Whether the scheduler interrupted the call (rows, subjects).
-        count: Rows begun by ``timing``.
-    """
+    """Times calls, and records which of them the scheduler interrupted."""
 
     def __init__(self, rows: int, subjects: int) -> None:
-        self.wall = np.zeros((rows, subjects), dtype=np.int64)
-        self.cpu = np.zeros_like(self.wall)
+        self.wall = np.zeros((rows, subjects), dtype=np.int64)  #: Wall-clock time (rows, subjects) [ns]
+        self.cpu = np.zeros_like(self.wall)  #: CPU time of the thread (rows, subjects) [ns]
+        #: Whether the scheduler interrupted the call (rows, subjects)
         self.preempted = np.zeros(self.wall.shape, dtype=bool)
-        self.count = 0
+        self.count = 0  #: Rows begun by ``timing``
 
     def measure(self, row: int, subject: int, call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         """Time one call; returns what it returns."""
@@ -148,10 +139,6 @@ class TimedBenchmark(Benchmark):
 
     alone = True
 
-    def cases(self, options: Options) -> list[Case]:
-        """One a seed."""
-        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
-
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """Figures of all cases, as of ``over_seeds``."""
         return over_seeds(cases)
@@ -164,6 +151,16 @@ class TimedBenchmark(Benchmark):
         """The worst seed of each bounded figure."""
         preempted = f"{report.figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out"
         return [*judge(report.cases, self.bounds(report))[1], f"wall-clock time; {preempted}"]
+
+
+def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -> dict[str, float]:
+    """Figures of the QPs, from KKT residuals (ticks,) [-] and indices into ``STATUSES`` (ticks,)."""
+    figures = {"kkt_residual_max": float(residual.max())}
+    for index, name in enumerate(STATUSES):
+        figures[f"ticks_{name.value}"] = float(np.count_nonzero(status == index))
+    certified = (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
+    figures["ticks_uncertified"] = len(status) - sum(figures[f"ticks_{name.value}"] for name in certified)
+    return figures
 
 
 def judge(cases: Sequence[Case], bounds: Mapping[str, Bound]) -> tuple[bool, list[str]]:

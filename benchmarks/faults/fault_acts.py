@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 from unittest.mock import patch
 
 import numpy as np
@@ -18,11 +17,13 @@ from controllers.balance.controller import BalanceController
 from controllers.commands.arbitration import Arbiter
 from controllers.commands.body_outline import BodyOutline
 from controllers.commands.command_signature import KEY_BYTES, Signer, Verifier
+from controllers.qp.active_set import QP
+from controllers.whole_body.problem import QPBuilder
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.terrain import terrain_named
-from models.types import CommandReply, JointTrajectory, Mode
+from models.types import CommandReply, ControlResult, JointTrajectory, Matrix, Mode
 
 #: One step of an act before each tick; yields the reply to a command, if any
 Doing: TypeAlias = Iterator[CommandReply | None]
@@ -59,77 +60,69 @@ def says(*texts: str) -> Act:
     return act
 
 
-#: Makes of a trajectory that holds the posture one that must be refused
-Spoil = Callable[[JointTrajectory, RobotModel], JointTrajectory]
+def once(do: Callable[[ClosedLoop], CommandReply | None]) -> Act:
+    """The act that does one thing; what it returns is the reply."""
+
+    def act(loop: ClosedLoop) -> Doing:
+        yield do(loop)
+
+    return act
+
+
+#: Fields that make of a trajectory that holds the posture one that must be refused
+Spoil = Callable[[JointTrajectory, RobotModel], dict[str, Any]]
 
 
 def _given(spoil: Spoil) -> Act:
     def act(loop: ClosedLoop) -> Doing:
         posture = loop.controller.reference.posture
         held = JointTrajectory(loop.robot.joint_names, np.array([0.5, 1.0]), np.array([posture, posture]))
-        wrong = spoil(held, loop.robot)
+        wrong = replace(held, **spoil(held, loop.robot))
         for door in (loop.controller.follow, lambda given: loop.drivers.command_trajectory(given, loop.t)):
             reply = asked(lambda: door(wrong))  # noqa: B023  # called at once
             if reply.accepted:
-                yield CommandReply(False, "executed")
+                yield unmet("executed")
                 return
         yield reply
 
     return act
 
 
-def _unknown_joint(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    return replace(held, joint_names=("tail_joint", *held.joint_names[1:]))
-
-
-def _joint_twice(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    return replace(held, joint_names=(held.joint_names[1], *held.joint_names[1:]))
-
-
-def _nan(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    held.positions[1, 0] = np.nan
-    return held
-
-
-def _outside(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    held.positions[:, 0] = robot.q_upper[0] + 0.1  # [rad]
-    return held
-
-
-def _too_fast(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    velocities = np.zeros_like(held.positions)
-    velocities[0, 0] = 2.0 * robot.v_max[0]
-    return replace(held, velocities=velocities)
-
-
-def _jump(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-    return replace(held, times=np.array([0.0, 1.0]), positions=0.5 * (held.positions + robot.q_upper))
+def _with(values: Matrix, points: int | slice, value: float) -> Matrix:
+    """Values with another one for the first joint at some points."""
+    changed = values.copy()
+    changed[points, 0] = value
+    return changed
 
 
 def _points(count: int) -> Spoil:
-    def spoil(held: JointTrajectory, robot: RobotModel) -> JointTrajectory:
-        return replace(
-            held, times=1.0 + np.arange(count, dtype=np.float64), positions=np.tile(held.positions[:1], (count, 1))
-        )
-
-    return spoil
+    return lambda held, robot: {
+        "times": 1.0 + np.arange(count, dtype=np.float64),
+        "positions": np.tile(held.positions[:1], (count, 1)),
+    }
 
 
 def _times(*times: float) -> Spoil:
-    return lambda held, robot: replace(held, times=np.array(times))
+    return lambda held, robot: {"times": np.array(times)}
 
 
 TRAJECTORIES: Mapping[str, Act] = {
-    "trajectory_unknown_joint": _given(_unknown_joint),
-    "trajectory_joint_twice": _given(_joint_twice),
-    "trajectory_nan": _given(_nan),
+    "trajectory_unknown_joint": _given(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),
+    "trajectory_joint_twice": _given(lambda held, robot: {"joint_names": (held.joint_names[1], *held.joint_names[1:])}),
+    "trajectory_nan": _given(lambda held, robot: {"positions": _with(held.positions, 1, np.nan)}),
     "trajectory_equal_times": _given(_times(0.5, 0.5)),
     "trajectory_times_back": _given(_times(1.0, 0.5)),
     "trajectory_past": _given(_times(-2.0, -1.0)),
     "trajectory_begun": _given(_times(-0.5, 0.5)),
-    "trajectory_outside": _given(_outside),
-    "trajectory_too_fast": _given(_too_fast),
-    "trajectory_jump": _given(_jump),
+    "trajectory_outside": _given(
+        lambda held, robot: {"positions": _with(held.positions, slice(None), robot.q_upper[0] + 0.1)}
+    ),
+    "trajectory_too_fast": _given(
+        lambda held, robot: {"velocities": _with(np.zeros_like(held.positions), 0, 2.0 * robot.v_max[0])}
+    ),
+    "trajectory_jump": _given(
+        lambda held, robot: {"times": np.array([0.0, 1.0]), "positions": 0.5 * (held.positions + robot.q_upper)}
+    ),
     "trajectory_empty": _given(_points(0)),
     "trajectory_of_100000": _given(_points(100_000)),
 }
@@ -143,14 +136,7 @@ PATIENCE = 0.2  # until a robot has damped [s]
 
 
 def _velocity(forward: float) -> Act:
-    def act(loop: ClosedLoop) -> Doing:
-        yield asked(lambda: loop.set_velocity(forward, 0.0, 0.0))
-
-    return act
-
-
-def _calibrate(loop: ClosedLoop) -> Doing:
-    yield loop.calibrate("imu")
+    return once(lambda loop: asked(lambda: loop.set_velocity(forward, 0.0, 0.0)))
 
 
 def _stand_up(loop: ClosedLoop) -> Doing:
@@ -163,21 +149,18 @@ def _stand_up(loop: ClosedLoop) -> Doing:
 
 
 def _walk_damped(loop: ClosedLoop) -> Doing:
-    """Command walk while damped."""
     loop.inject(Fault("joint_states", "off", end=PATIENCE))
     yield from pause(loop, 2.0 * PATIENCE)
     yield loop.command("walk")
 
 
 def _stand_fallen(loop: ClosedLoop) -> Doing:
-    """Command stand while lying on the ground."""
-    loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
+    _knock_down(loop)
     yield from pause(loop, 1.5)
     yield loop.command("stand")
 
 
 def _flood(loop: ClosedLoop) -> Doing:
-    """Ten texts in every tick of a second."""
     for _ in range(1000):
         for _ in range(10):
             loop.command("nonsense")
@@ -234,7 +217,7 @@ COMMANDS: Mapping[str, Act] = {
     "busy": says("squat", "wave"),
     "walk_from_squat": says("squat", "walk"),
     "flood": _flood,
-    "calibrate": _calibrate,
+    "calibrate": once(lambda loop: loop.calibrate("imu")),
     "forward": _velocity(0.3),
     "nan_velocity": _velocity(math.nan),
     "walk_damped": _walk_damped,
@@ -267,10 +250,8 @@ def _kick(loop: ClosedLoop) -> Doing:
         yield from pause(loop, KICK_PERIOD)
 
 
-def _knock_down(loop: ClosedLoop) -> Doing:
-    """A push that nothing can take."""
+def _knock_down(loop: ClosedLoop) -> None:
     loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
-    yield None
 
 
 def _crane(loop: ClosedLoop, speed: float, duration: float) -> Doing:
@@ -326,72 +307,54 @@ def _stand_in_the_way(loop: ClosedLoop) -> Doing:
 
 WORLD: Mapping[str, Act] = {
     "kick": _kick,
-    "knock_down": _knock_down,
+    "knock_down": once(_knock_down),
     "lift": _lift,
     "stand_in_the_way": _stand_in_the_way,
 }
 
 
-def _solver(loop: ClosedLoop) -> BalanceController:
+def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[Any], Any], ticks: int) -> Act:
+    """For some ticks the result of a method of what ``find`` returns is another."""
+
+    def act(loop: ClosedLoop) -> Doing:
+        owner = find(loop)
+        call = getattr(owner, method)
+        with patch.object(owner, method, lambda *arguments: change(call(*arguments))):
+            for _ in range(ticks):
+                yield None
+
+    return act
+
+
+def _builder(loop: ClosedLoop) -> QPBuilder:
     if not isinstance(loop.controller, BalanceController):
         raise TypeError("another controller than the packaged one")
-    return loop.controller
+    return loop.controller.whole_body.builder
 
 
-def _spoiled(loop: ClosedLoop, ticks: int) -> Doing:
-    """NaN in the gradient of the QP for some ticks."""
-    builder = _solver(loop).whole_body.builder
-    build = builder.build
-
-    def spoil(*arguments: object) -> object:
-        qp = build(*arguments)  # type: ignore[arg-type]  # handed through
-        qp.gradient[0] = np.nan
-        return qp
-
-    with ExitStack() as stack:
-        stack.enter_context(patch.object(builder, "build", spoil))
-        for _ in range(ticks):
-            yield None
+def _nan_gradient(qp: QP) -> QP:
+    qp.gradient[0] = np.nan
+    return qp
 
 
-def _contradicted(loop: ClosedLoop) -> Doing:
-    """For half a second the limits of a joint contradict each other: faster than 1 rad/s^2, slower than -1."""
-    builder = _solver(loop).whole_body.builder
-    build = builder.build
-
-    def contradict(*arguments: object) -> object:
-        qp = build(*arguments)  # type: ignore[arg-type]  # handed through
-        row = np.flatnonzero(qp.soft & (np.abs(qp.matrix).sum(axis=1) == 1.0))[0]  # of a joint outside of the legs
-        qp.lower[row], qp.upper[row] = 1.0, -1.0
-        return qp
-
-    with patch.object(builder, "build", contradict):
-        for _ in range(500):
-            yield None
+def _contradiction(qp: QP) -> QP:
+    """Limits of a joint outside of the legs contradict each other: faster than 1 rad/s^2, slower than -1."""
+    row = np.flatnonzero(qp.soft & (np.abs(qp.matrix).sum(axis=1) == 1.0))[0]
+    qp.lower[row], qp.upper[row] = 1.0, -1.0
+    return qp
 
 
-def _nan_torques(loop: ClosedLoop, ticks: int) -> Doing:
-    """The controller hands torques to the drivers that are no numbers."""
-    controller = loop.controller
-    step = controller.step
-
-    def spoil(*arguments: object) -> object:
-        result = step(*arguments)  # type: ignore[arg-type]  # handed through
-        return structs.replace(
-            result, command=structs.replace(result.command, tau=np.full_like(result.command.tau, np.nan))
-        )
-
-    with patch.object(controller, "step", spoil):
-        for _ in range(ticks):
-            yield None
+def _nan_torques(result: ControlResult) -> ControlResult:
+    tau = np.full_like(result.command.tau, np.nan)
+    return structs.replace(result, command=structs.replace(result.command, tau=tau))
 
 
 ACTS: Mapping[str, Act] = {
-    "contradict": _contradicted,
-    "spoil_once": lambda loop: _spoiled(loop, 1),
-    "spoil": lambda loop: _spoiled(loop, 100),
-    "nan_once": lambda loop: _nan_torques(loop, 1),
-    "nan_torque": lambda loop: _nan_torques(loop, 200),
+    "contradict": _changed(_builder, "build", _contradiction, 500),
+    "spoil_once": _changed(_builder, "build", _nan_gradient, 1),
+    "spoil": _changed(_builder, "build", _nan_gradient, 100),
+    "nan_once": _changed(lambda loop: loop.controller, "step", _nan_torques, 1),
+    "nan_torque": _changed(lambda loop: loop.controller, "step", _nan_torques, 200),
     **TRAJECTORIES,
     **COMMANDS,
     **WORLD,

@@ -6,27 +6,95 @@ import math
 import tempfile
 import xml.etree.ElementTree as ET
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
+from pydantic import Field
+from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_least
-from benchmarks.core.fault_rows import FaultBenchmark
+from benchmarks.core.benchmark import Bound, Positive, at_least, settings
+from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.core.loops import TorqueSteps, demand, largest
+from benchmarks.core.loops import Search, TorqueSteps, demand, largest
 from benchmarks.faults.fault_acts import ACTS, Doing
-from benchmarks.faults.fault_rows import LoopChanges, Row, config, with_knee
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from bridge.plants.sensors import SensorErrors
-from models.config import read_yaml
+from models.config import STRICT, read_yaml
 from models.errors import PoiseError
 from models.profile import load_profile
 from models.robot_model import RobotModel
 from models.types import Mode
 from models.urdf import resolve_uri
+
+KNEE = "{knee}"  # stands for the name of the left knee's joint
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class LoopChanges:
+    """Differences from a plain closed loop; see ``ClosedLoop``."""
+
+    friction: float | None = None  #: Coulomb coefficient [-]
+    payload_kg: float = 0.0  #: At the torso [kg]
+    terrain: str = "flat"  #: Name of the ground
+    misalignment: list[float] | None = None  #: Of the IMU (3,) [rad]
+    obstacle_stop: bool = False  #: Whether the scanner stops a walk
+    profile: dict[str, Any] = Field(default_factory=dict)  #: Changed entries of the robot's profile, nested as there
+    #: Mass of the robot's first body in the URDF, relative to the one the laws were built from [-]
+    described_mass: Positive = 1.0
+
+
+@schema(frozen=True, slots=True, kw_only=True, config=STRICT)
+class Row(AnyRow):
+    """One fault in lockstep; acts are of ``benchmarks/faults/fault_acts.py``, '{knee}' in a reason is the knee's name.
+
+    ``expect`` is the required reaction, ``faults`` are those of ``bridge.plants.fault_plan``, ``box`` requires a black
+    box. A pushed robot steps first: where nothing can take the push, times count from its end, ``push`` [s] after the
+    injection.
+    """
+
+    expect: Literal["rides", "damps", "stands", "refuses"]
+    faults: list[dict[str, Any]] = Field(default_factory=list)
+    loop: LoopChanges = Field(default_factory=LoopChanges)
+    box: bool = False
+    push: Annotated[float, Field(ge=0.0)] = 0.0
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class Margin:
+    """A delay of all joint states to be found: the robot must ride through at least ``required`` [s]."""
+
+    group: str
+    required: Positive
+    walk: bool = False
+
+
+@schema(frozen=True, slots=True, config=STRICT)
+class FaultsConfig:
+    """All rows; the unit of every value stands in ``benchmarks/config/faults.yaml``."""
+
+    settle: Positive
+    duration: Positive
+    torque_step_limit: Positive
+    forward: Positive
+    delays: Search
+    margins: dict[str, Margin]
+    rows: dict[str, Row]
+
+
+config = partial(settings, FaultsConfig, "faults")
+
+
+def with_knee(value: Any, knee: str) -> Any:
+    """A value of a row with the knee's name put in."""
+    if isinstance(value, str):
+        return value.replace(KNEE, knee)
+    if isinstance(value, dict):
+        return {key: with_knee(item, knee) for key, item in value.items()}
+    return [with_knee(item, knee) for item in value] if isinstance(value, list) else value
 
 
 def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.core.executors import Clock, Done
 from benchmarks.core.fault_rows import FaultBenchmark
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, chosen, collect
-from benchmarks.core.measured import Clock, Done
 from benchmarks.core.results import NOT_RUN
 from benchmarks.graph.graph_acts import ACTS
-from benchmarks.graph.graph_kinds import GraphRow, Kind, NotHere, config, graph_of
-from benchmarks.graph.graph_stage import BACK_TIME, LOOK, GraphStage
+from benchmarks.graph.graph_kinds import BACK_TIME, LOOK, GraphRow, GraphStage, Kind, NotHere, config, graph_of
 from controllers.safety.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
@@ -152,7 +151,6 @@ def _case(name: str, seed: int) -> Case:
 
 
 def _without(seen: str) -> Case:
-    """Outcome of a row that could not be observed."""
     return {"seen": seen, "reason": "", "time": None, "ok": False}
 
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
+from typing import Any
 
+import rclpy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from benchmarks.graph import flood
-from benchmarks.graph.graph_kinds import PRODDED_CONTROL, PRODDED_PLANNER
-from benchmarks.graph.graph_stage import LOOK, GraphStage, User
+from benchmarks.graph.graph_kinds import LOOK, PRODDED_CONTROL, PRODDED_PLANNER, GraphStage, User
 from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
 from controllers.commands.command_key import read_key
 from controllers.commands.command_signature import Signer
@@ -24,6 +27,42 @@ from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import SPIN_TIMEOUT
 
+START_TIME = 2.0  # of a process that overloads the graph or the machine until it is killed [s]
+DISCOVERY_TIME = 0.5  # between joining the graph and being discovered [s]
+
+
+def texts(rate: float) -> None:
+    """Say nonsense on ``humanoid_commands`` at a rate [Hz]."""
+    rclpy.init()
+    publisher = rclpy.create_node("flood").create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+    _at(rate, lambda: publisher.publish(String(data="nonsense")))
+
+
+def services(rate: float) -> None:
+    """Call ``reset_faults``, which changes nothing while there are none, at a rate [Hz], and wait for no answer."""
+    rclpy.init()
+    client = rclpy.create_node("flood").create_client(Trigger, "reset_faults")
+
+    def call() -> None:
+        client.remove_pending_request(client.call_async(Trigger.Request()))
+
+    _at(rate, call)
+
+
+def burn() -> None:
+    """Use a core."""
+    for _ in itertools.count():
+        pass
+
+
+def _at(rate: float, act: Callable[[], object]) -> None:
+    time.sleep(DISCOVERY_TIME)
+    began = time.monotonic()
+    for number in itertools.count(1):
+        act()
+        time.sleep(max(began + number / rate - time.monotonic(), 0.0))
+
+
 #: Does something, then yields for how long the robot is to be watched before the next part [s]
 Act = Callable[[GraphStage], Iterator[float]]
 TRANSITION_TIME = 20.0  # longest wait for a node to change its state [s]
@@ -31,14 +70,19 @@ COLLECTIONS, COLLECTION_PERIOD = 10, 0.2  # how often garbage is collected, and 
 HOUR = 3600.0  # by which a wall clock jumps [s]
 
 
-def kill(module: str) -> Act:
-    """End a process as the kernel does when memory runs out."""
+def once(do: Callable[[GraphStage], object]) -> Act:
+    """The act that does one thing."""
 
     def act(stage: GraphStage) -> Iterator[float]:
-        os.kill(stage.graph.pids[module], signal.SIGKILL)
+        do(stage)
         yield from ()
 
     return act
+
+
+def kill(module: str, number: signal.Signals = signal.SIGKILL) -> Act:
+    """Send a signal to a process: by default end it as the kernel does when memory runs out."""
+    return once(lambda stage: os.kill(stage.graph.pids[module], number))
 
 
 def freeze(module: str, duration: float) -> Act:
@@ -55,25 +99,11 @@ def freeze(module: str, duration: float) -> Act:
     return act
 
 
-def throw(module: str) -> Act:
-    """Have a callback of a prodded process raise."""
-
-    def act(stage: GraphStage) -> Iterator[float]:
-        os.kill(stage.graph.pids[module], signal.SIGUSR2)
-        yield from ()
-
-    return act
-
-
-def collect(module: str) -> Act:
+def collect_garbage(stage: GraphStage) -> Iterator[float]:
     """Have a prodded process collect its garbage, several times."""
-
-    def act(stage: GraphStage) -> Iterator[float]:
-        for _ in range(COLLECTIONS):
-            os.kill(stage.graph.pids[module], signal.SIGUSR1)
-            yield COLLECTION_PERIOD
-
-    return act
+    for _ in range(COLLECTIONS):
+        os.kill(stage.graph.pids[PRODDED_CONTROL.module], signal.SIGUSR1)
+        yield COLLECTION_PERIOD
 
 
 def reactivate(name: str) -> Act:
@@ -112,12 +142,11 @@ def two_commanders(stage: GraphStage) -> Iterator[float]:
     _, velocity = topics.source_topics("teleop")
     teleop = User(stage.graph, velocity)
     teleop.walk(0.0)
-    autonomy = stage.graph.node.create_publisher(String, topics.source_topics("autonomy")[0], EVENT)
-    yield 1.0
-    autonomy.publish(String(data="forward"))
-    yield WATCH
-    teleop.walk(None)
-    stage.graph.node.destroy_publisher(autonomy)
+    with _publisher(stage, String, topics.source_topics("autonomy")[0], EVENT) as autonomy:
+        yield 1.0
+        autonomy.publish(String(data="forward"))
+        yield WATCH
+        teleop.walk(None)
 
 
 def unsigned(stage: GraphStage) -> Iterator[float]:
@@ -141,48 +170,43 @@ def replayed(stage: GraphStage) -> Iterator[float]:
     yield WATCH
 
 
-def stand_while_walking(stage: GraphStage) -> Iterator[float]:
-    """Mode stand, while the user goes on commanding a velocity."""
-    stage.ask("mode/stand")
-    yield from ()
-
-
 FREEZE_TIME = 0.2  # shorter than the timeouts [s]
 LONG_FREEZE_TIME = 1.0  # longer than the timeouts [s]
 MISMATCH_TIME = 3.0  # after which the checks before arming have seen it [s]
 SPOILT_TIME, MOMENT = 1.0, 0.005  # for which messages are spoilt [s]
 
 
-def _second_publisher(stage: GraphStage) -> Iterator[float]:
-    publisher = stage.graph.node.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+@contextmanager
+def _publisher(stage: GraphStage, kind: type, topic: str, qos: Any) -> Iterator[Any]:
+    """A publisher of the graph's own node meanwhile."""
+    publisher = stage.graph.node.create_publisher(kind, topic, qos)
     try:
-        yield 1.0
+        yield publisher
     finally:
         stage.graph.node.destroy_publisher(publisher)
+
+
+def _second_publisher(stage: GraphStage) -> Iterator[float]:
+    with _publisher(stage, JointState, topics.JOINT_STATES, SENSOR):
+        yield 1.0
 
 
 def _second_clock(stage: GraphStage) -> Iterator[float]:
     """A second clock, one hour ahead, at half the rate of the plant's."""
-    publisher = stage.graph.node.create_publisher(Clock, topics.CLOCK, SENSOR)
     message = Clock()
     message.clock.sec = 3600
-    try:
+    with _publisher(stage, Clock, topics.CLOCK, SENSOR) as publisher:
         for _ in range(round(1.0 / LOOK)):
             publisher.publish(message)
             yield LOOK
-    finally:
-        stage.graph.node.destroy_publisher(publisher)
 
 
 def _mismatch(stage: GraphStage) -> Iterator[float]:
     """While the robot is damped, a second publisher of a latched topic is volatile."""
     stage.ask("estop")
-    publisher = stage.graph.node.create_publisher(String, topics.DRIVER_STATE, EVENT)
-    try:
+    with _publisher(stage, String, topics.DRIVER_STATE, EVENT):
         stage.ask("reset_faults")
         yield MISMATCH_TIME
-    finally:
-        stage.graph.node.destroy_publisher(publisher)
 
 
 def _spoil(topic: str, spoil: str, duration: float = SPOILT_TIME) -> Act:
@@ -193,18 +217,8 @@ def _spoil(topic: str, spoil: str, duration: float = SPOILT_TIME) -> Act:
     return act
 
 
-def _estop(stage: GraphStage) -> Iterator[float]:
-    stage.ask("estop")
-    yield from ()
-
-
-def _nothing(stage: GraphStage) -> Iterator[float]:
-    yield from ()
-
-
 @contextmanager
 def _beside(target: Callable[..., None], count: int, *arguments: object) -> Iterator[None]:
-    """Processes that run meanwhile."""
     processes = [get_context("spawn").Process(target=target, args=arguments, daemon=True) for _ in range(count)]
     for process in processes:
         process.start()
@@ -219,26 +233,21 @@ def _beside(target: Callable[..., None], count: int, *arguments: object) -> Iter
 def _flood(target: Callable[..., None], rate: float) -> Act:
     def act(stage: GraphStage) -> Iterator[float]:
         with _beside(target, 1, rate):
-            yield flood.START_TIME + 2.0
+            yield START_TIME + 2.0
 
     return act
 
 
 def _starve(stage: GraphStage) -> Iterator[float]:
     """Two busy processes for each core."""
-    with _beside(flood.burn, 2 * multiprocessing.cpu_count()):
-        yield flood.START_TIME + 2.0
-
-
-def _fall_silent(stage: GraphStage) -> Iterator[float]:
-    stage.user.walk(None)
-    yield from ()
+    with _beside(burn, 2 * multiprocessing.cpu_count()):
+        yield START_TIME + 2.0
 
 
 _JOINT_SPOILS = ("reordered", "missing", "extra", "duplicate", "repeated", "backward", "old", "future")
 
 ACTS: dict[str, Act] = {
-    "nothing": _nothing,
+    "nothing": once(lambda stage: None),
     "kill_control": kill(CONTROL.module),
     "kill_planner": kill(PLANNER.module),
     "kill_supervisor": kill(SUPERVISOR.module),
@@ -247,9 +256,9 @@ ACTS: dict[str, Act] = {
     "freeze_control": freeze(CONTROL.module, FREEZE_TIME),
     "freeze_bridge": freeze(BRIDGE.module, FREEZE_TIME),
     "freeze_bridge_long": freeze(BRIDGE.module, LONG_FREEZE_TIME),
-    "throw_in_control": throw(PRODDED_CONTROL.module),
-    "throw_in_planner": throw(PRODDED_PLANNER.module),
-    "collect_garbage": collect(PRODDED_CONTROL.module),
+    "throw_in_control": kill(PRODDED_CONTROL.module, signal.SIGUSR2),
+    "throw_in_planner": kill(PRODDED_PLANNER.module, signal.SIGUSR2),
+    "collect_garbage": collect_garbage,
     **{f"reactivate_{name}": reactivate(name) for name in (*CONTROL.nodes, *PLANNER.nodes, *SUPERVISOR.nodes)},
     **{f"joints_{spoil}": _spoil(topics.JOINT_STATES, spoil) for spoil in _JOINT_SPOILS},
     "joints_old_5ms": _spoil(topics.JOINT_STATES, "old", MOMENT),
@@ -261,14 +270,14 @@ ACTS: dict[str, Act] = {
     "mismatch": _mismatch,
     "second_clock": _second_clock,
     "second_publisher": _second_publisher,
-    "flood_texts": _flood(flood.texts, 10_000.0),
-    "flood_services": _flood(flood.services, 1000.0),
-    "fall_silent": _fall_silent,
+    "flood_texts": _flood(texts, 10_000.0),
+    "flood_services": _flood(services, 1000.0),
+    "fall_silent": once(lambda stage: stage.user.walk(None)),
     "two_commanders": two_commanders,
     "unsigned": unsigned,
     "replayed": replayed,
-    "stand_while_walking": stand_while_walking,
-    "estop": _estop,
+    "stand_while_walking": once(lambda stage: stage.ask("mode/stand")),
+    "estop": once(lambda stage: stage.ask("estop")),
     "starve": _starve,
     "wall_clock_ahead": shift_wall_clock(1.0),
     "wall_clock_back": shift_wall_clock(-1.0),

@@ -8,24 +8,38 @@ import random
 import shutil
 import struct
 import subprocess
+import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
+from unittest.mock import patch
 
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
 from pydantic.dataclasses import dataclass as schema
+from std_msgs.msg import String
 
 from benchmarks.core.benchmark import Positive, settings
 from benchmarks.core.fault_rows import AnyRow
 from bridge.launch.graph import Graph
+from bridge.record.observer import Observer
 from bridge.ros.environment import free_domain
-from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, Parameters, ProcessSpec, process_specs
+from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, ProcessSpec, process_specs
 from controllers.commands.command_key import write_key
 from models.config import STRICT
 from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import stamp_ns
+from models.nodes.qos import COMMAND, EVENT, LATCHED
+from models.robot_model import RobotModel
+from models.types import Vector
 
 #: Graphs that rows are done to; see ``benchmarks/graph/graph_kinds.py``
 Kind = Literal["plain", "wrapped", "split", "shuffled", "signed", "full_disk", "wall_clock"]
@@ -33,21 +47,15 @@ Kind = Literal["plain", "wrapped", "split", "shuffled", "signed", "full_disk", "
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)
 class GraphRow(AnyRow):
-    """One fault of the graph; acts are of ``benchmarks/graph/graph_acts.py``.
+    """One fault of the graph; acts are of ``benchmarks/graph/graph_acts.py``."""
 
-    Attributes:
-        expect: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand, or ``mode``;
-            'damps': mode damp or drivers damped, nothing active afterwards, and arming refused with the ``reason``.
-        graph: Kind of graph; see ``benchmarks/graph/graph_kinds.py``.
-        restarted: Module of the only process that must have been restarted; empty for none.
-        said: Text that the launcher must have printed.
-        silence: Longest time without a command before the drivers damped for lack of one, by their clock [s].
-    """
-
+    #: 'rides': same mode, drivers active all the time; 'stands': so, but at rest in mode stand, or ``mode``; 'damps':
+    #: mode damp or drivers damped, nothing active afterwards, and arming refused with the ``reason``
     expect: Literal["rides", "stands", "damps"]
-    graph: Kind = "plain"
-    restarted: str = ""
-    said: str = ""
+    graph: Kind = "plain"  #: Kind of graph; see ``benchmarks/graph/graph_kinds.py``
+    restarted: str = ""  #: Module of the only process that must have been restarted; empty for none
+    said: str = ""  #: Text that the launcher must have printed
+    #: Longest time without a command before the drivers damped for lack of one, by their clock [s]
     silence: Positive | None = None
 
 
@@ -68,18 +76,22 @@ config = partial(settings, GraphFaultsConfig, "graph_faults")
 COMPILER = "cc"
 
 
+class NotHere(PoiseError):
+    """This machine lacks what a graph needs."""
+
+
 class WallClock:
-    """Shift of the wall clock of processes started with ``variables``; ``PoiseError`` without a working C compiler."""
+    """Shift of the wall clock of processes started with ``variables``; ``NotHere`` without a working C compiler."""
 
     def __init__(self, folder: Path) -> None:
         if shutil.which(COMPILER) is None:
-            raise PoiseError(f"no C compiler: {COMPILER} is not there")
+            raise NotHere(f"no C compiler: {COMPILER} is not there")
         library, state = folder / "wall_clock_shift.so", folder / "wall_clock_shift"
         source = Path(str(files("benchmarks.graph"))) / "wall_clock_shift.c"
         command = [COMPILER, "-O2", "-shared", "-fPIC", "-o", str(library), str(source), "-ldl", "-lpthread"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise PoiseError(f"{COMPILER} fails: {done.stderr.strip()[:200]}")
+            raise NotHere(f"{COMPILER} fails: {done.stderr.strip()[:200]}")
         state.write_bytes(struct.pack("q", 0))
         with state.open("r+b") as file:
             self._page = mmap.mmap(file.fileno(), 8)
@@ -95,10 +107,6 @@ PRODDED_CONTROL = ProcessSpec("benchmarks.graph.prodded_control", CONTROL.nodes)
 PRODDED_PLANNER = ProcessSpec("benchmarks.graph.prodded_planner", PLANNER.nodes)
 
 NOWHERE = Path("/dev/null/poise")  # A folder that cannot be created, not even by root
-
-
-class NotHere(PoiseError):
-    """This machine lacks what a graph needs."""
 
 
 @dataclass
@@ -151,21 +159,8 @@ def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
     elif kind == "full_disk":
         variables, log = {"ROS_LOG_DIR": str(NOWHERE)}, Path("/dev/full")
     elif kind == "wall_clock":
-        wall_clock = _wall_clock(folder)
+        wall_clock = WallClock(folder)
         variables |= wall_clock.variables
-    with _environment(variables), _made(robot, parameters, specs, activation, log) as made:
-        made.key, made.wall_clock = made_key, wall_clock
-        yield made
-
-
-@contextmanager
-def _made(
-    robot: str,
-    parameters: Parameters,
-    specs: Sequence[ProcessSpec],
-    activation: Sequence[str] | None,
-    log: Path,
-) -> Iterator[Made]:
     lines: list[str] = []
     graph = Graph(
         robot,
@@ -176,27 +171,129 @@ def _made(
         log=log,
         say=lines.append,
     )
-    with graph:
-        yield Made(graph, lines)
+    with patch.dict(os.environ, variables), graph:  # the processes that the graph restarts get them, too
+        yield Made(graph, lines, made_key, wall_clock)
 
 
-def _wall_clock(folder: Path) -> WallClock:
-    try:
-        return WallClock(folder)
-    except PoiseError as error:
-        raise NotHere(str(error)) from error
+LOOK = 0.02  # period of the check of the robot [s]
+SPEED_TIME = 0.5  # over which its speed is taken [s]
+BACK_TIME = 90.0  # longest wait for the robot to stand or walk again [s]
+SENSOR_RATE, CLOCK_RATE = 1000.0, 100.0  # of the bridge's topics [Hz]
+TIMEOUTS, BOXES = "driver timeouts", "black boxes not written"  # counts in the diagnostics of bridge and controller
+VELOCITY_PERIOD = 0.1  # between two velocities of the user [s]
 
 
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Variables that the processes of a graph, those it restarts included, are started with."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+class User:
+    """Publishes a walking velocity on ``topic`` ten times a second, until ``walk(None)``."""
+
+    def __init__(self, graph: Graph, topic: str = topics.CMD_VEL) -> None:
+        self._publisher = graph.node.create_publisher(Twist, topic, COMMAND)
+        self._velocity: float | None = None
+        graph.node.create_timer(VELOCITY_PERIOD, self._speak)
+
+    def walk(self, forward: float | None) -> None:
+        """Walk at a velocity from now on [m/s]; None: fall silent."""
+        self._velocity = forward
+
+    def _speak(self) -> None:
+        if self._velocity is not None:
+            message = Twist()
+            message.linear.x = self._velocity
+            self._publisher.publish(message)
+
+
+class GraphStage:
+    """A running graph under test, and what is received from it."""
+
+    def __init__(self, model: RobotModel, made: Made) -> None:
+        graph = made.graph
+        self.made, self.graph, self.user = made, graph, User(graph)
+        self.words: list[tuple[float, str, str]] = []  #: Time, topic and text of each message
+        self.diagnostics: dict[str, str] = {}  #: Newest message of each node's diagnostics
+        self.refusals: list[str] = []  #: Refusals of the nodes
+        self.silences: list[float] = []  #: Waits of the drivers for a command before they damped for lack of one [s]
+        self.still_since: float | None = None  #: Since when the robot is at rest; None while it is not
+        self.wall_lead = 0.0  #: Wall clock of the processes ahead of this one's [s]
+        self._counts: dict[tuple[str, str], int] = {}
+        self._spoil = graph.node.create_publisher(String, "spoil", EVENT)
+        self._observer = Observer(model)
+        self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
+        graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
+        listen = graph.node.create_subscription
+        for topic in (topics.MODE, topics.DRIVER_STATE, topics.GAIT_PHASE, topics.COMMANDER):
+            listen(String, topic, partial(self._hear, topic), LATCHED)
+        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+
+    @property
+    def height(self) -> float:
+        """Of the base [m]."""
+        return float(self._observer.base_position[2])
+
+    @property
+    def speed(self) -> float:
+        """Over the last ``SPEED_TIME`` [m/s]."""
+        (t0, first), (t1, last) = self._path[0], self._path[-1]
+        return float(np.linalg.norm((last - first)[:2]) / max(t1 - t0, LOOK))
+
+    def spoil(self, topic: str, spoil: str, duration: float) -> None:
+        """Have the wrapped bridge spoil the messages of a topic for a time [s]; see ``SPOILS``."""
+        rate = CLOCK_RATE if topic == topics.CLOCK else SENSOR_RATE
+        self._spoil.publish(String(data=f"{topic} {spoil} {round(duration * rate)}"))
+
+    def _look(self) -> None:
+        with suppress(PoiseError):  # a message that is spoilt on purpose
+            self._observer.poll()
+        now = time.monotonic()
+        self._path.append((now, self._observer.base_position))
+        if self.speed > config().still:
+            self.still_since = None
+        elif self.still_since is None:
+            self.still_since = now
+
+    def begin(self, row: GraphRow) -> None:
+        """Bring the robot to stand or walk for the row."""
+        given = config()
+        if row.walk:
+            self.graph.send("walk")
+            self.graph.wait_for(lambda: self.graph.mode == "walk", BACK_TIME, "walking")
+            self.user.walk(given.forward)
+        self.graph.spin(given.settle + (SPEED_TIME if row.walk else 0.0))
+
+    def bring_back(self) -> None:
+        """Have it stand where it began, without faults."""
+        self.user.walk(None)
+        self.ask("reset_faults")
+        self.ask("reset")
+        self.graph.wait_standing(BACK_TIME)
+
+    def ask(self, service: str) -> tuple[bool, str]:
+        """Call a service, twice where the reply to the first call is lost; see ``Graph.call``."""
+        try:
+            return self.graph.call(service)
+        except PoiseError:
+            return self.graph.call(service)
+
+    def close(self) -> None:
+        """Look no more."""
+        self._observer.close()
+
+    def _hear(self, topic: str, message: String) -> None:
+        self.words.append((time.monotonic(), topic, message.data))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.wall_lead = stamp_ns(message.header.stamp) / NANOSECONDS - time.time()
+        for status in message.status:
+            self.diagnostics[status.name] = status.message
+            values = {item.key: item.value for item in status.values}
+            refused = sum(int(value) for key, value in values.items() if key.startswith("refused "))
+            if self._grown(status.name, "refused", refused):
+                self.refusals.append(values["last refusal"])
+            if self._grown(status.name, BOXES, int(values.get(BOXES, 0))):
+                self.refusals.append(f"black box not written: {values['black box']}")
+            if self._grown(status.name, TIMEOUTS, int(values.get(TIMEOUTS, 0))):
+                self.silences.append(float(values["silence before timeout [s]"]))
+
+    def _grown(self, node: str, what: str, count: int) -> bool:
+        """Whether a count of a node is larger than it was; one that begins anew has none."""
+        before, self._counts[node, what] = self._counts.get((node, what), 0), count
+        return count > before

@@ -40,31 +40,19 @@ Count = Annotated[int, Field(ge=0)]
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Scenario:
-    """What runs beside the measured robot.
+    """What runs beside the measured robot."""
 
-    Attributes:
-        rate: Of sensors and laws [Hz]; physics and drivers keep theirs.
-        stress: Busy processes, kept on the last core.
-        subscribers: Further processes that subscribe to every topic of the tick.
-        record: Whether ``poise record`` runs.
-        view: Whether ``poise view`` serves its page, without a browser.
-        walk: Whether the robot walks instead of standing.
-        robots: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO.
-        speed: Simulated over real time, for more robots than the cores can run otherwise [-].
-        own_core: Whether bridge and control keep to a core each.
-        stages: Whether the process of the laws records when each stage ends.
-    """
-
-    rate: Positive = 1000.0
-    stress: Count = 0
-    subscribers: Count = 0
-    record: bool = False
-    view: bool = False
-    walk: bool = False
-    robots: Annotated[int, Field(ge=1)] = 1
+    rate: Positive = 1000.0  #: Of sensors and laws [Hz]; physics and drivers keep theirs
+    stress: Count = 0  #: Busy processes, kept on the last core
+    subscribers: Count = 0  #: Further processes that subscribe to every topic of the tick
+    record: bool = False  #: Whether ``poise record`` runs
+    view: bool = False  #: Whether ``poise view`` serves its page, without a browser
+    walk: bool = False  #: Whether the robot walks instead of standing
+    robots: Annotated[int, Field(ge=1)] = 1  #: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO
+    #: Simulated over real time, for more robots than the cores can run otherwise [-]
     speed: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
-    own_core: bool = False
-    stages: bool = True
+    own_core: bool = False  #: Whether bridge and control keep to a core each
+    stages: bool = True  #: Whether the process of the laws records when each stage ends
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -135,7 +123,6 @@ def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dic
 
 
 def _free_port() -> int:
-    """A TCP port of this machine without a listener."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -188,7 +175,6 @@ def _run(
 def _stand_and_measure(
     robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
 ) -> Run:
-    """See ``_run``."""
     _wait_for_others(shared, index, index * config.start_limit, time.sleep)
     folder = shared / str(index)
     folder.mkdir()

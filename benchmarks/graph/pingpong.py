@@ -110,7 +110,6 @@ def _measure(robot: str, duration: float, domain_id: int, period: float, answer:
 
 
 def _ping_echo(robot: str, duration: float, domain_id: int, period: float) -> LatencyProbe:
-    """The pinging process: starts the echo, plays, ends it."""
     join_graph(domain_id=domain_id)
     priority = int(str(REALTIME["realtime.priority"]))
     command = [sys.executable, "-m", "benchmarks.graph.pingpong", robot, str(priority)]

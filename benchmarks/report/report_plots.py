@@ -1,22 +1,93 @@
-"""Pictures of speeds, costs, errors and delays, of all robots in one."""
+"""Pictures of speeds, costs, errors, delays and times, of all robots in one."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+from PIL import Image
 
-from benchmarks.core.harness import Case
-from benchmarks.faults.fault_rows import config as fault_config
-from benchmarks.report.report_style import BOUND, Reports, draw_dots, look, robots_of
-from benchmarks.stability.estimate import WALK, drift
-from benchmarks.stability.estimate_runs import estimate_config
+from benchmarks.core.harness import Case, Report
+from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread_of
+from benchmarks.faults.faults import config as fault_config
+from benchmarks.speed.loop import draw_stages
+from benchmarks.stability.estimate import WALK, drift, estimate_config
 from benchmarks.stability.walk_cases import walk_config
 from bridge.plots import new_figure
+from models.types import Vector
+
+Reports = Mapping[tuple[str, str], Report]  # reports by bench and robot
+
+LOOKS = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"))
+"""Colour and mark of the first robot, the second, ...: of Okabe and Ito, distinguishable for the colour-blind."""
+
+MAP = "cividis"  # colours of a heat map: dark to light for all eyes
+BOUND: dict[str, Any] = {"color": "k", "linewidth": 1.0, "linestyle": "--"}  # how a bound is drawn
+DPI = 110  # of a picture: at 9 inches it fills a page of documentation at its own size
+PALETTE = 255  # colours of a picture's file: indistinguishable for lines and text, and a third of the size
+
+
+def robots_of(reports: Reports, *benches: str) -> list[str]:
+    """Robots that these benchmarks have measured, or any where none is named."""
+    return list(dict.fromkeys(robot for bench, robot in reports if not benches or bench in benches))
+
+
+def look(reports: Reports, robot: str) -> tuple[str, str]:
+    """Colour and mark of a robot, the same in every picture."""
+    return LOOKS[robots_of(reports).index(robot) % len(LOOKS)]
+
+
+def colour(reports: Reports, robot: str) -> str:
+    """That of ``look``."""
+    return look(reports, robot)[0]
+
+
+def draw_dots(axes: Axes, reports: Reports, values: Mapping[str, Mapping[str, Sequence[float]]], label: str) -> None:
+    """Draw one mark a case, by robot and scenario; the label names the unit."""
+    names = list(dict.fromkeys(name for of in values.values() for name in of))
+    for k, (robot, of) in enumerate(values.items()):
+        offset = 0.16 * (k - 0.5 * (len(values) - 1))
+        places = [names.index(name) + offset for name, dots in of.items() for _ in dots]
+        dots = [dot for dots in of.values() for dot in dots]
+        shade, mark = look(reports, robot)
+        axes.plot(places, dots, mark, color=shade, markersize=5, alpha=0.7, label=robot)
+    axes.set_xticks(range(len(names)), [name.replace("_", " ") for name in names], fontsize=9)
+    axes.set_xlim(-0.5, len(names) - 0.5)
+    axes.set_ylabel(label)
+    axes.grid(axis="y", alpha=0.3)
+
+
+def save(figure: Figure, file: Path) -> Path:
+    """Write a picture with few colours; returns the file."""
+    figure.set_dpi(DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture.quantize(PALETTE, dither=Image.Dither.NONE).save(file, optimize=True)
+    return file
+
 
 #: Parts of a velocity, in the robot's frame, and their units
 AXES_OF_WALKING = (("forward", "m/s"), ("left", "m/s"), ("turn to the left", "rad/s"))
 MILLI, PERCENT = 1e3, 1e2
+
+
+def _by_scenario(
+    of: Mapping[str, list[Case]], names: Iterable[str], value: Callable[[Case], float], key: str = "scenario"
+) -> dict[str, dict[str, list[float]]]:
+    """A value of every case, by robot and scenario."""
+    return {
+        robot: {name: [value(case) for case in cases if case[key] == name] for name in names}
+        for robot, cases in of.items()
+    }
 
 
 def _walks(reports: Reports) -> dict[str, list[Case]]:
@@ -59,13 +130,8 @@ def draw_cost(reports: Reports) -> Figure | None:
     """Cost of transport of every walk at one velocity that moves the robot: work of the joints over weight and way."""
     walks = _walks(reports)
     names = list(dict.fromkeys(case["scenario"] for cases in walks.values() for case in cases))
-    costs = {
-        robot: {
-            name: [case["cost_of_transport"] for case in cases if case["scenario"] == name and _moves(case)]
-            for name in names
-        }
-        for robot, cases in walks.items()
-    }
+    moving = {robot: [case for case in cases if _moves(case)] for robot, cases in walks.items()}
+    costs = _by_scenario(moving, names, lambda case: case["cost_of_transport"])
     figure = _dots(
         reports, costs, "cost of transport [-]", f"Cost of transport, by commanded velocity: {', '.join(walks)}"
     )
@@ -108,17 +174,11 @@ def draw_estimator(reports: Reports) -> Figure | None:
     of = {robot: reports["estimate", robot].cases for robot in robots}
     names = list(dict.fromkeys(case["scenario"] for cases in of.values() for case in cases))
     for axes, (key, label, unit, bound, walking) in zip(panels, parts, strict=True):
-        values = {
-            robot: {name: [unit * case[key] for case in cases if case["scenario"] == name] for name in names}
-            for robot, cases in of.items()
-        }
+        values = _by_scenario(of, names, lambda case: unit * case[key])  # noqa: B023  # called at once
         draw_dots(axes, reports, values, label)
         for place, name in enumerate(names):
             _draw_bound(axes, place, walking if name == WALK else bound, unit)
-    drifts = {
-        robot: {WALK: [PERCENT * drift(case) for case in cases if case["scenario"] == WALK]}
-        for robot, cases in of.items()
-    }
+    drifts = _by_scenario(of, [WALK], lambda case: PERCENT * drift(case))
     draw_dots(last, reports, drifts, "drift of the position [% of the way]")
     _draw_bound(last, 0, limits.drift_max, PERCENT)
     for axes in (*panels, last):
@@ -137,13 +197,8 @@ def _draw_bound(axes: Axes, place: int, bound: float | None, unit: float) -> Non
 def draw_delays(reports: Reports) -> Figure | None:
     """Delay of all joint states that the robot rides through, found by bisection, with the bound."""
     margins = fault_config().margins
-    found = {
-        robot: {
-            name: [MILLI * case["margin"] for case in reports["faults", robot].cases if case["row"] == name]
-            for name in margins
-        }
-        for robot in robots_of(reports, "faults")
-    }
+    of = {robot: reports["faults", robot].cases for robot in robots_of(reports, "faults")}
+    found = _by_scenario(of, margins, lambda case: MILLI * case["margin"], "row")
     figure = _dots(reports, found, "delay [ms]", f"Delay margin, all joint states late for good: {', '.join(found)}")
     if figure is not None:
         axes = figure.axes[0]
@@ -165,3 +220,117 @@ def _dots(reports: Reports, values: dict[str, dict[str, list[float]]], label: st
     axes.set_title(title, fontsize=11)
     axes.legend(fontsize=8)
     return figure
+
+
+#: Among the quantiles of a whole-body tick: key, figures, style, label
+SUBJECTS = (
+    ("tick", "tick_us_{}", "-", ""),
+    ("pinocchio_calls", "pinocchio_calls_us_{}", ":", ", bare Pinocchio calls"),
+)
+#: Bench, what its tick is, and what is drawn of it, for what is kept by quantiles
+TIMED = (
+    ("tick", "whole-body tick, standing, waving, pushed", SUBJECTS),
+    ("gait", "whole-body tick, single support, walking", SUBJECTS),
+    ("loop", "tick of the whole closed loop, walking", (("tick_walk", "tick_walk_us_{}", "-", ""),)),
+)
+#: Of the way over ROS 2: key, figures, style, label
+WAYS = (("latency", "{}_us", "-", ""), ("floor", "floor_{}_us", ":", ", ping-pong floor"))
+USUAL = "idle"  # scenario of the latency that is drawn: the one that is held to bounds
+BINS = 60  # of a histogram, evenly spread on a logarithmic axis
+SHOWN = 99.9  # percentile where a histogram ends; the largest sample stands in the legend [%]
+
+#: Where a logarithmic axis is labelled [us]
+MARKS = (20, 30, 50, 70, 100, 150, 200, 300, 500, 700, 1000, 1500, 2000, 3000, 5000, 10000)
+Part = tuple[Vector, str, str, str]  # value at each of ``QUANTILES`` (k,) [us], colour, style, label
+
+
+def draw_times(reports: Reports) -> Figure | None:
+    """Histograms of the whole-body tick and of the way from the sensors to the command, beside what cannot be beaten.
+
+    An axis ends at the 99.9th percentile; median and 99th percentile as in the figures, and the largest sample of all,
+    stand in the legend.
+    """
+    panels: list[tuple[str, Callable[[], list[Part]]]] = [
+        (title, partial(_ticks, reports, bench, subjects))
+        for bench, title, subjects in TIMED
+        if robots_of(reports, bench)
+    ]
+    if any(_idle(reports, robot) for robot in robots_of(reports, "latency")):
+        panels.append(("sensors to command over ROS 2, standing", lambda: _latencies(reports)))
+    if not panels:
+        return None
+    figure = new_figure(9.0, 2.9 * len(panels))
+    for axes, (title, parts) in zip(figure.subplots(len(panels), 1, squeeze=False)[:, 0], panels, strict=True):
+        _draw(axes, parts())
+        axes.set_title(title, fontsize=10)
+    return figure
+
+
+def draw_loop(reports: Reports) -> Figure | None:
+    """Where a tick of the whole closed loop goes, standing and walking; dashed: MuJoCo's step alone."""
+    robots = robots_of(reports, "loop")
+    if not robots:
+        return None
+    figure = new_figure(5.0 + 2.0 * len(robots), 4.0)
+    draw_stages(figure.add_subplot(), [reports["loop", robot] for robot in robots])
+    return figure
+
+
+def _ticks(reports: Reports, bench: str, subjects: Sequence[tuple[str, str, str, str]]) -> list[Part]:
+    """Medians over the seeds of what each subject took."""
+    return [
+        (
+            np.median([case["quantiles"][subject] for case in reports[bench, robot].cases], axis=0),
+            colour(reports, robot),
+            style,
+            _label(reports[bench, robot], f"{robot}{label}", name),
+        )
+        for robot in robots_of(reports, bench)
+        for subject, name, style, label in subjects
+        if all(subject in case["quantiles"] for case in reports[bench, robot].cases)
+    ]
+
+
+def _idle(reports: Reports, robot: str) -> list[Case]:
+    cases = [case for case in reports["latency", robot].cases if case.get("scenario", USUAL) == USUAL]
+    return [case for case in cases if spread_of(case, "latency") is not None]
+
+
+def _latencies(reports: Reports) -> list[Part]:
+    return [
+        (
+            percentiles_of([held for case in cases if (held := spread_of(case, key)) is not None]),
+            colour(reports, robot),
+            style,
+            _label(reports["latency", robot], f"{robot}{label}", name),
+        )
+        for robot in robots_of(reports, "latency")
+        if (cases := _idle(reports, robot))
+        for key, name, style, label in WAYS
+    ]
+
+
+def _label(report: Report, label: str, name: str) -> str:
+    p50, p99 = (report.figures.get(name.format(part), math.nan) for part in ("p50", "p99"))
+    return f"{label}: p50 {p50:.0f}, p99 {p99:.0f}"
+
+
+def _draw(axes: Axes, parts: list[Part]) -> None:
+    """Histograms with the same bins, from quantiles: between two of them lies a known share, evenly spread."""
+    shares = np.array(QUANTILES)
+    low = min(values[0] for values, *_ in parts)
+    high = max(values[shares == SHOWN][0] for values, *_ in parts)
+    edges = np.geomspace(max(low, 1.0), max(high, 1.001 * max(low, 1.0)), BINS + 1)  # 1: nothing is below a microsecond
+    for values, shade, style, label in parts:
+        held = 100.0 * np.diff(np.interp(edges, values, shares / 100.0))
+        axes.stairs(
+            held, edges, color=shade, linestyle=style, label=f"{label}, largest {values[-1]:.0f} us", linewidth=1.3
+        )
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator([mark for mark in MARKS if edges[0] <= mark <= edges[-1]]))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.0f}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set(xlabel="time [us]", ylabel="samples per bin [%]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)

@@ -15,9 +15,9 @@ from scipy.stats import binomtest
 
 from benchmarks.core.benchmark import catalogue, settings
 from benchmarks.core.harness import Report
-from benchmarks.report.report_style import MAP, Reports, colour, look, robots_of
+from benchmarks.report.report_plots import MAP, Reports, colour, look, robots_of
 from benchmarks.stability import push, push_map
-from benchmarks.stability.push_plot import draw_rings
+from benchmarks.stability.push import draw_rings
 from benchmarks.stability.terrain import TerrainConfig
 from bridge.plots import new_figure
 
@@ -206,7 +206,6 @@ def draw_terrain(reports: Reports) -> Figure | None:
 
 
 def _ground(name: str, given: TerrainConfig) -> str:
-    """A condition, and what differs in it."""
     condition = (given.conditions | given.goals).get(name)
     words = [name.replace("_", " ")]
     if condition is not None:

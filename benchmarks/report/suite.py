@@ -1,18 +1,188 @@
-"""All benchmarks, one after another, with the same workers and the same file of finished cases."""
+"""All benchmarks with the same workers and file of finished cases, and their results as JSON lines.
+
+``reports.jsonl`` stands beside the ``cases.jsonl`` whose cases it names by key. A line is the JSON object of a
+benchmark with ``keys`` instead of cases, ``notes`` and the ``command`` that measures it again; a benchmark that could
+not be run has ``bench``, ``robot``, ``error``, ``trace`` and ``revision``. A later line of the same bench and robot
+replaces an earlier one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from traceback import format_exception
 
 from rich.console import Console
 
 from benchmarks.core.benchmark import Listed, catalogue
-from benchmarks.core.harness import Options, Sweep
-from benchmarks.core.results import ResultsFile
-from benchmarks.report.saved_reports import Part, read_progress, save_begun, save_failure, save_plan, save_report
-from models.errors import ConfigError, WorkersError
+from benchmarks.core.harness import Options, Report, Sweep
+from benchmarks.core.provenance import source_state
+from benchmarks.core.results import Line, ResultsFile, append_line, read_lines
+from models.errors import ConfigError, PoiseError, WorkersError
+
+#: Files in a suite's folder, and the folder of tracebacks
+CASES, REPORTS, ERRORS = "cases.jsonl", "reports.jsonl", "errors"
+
+
+@dataclass(frozen=True, slots=True)
+class SavedReport:
+    """A report with command, machines, source revision and packages that measured it, and its cases' time [s]."""
+
+    report: Report
+    command: str
+    machines: tuple[str, ...]
+    revision: str
+    versions: dict[str, str]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A benchmark that could not be run; ``trace`` is the file of the traceback, empty for an expected error."""
+
+    bench: str
+    robot: str
+    error: str
+    trace: str = ""
+    revision: str = ""
+
+
+def save_report(folder: Path, report: Report, keys: Sequence[str], command: str, *, anew: bool) -> None:
+    """Append a report to a suite's folder, unless the same cases are already reported.
+
+    ``keys`` are those of its cases in ``cases.jsonl``; ``anew`` says whether any case was measured or tried since.
+    """
+    latest = _latest(folder).get((report.bench, report.robot), {})
+    if not anew and (latest.get("keys"), latest.get("command")) == (list(keys), command):
+        return
+    line = {name: value for name, value in report.to_dict().items() if name != "cases"}
+    more = {"revision": source_state(), "notes": report.notes, "command": command, "keys": list(keys)}
+    append_line(folder / REPORTS, {**line, **more})
+
+
+def save_failure(folder: Path, bench: str, robot: str, error: Exception) -> Failure:
+    """Add that a benchmark could not be run to a suite's folder, with the traceback of an unexpected error."""
+    trace = ""
+    if not isinstance(error, PoiseError):
+        trace = f"{ERRORS}/{bench}-{Path(robot).stem}.txt"
+        (folder / ERRORS).mkdir(exist_ok=True)
+        (folder / trace).write_text("".join(format_exception(error)), encoding="utf-8")
+    failure = Failure(bench, robot, f"{type(error).__name__}: {error}", trace, source_state())
+    append_line(folder / REPORTS, asdict(failure))
+    return failure
+
+
+def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
+    """Reports and failures of a suite's folder; ``ConfigError`` for a damaged line or a missing case."""
+    latest = latest_lines(folder)
+    cases = {line["key"]: line for line in read_lines(folder / CASES)}
+    saved, failures = [], []
+    for line in latest:
+        try:
+            if "error" in line:
+                failures.append(Failure(**line))
+            else:
+                saved.append(_saved(line, cases))
+        except (KeyError, TypeError) as error:
+            raise ConfigError(f"{folder / REPORTS}: {line.get('bench')}: missing or unknown: {error}") from error
+    return saved, failures
+
+
+def _latest(folder: Path) -> dict[tuple[str, str], Line]:
+    return {(line.get("bench", ""), line.get("robot", "")): line for line in read_lines(folder / REPORTS)}
+
+
+def latest_lines(folder: Path) -> list[Line]:
+    """The last line of each bench and robot of a suite's folder, in the order in which they were first measured."""
+    return list(_latest(folder).values())
+
+
+def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:
+    kept = {entry.name: line[entry.name] for entry in fields(Report) if entry.name not in ("cases", "contender")}
+    mine = [cases[key] for key in line["keys"]]
+    report = Report(cases=[case["case"] for case in mine], contender=line.get("contender", ""), **kept)
+    seconds = sum(case["seconds"] for case in mine)
+    machines = tuple(dict.fromkeys(case["machine"] for case in mine))
+    return SavedReport(report, line["command"], machines, line["revision"], line["versions"], seconds)
+
+
+PLAN = "plan.jsonl"  # file in a suite's folder
+Part = tuple[str, str]  # bench and robot
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """An unfinished part of a suite."""
+
+    bench: str
+    robot: str
+    done: int  #: Finished cases
+    total: int  #: Requested cases so far; 0 where it has not begun
+    earlier: bool  #: Whether there is a report of another revision or of other cases
+
+    @property
+    def state(self) -> str:
+        """In words."""
+        state = f"{self.done} of {self.total} cases" if self.total else "not begun"
+        return f"{state}; reported: an earlier measurement" if self.earlier else state
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of a suite: its name (empty without a plan), number of parts, and unfinished parts in order."""
+
+    suite: str = ""
+    parts: int = 0
+    missing: tuple[Missing, ...] = ()
+
+    def __str__(self) -> str:
+        begun = [part for part in self.missing if part.total]
+        done, total = sum(part.done for part in begun), sum(part.total for part in begun)
+        finished = f"partial: {self.parts - len(self.missing)} of {self.parts} parts of --{self.suite} are finished"
+        left = f"{done} of {total} cases of the unfinished that have begun, {len(self.missing) - len(begun)} not begun"
+        return f"{finished}; {left}" if self.missing else ""
+
+
+def save_plan(folder: Path, suite: str, commands: Mapping[Part, str]) -> None:
+    """Append the plan of a suite, the command of each part in order, unless it is the latest plan."""
+    parts = [[*part, command] for part, command in commands.items()]
+    line = {"suite": suite, "revision": source_state(), "parts": parts}
+    plans = [found for found in read_lines(folder / PLAN) if "parts" in found]
+    if plans[-1:] != [line]:
+        append_line(folder / PLAN, line)
+
+
+def save_begun(folder: Path, part: Part, keys: Sequence[str]) -> None:
+    """Append that a part begins, with the keys of all its cases known so far."""
+    reports = len(read_lines(folder / REPORTS))
+    found = {"bench": part[0], "robot": part[1], "revision": source_state(), "keys": list(keys), "reports": reports}
+    append_line(folder / PLAN, found)
+
+
+def read_progress(folder: Path) -> Progress:
+    """Progress of the suite that was started last; ``ConfigError`` for a damaged line."""
+    lines = read_lines(folder / PLAN)
+    plans = [line for line in lines if "parts" in line]
+    if not plans:
+        return Progress()
+    plan = plans[-1]
+    begun = {_part(line): line for line in lines if "keys" in line and line["revision"] == plan["revision"]}
+    reported = {_part(line): (number, line) for number, line in enumerate(read_lines(folder / REPORTS))}
+    measured = {line["key"] for line in read_lines(folder / CASES) if "key" in line}
+    missing = []
+    for bench, robot, command in plan["parts"]:
+        number, report = reported.get((bench, robot), (-1, {}))
+        start = begun.get((bench, robot), {"keys": [], "reports": 0})
+        other = report.get("revision") != plan["revision"] or report.get("command", command) != command
+        if other or number < start["reports"]:
+            done = sum(key in measured for key in start["keys"])
+            missing.append(Missing(bench, robot, done, len(start["keys"]), "figures" in report))
+    return Progress(plan["suite"], len(plan["parts"]), tuple(missing))
+
+
+def _part(line: Line) -> Part:
+    return line.get("bench", ""), line.get("robot", "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
     MICRO,
     QUANTILES,
+    STATUSES,
     Stopwatch,
     TickBounds,
     TimedBenchmark,
@@ -34,10 +35,10 @@ from benchmarks.core.timed_run import (
     collector_off,
     plot_tails,
     resident_growth,
+    solution_figures,
     tick_bounds,
 )
 from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
-from benchmarks.speed.tick_timing import STATUSES, solution_figures
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
@@ -58,19 +59,7 @@ ORDERS = tuple(permutations((TICK, PLACO, PINOCCHIO)))
 
 
 class TimedWalk:
-    """Times the ticks of a walk without changing it.
-
-    Attributes:
-        watch: Times of each of ``SUBJECTS``, one row a tick.
-        count: Ticks recorded.
-        adjusted: Whether the step was adjusted (ticks,).
-        single: Whether the tick was one of single support, for placo too (ticks,).
-        beside: Whether placo ran beside it (ticks,).
-        with_placo: Whether placo runs beside the next ticks.
-        residual: KKT residual of the QP (ticks,) [-].
-        status: Index into ``STATUSES`` (ticks,).
-        placo_failed: Ticks on which placo found no solution.
-    """
+    """Times the ticks of a walk without changing it."""
 
     def __init__(self, planner: GaitPlanner, controller: BalanceController, ticks: int) -> None:
         self._planner, self._controller = planner, controller
@@ -78,12 +67,13 @@ class TimedWalk:
         self._track = self._controller.step
         self._pinocchio = PinocchioCalls(self._planner.model)
         self._placo = PlacoTick(self._planner.model, self._controller.whole_body.config)
-        self.watch = Stopwatch(ticks, len(SUBJECTS))
-        self.count = 0
-        self.adjusted, self.single = np.zeros(ticks, dtype=bool), np.zeros(ticks, dtype=bool)
-        self.beside, self.with_placo = np.zeros(ticks, dtype=bool), False
-        self.residual, self.status = np.zeros(ticks), np.zeros(ticks, dtype=np.int64)
-        self.placo_failed = 0
+        self.watch = Stopwatch(ticks, len(SUBJECTS))  #: Times of each of ``SUBJECTS``, one row a tick
+        self.count = self.placo_failed = 0  #: Ticks recorded, and those on which placo found no solution
+        self.with_placo = False  #: Whether placo runs beside the next ticks
+        #: Whether the step was adjusted, the tick was one of single support, for placo too, and placo ran (ticks,)
+        self.adjusted, self.single, self.beside = np.zeros((3, ticks), dtype=bool)
+        self.residual = np.zeros(ticks)  #: KKT residual of the QP (ticks,) [-]
+        self.status = np.zeros(ticks, dtype=np.int64)  #: Index into ``STATUSES`` (ticks,)
 
     @contextmanager
     def recording(self) -> Iterator[None]:

@@ -16,10 +16,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.machine import Machine, advice, read_machine
 from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_of
@@ -27,6 +26,7 @@ from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
 from benchmarks.speed.latency_stages import STAGES, answered, split, tails
 from bridge.driver.probes import LEFT, RIGHT, LatencyProbe, cost
+from bridge.plots import new_figure
 from bridge.ros.environment import free_domain
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
@@ -218,11 +218,9 @@ class Latency(Benchmark):
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
         """Draw the distributions of latency and floor, and the stages."""
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-
         names = _names(report.cases)
-        figure, axes = pyplot.subplots(figsize=(8, 4.5))
+        figure = new_figure(8.0, 4.5)
+        axes = figure.add_subplot()
         _draw_tail(axes, report.cases, "floor", "ping-pong floor", color="0.5")
         for name in names:
             of = [case for case in report.cases if case.get("scenario", "idle") == name]
@@ -232,13 +230,12 @@ class Latency(Benchmark):
         )
         axes.grid(visible=True, which="both", alpha=0.3)
         axes.legend(fontsize=8)
-        files = [folder / "latency.png"]
-        figure.savefig(files[0], dpi=120, bbox_inches="tight")
-        pyplot.close(figure)
+        files = [saved(figure, folder / "latency.png")]
         staged = [name for name in names if not math.isnan(_stage(report, name, STAGES[0], "p50"))]
         if not staged:
             return files
-        figure, pair = pyplot.subplots(1, 2, figsize=(10, 1.5 + 0.4 * len(staged)), sharey=True)
+        figure = new_figure(10.0, 1.5 + 0.4 * len(staged))
+        pair = figure.subplots(1, 2, sharey=True)
         for axes, part in zip(pair, ("p50", "p99"), strict=True):
             left = np.zeros(len(staged))
             for stage in STAGES:
@@ -248,10 +245,7 @@ class Latency(Benchmark):
             axes.set_xlabel(f"{part} of each stage, added [us]")
             axes.invert_yaxis()
         pair[1].legend(fontsize=7, bbox_to_anchor=(1.0, 1.0), loc="upper left")
-        files.append(folder / "latency-stages.png")
-        figure.savefig(files[1], dpi=120, bbox_inches="tight")
-        pyplot.close(figure)
-        return files
+        return [*files, saved(figure, folder / "latency-stages.png")]
 
 
 def _stage(report: Report, scenario: str, stage: str, part: str) -> float:

@@ -2,7 +2,7 @@
 
 The robot stands, then walks straight ahead in lockstep (``ClosedLoop``) with sensor noise, estimator and the delay of
 its profile, without a log. Second by second, in turn: the plain loop, with clocks read around it only; the loop with
-every tick split by stage (``loop_timing.py``); and the physics of that second alone
+every tick split by stage (``SplitLoop``); and the physics of that second alone
 (``bridge/plants/world.py``), the floor of a tick. So ratios are of the same run. The process keeps to one core.
 Speed is judged by the processor time of all its threads, which other load does not change; wall time stands beside it.
 The garbage collector is off.
@@ -10,32 +10,190 @@ The garbage collector is off.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from time import perf_counter_ns, process_time_ns, thread_time_ns
+from typing import Annotated, Any
+from unittest.mock import patch
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Bound, Positive, at_least, at_most, saved, settings
 from benchmarks.core.harness import Case, Report, percentiles
-from benchmarks.core.loops import advance, demand
-from benchmarks.core.timed_run import MICRO, QUANTILES, TimedBenchmark, collector_off, plot_tails
-from benchmarks.speed.loop_timing import (
-    PIECE,
-    SCENARIOS,
-    STAGES,
-    Pieces,
-    draw_stages,
-    one_core,
-    stage_figure,
-    time_pieces,
-)
+from benchmarks.core.loops import advance, demand, keep_upright
+from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off, plot_tails
 from bridge.closed_loop import ClosedLoop
+from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.world import BarePhysics
 from bridge.plots import new_figure
+from controllers.safety.supervisor import Supervisor
 from models.config import STRICT
+from models.nodes.realtime import each_thread
+
+#: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
+#: controller with its QP; joint drivers; supervisor and fall monitor, every tenth tick; all else, such as delay line,
+#: joint monitor and head
+STAGES = ("physics", "sensors", "estimator", "planner", "whole_body", "drivers", "supervise", "rest")
+PHYSICS, SENSORS, ESTIMATOR, PLANNER, WHOLE_BODY, DRIVERS, SUPERVISE, REST = range(len(STAGES))
+
+PIECE = 1.0  # simulated time of a piece [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Wall time, processor time of all threads, and of this thread [ns]."""
+
+    wall: int
+    process: int
+    thread: int
+
+
+def spanned(call: Callable[[], object]) -> Span:
+    """Run something and time it."""
+    thread, process, wall = thread_time_ns(), process_time_ns(), perf_counter_ns()
+    call()
+    end = perf_counter_ns()
+    return Span(end - wall, process_time_ns() - process, thread_time_ns() - thread)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep every thread of this process to its last core: the kernel tends to give interrupts to the first."""
+    allowed = os.sched_getaffinity(0)
+    before: dict[int, set[int]] = {}
+    each_thread(lambda thread: before.update({thread: os.sched_getaffinity(thread)}))
+    try:
+        each_thread(lambda thread: os.sched_setaffinity(thread, {max(allowed)}))
+        yield
+    finally:
+        each_thread(lambda thread: os.sched_setaffinity(thread, before.get(thread, allowed)))
+
+
+class SplitLoop:
+    """Times the ticks of a loop, split by stage; reading the clocks costs some microseconds a tick, in ``rest``."""
+
+    def __init__(self, loop: ClosedLoop, ticks: int) -> None:
+        self._loop = loop
+        self.watch = Stopwatch(ticks, 1)  #: Times of the whole ticks (ticks, 1)
+        #: Wall-clock time of each of ``STAGES``, which add up to the tick (ticks, 8) [ns]
+        self.stages = np.zeros((ticks, len(STAGES)), dtype=np.int64)
+        self.count = 0  #: Ticks recorded
+        self._now = [0] * len(STAGES)
+        self._nested = 0  # time of the stages that ran within the present one [ns]
+
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Split the ticks of ``step`` meanwhile."""
+        loop = self._loop
+        parts: list[tuple[Any, str, int]] = [
+            (loop.plant, "step", PHYSICS),
+            (loop.plant, "read", SENSORS),
+            (loop.estimator, "step", ESTIMATOR),
+            (loop.gait, "step", PLANNER),
+            (loop.controller, "step", WHOLE_BODY),
+            (loop.drivers, "command", DRIVERS),
+            (loop.drivers, "step", DRIVERS),
+            (loop.plant, "write", DRIVERS),
+            (PlantMonitor, "update", SUPERVISE),  # of the class: the loop keeps both to itself
+            (Supervisor, "update", SUPERVISE),
+        ]
+        with ExitStack() as stack:
+            for owner, name, stage in parts:
+                stack.enter_context(patch.object(owner, name, self._timed(getattr(owner, name), stage)))
+            yield
+
+    def _timed(self, call: Callable[..., Any], stage: int) -> Callable[..., Any]:
+        now = self._now
+
+        def timed(*arguments: Any) -> Any:
+            before, self._nested = self._nested, 0
+            start = perf_counter_ns()
+            result = call(*arguments)
+            time = perf_counter_ns() - start
+            now[stage] += time - self._nested
+            self._nested = before + time
+            return result
+
+        return timed
+
+    def step(self) -> None:
+        """Run one tick of the loop."""
+        row, now = self.count, self._now
+        now[:] = [0] * len(STAGES)
+        self.watch.measure(row, 0, self._loop.step)
+        now[REST] = int(self.watch.wall[row, 0]) - sum(now)
+        self.stages[row] = now
+        self.count += 1
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Times of a scenario, each piece ``PIECE`` long."""
+
+    plain: list[Span]  #: The plain loop
+    split: list[Span]  #: With its ticks split by stage
+    bare: list[Span]  #: The physics alone
+    ticks: NDArray[np.floating[Any]]  #: Of the split ones (n,) [us]
+    kept: NDArray[np.bool_]  #: Ticks that the scheduler did not interrupt (n,)
+    stages: NDArray[np.floating[Any]]  #: Time of each of ``STAGES`` in them (n, 8) [us]
+
+
+def time_pieces(loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
+    """Run a loop and time it, ``pieces`` of each kind; ``PoiseError`` when the robot fell."""
+    ticks = round(piece / loop.plant.period)
+    split, bare = SplitLoop(loop, pieces * ticks), BarePhysics(loop.model, ticks)
+    spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
+
+    def split_piece() -> None:
+        for _ in range(ticks):
+            split.step()
+            bare.note(loop.data)
+
+    for _ in range(pieces):
+        spans[0].append(spanned(partial(advance, loop, piece)))
+        bare.begin(loop.data)
+        with split.recording():
+            spans[1].append(spanned(split_piece))
+        keep_upright(loop)
+        bare.rewind()
+        spans[2].append(spanned(bare.replay))
+    wall = split.watch.wall[:, 0] * MICRO
+    return Pieces(*spans, ticks=wall, kept=~split.watch.preempted[:, 0], stages=split.stages * MICRO)
+
+
+SCENARIOS = ("stand", "walk")  # what the robot does, in this order
+
+
+def stage_figure(stage: str, scenario: str) -> str:
+    """Name of the figure of a stage: mean over the ticks [us]."""
+    return f"{stage}_{scenario}_us_mean"
+
+
+def draw_stages(axes: Axes, reports: Sequence[Report]) -> None:
+    """Draw the stages of a tick on top of each other, a bar a robot and scenario, with the physics alone as a line."""
+    bars = [(report, scenario) for report in reports for scenario in SCENARIOS]
+    places = range(len(bars))
+    bottoms = [0.0] * len(bars)
+    for stage, colour in zip(STAGES, colormaps["tab10"].colors, strict=False):  # type: ignore[attr-defined]
+        heights = [report.figures[stage_figure(stage, scenario)] for report, scenario in bars]
+        axes.bar(places, heights, bottom=bottoms, color=colour, label=stage.replace("_", " "))
+        bottoms = [bottom + height for bottom, height in zip(bottoms, heights, strict=True)]
+    for place, (report, scenario) in zip(places, bars, strict=True):
+        bare = report.figures[f"bare_physics_{scenario}_us"]
+        axes.plot([place - 0.4, place + 0.4], [bare, bare], "k--", linewidth=0.8)
+    axes.set_xticks(places, [f"{report.robot}\n{scenario}" for report, scenario in bars], fontsize=8)
+    axes.set_ylabel("mean of a tick [us]; dashed: MuJoCo alone")
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), reverse=True)  # from top to bottom, as drawn
+
 
 NANO = 1e-9  # nanoseconds to seconds
 

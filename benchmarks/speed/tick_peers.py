@@ -12,8 +12,10 @@ residual, ours is checked on every tick. Copying state and references into placo
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -35,11 +37,6 @@ CONTACT_FRAMES = ("tick/left", "tick/right")
 
 class PlacoTick:
     """placo's ``DynamicsSolver`` on the task of the whole-body controller, with both feet on the floor or one.
-
-    Attributes:
-        success: Whether the last solve found a solution.
-        acceleration: Generalised acceleration (nv,) [m/s^2, rad/s^2].
-        torque: Joint torques (nj,) [N.m].
 
     Raises:
         RobotModelError: placo does not read the robot as Pinocchio does.
@@ -90,9 +87,9 @@ class PlacoTick:
             self._soles.append(sole)
             self._contacts.append(contact)
             self._bear(len(self._soles) - 1, True)
-        self.success = False
-        self.acceleration = np.zeros(model.nv)
-        self.torque = np.zeros(model.nj)
+        self.success = False  #: Whether the last solve found a solution
+        self.acceleration = np.zeros(model.nv)  #: Generalised acceleration (nv,) [m/s^2, rad/s^2]
+        self.torque = np.zeros(model.nj)  #: Joint torques (nj,) [N.m]
 
     def _orientation(self, frame: str, kp: float, kd: float) -> placo.DynamicsOrientationTask:
         name = self._model.pin.frames[self._model.frame_id(frame)].name
@@ -212,7 +209,6 @@ def _add_frame(root: ET.Element, model: RobotModel, frame_id: int, name: str, of
 
 
 def _angles(rotation: Matrix) -> Vector:
-    """Roll, pitch and yaw of a rotation (3, 3) [rad]."""
     return np.asarray(pin.rpy.matrixToRpy(rotation))
 
 
@@ -222,16 +218,27 @@ SOLVER = "daqp"  # back-end of both: the fastest dense one of this size
 PERIOD = 0.001  # over which velocities are integrated [s]
 
 
-class KinematicPeer(Protocol):
-    """Inverse kinematics of one tick."""
+class KinematicPeer(ABC):
+    """Inverse kinematics of one tick on soles, CoM, torso and posture; ``velocity`` is the last answer (nv,)."""
 
+    velocity: Vector
+    _configuration: Any
+    _q: Vector
+
+    def _begin(self, model: RobotModel, q: Vector, tasks: list[Any], solve: Callable[[list[Any]], Vector]) -> None:
+        """Hold the tasks at a configuration (nq,)."""
+        for task in tasks:
+            task.set_target_from_configuration(self._configuration)
+        self._tasks, self._solve, self._q, self.velocity = tasks, solve, q, np.zeros(model.nv)
+
+    @abstractmethod
     def prepare(self, state: RobotState) -> None:
         """Copy the state; not part of its tick."""
-        ...
 
     def step(self) -> None:
         """One whole tick: kinematics, problem, solution."""
-        ...
+        self._configuration.update(self._q)
+        self.velocity = self._solve(self._tasks)
 
 
 def installed_peers(model: RobotModel) -> dict[str, KinematicPeer]:
@@ -241,69 +248,53 @@ def installed_peers(model: RobotModel) -> dict[str, KinematicPeer]:
     return {name: kind(model) for name, kind in kinds.items() if ready and find_spec(name) is not None}
 
 
-class PinkTick:
-    """pink's ``solve_ik`` on soles, CoM, torso and posture; ``velocity`` is the last answer (nv,) [m/s, rad/s]."""
+class PinkTick(KinematicPeer):
+    """pink's ``solve_ik``; ``velocity`` in Pinocchio's order [m/s, rad/s]."""
 
     def __init__(self, model: RobotModel) -> None:
         import pink
         from pink.tasks import ComTask, FrameTask, PostureTask
 
-        self._solve = pink.solve_ik
         q = model.standing_configuration()
         self._configuration = pink.Configuration(model.pin, model.data(), q)
         names = [model.pin.frames[foot.frame_id].name for foot in model.feet]
         torso = model.pin.frames[model.frame_id("torso")].name
-        self._tasks: list[Any] = [
+        tasks = [
             *(FrameTask(name, COSTS["sole"], COSTS["sole"]) for name in names),
             ComTask(COSTS["com"]),
             FrameTask(torso, 0.0, COSTS["torso"]),
             PostureTask(COSTS["posture"]),
         ]
-        for task in self._tasks:
-            task.set_target_from_configuration(self._configuration)
-        self._q = q
-        self.velocity = np.zeros(model.nv)
+        self._begin(model, q, tasks, lambda tasks: pink.solve_ik(self._configuration, tasks, PERIOD, solver=SOLVER))
 
     def prepare(self, state: RobotState) -> None:
         """Copy the state."""
         self._q = state.q.copy()
 
-    def step(self) -> None:
-        """Kinematics, problem, solution."""
-        self._configuration.update(self._q)
-        self.velocity = self._solve(self._configuration, self._tasks, PERIOD, solver=SOLVER)
 
-
-class MinkTick:
-    """mink's ``solve_ik`` on the same tasks; ``velocity`` is the last answer (nv,) in MuJoCo's order [m/s, rad/s]."""
+class MinkTick(KinematicPeer):
+    """mink's ``solve_ik``; ``velocity`` in MuJoCo's order [m/s, rad/s]."""
 
     def __init__(self, model: RobotModel) -> None:
         import mink
 
         self._model = model
         self._mujoco = mujoco = build_mujoco(model, timestep=PERIOD)
-        self._solve = mink.solve_ik
         q, _ = pin_to_mujoco(model, mujoco, model.standing_configuration(), np.zeros(model.nv))
         self._configuration = mink.Configuration(mujoco.model, q=q)
         names = [mujoco.model.site(site).name for site in mujoco.sole_sites]
         frame = mujoco.model.body(mujoco.bodies["torso"]).name
-        self._tasks: list[Any] = [
+        tasks = [
             *(mink.FrameTask(name, "site", COSTS["sole"], COSTS["sole"]) for name in names),
             mink.ComTask(COSTS["com"]),
             mink.FrameTask(frame, "body", 0.0, COSTS["torso"]),
             mink.PostureTask(mujoco.model, COSTS["posture"]),
         ]
-        for task in self._tasks:
-            task.set_target_from_configuration(self._configuration)
-        self._limits = [mink.ConfigurationLimit(mujoco.model)]
-        self._q = q
-        self.velocity = np.zeros(model.nv)
+        limits = [mink.ConfigurationLimit(mujoco.model)]
+        self._begin(
+            model, q, tasks, lambda tasks: mink.solve_ik(self._configuration, tasks, PERIOD, SOLVER, limits=limits)
+        )
 
     def prepare(self, state: RobotState) -> None:
         """Copy the state."""
         self._q, _ = pin_to_mujoco(self._model, self._mujoco, state.q, state.v)
-
-    def step(self) -> None:
-        """Kinematics, problem, solution."""
-        self._configuration.update(self._q)
-        self.velocity = self._solve(self._configuration, self._tasks, PERIOD, solver=SOLVER, limits=self._limits)

@@ -167,11 +167,6 @@ def calibrate(robot: str, way: str, seed: int) -> Case:
     return {**left, **scores, "reason": "; ".join(reasons), "ok": not reasons}
 
 
-def _worst(values: list[float]) -> float:
-    """Largest value; NaN where one is missing."""
-    return float(np.max(values))
-
-
 class Calibrate(Benchmark):
     """Calibrate in both ways for every seed."""
 
@@ -187,13 +182,12 @@ class Calibrate(Benchmark):
         for way in WAYS:
             mine = [case for case in cases if case["way"] == way]
             for error in ("gyro", "encoder", "force"):
-                figures[f"{way}_{error}_left_max"] = _worst([case[f"{error}_left"] for case in mine])
+                figures[f"{way}_{error}_left_max"] = float(np.max([case[f"{error}_left"] for case in mine]))
         for name in QUANTITIES:
             for how in ("clean", "uncalibrated", "calibrated"):
                 values = [case[f"{name}_{how}"] for case in cases]
-                figures[f"{name}_{how}_max_{UNITS[name]}"] = (
-                    float(np.nanmax(values)) if how == "uncalibrated" and not np.isnan(values).all() else _worst(values)
-                )
+                ignoring = how == "uncalibrated" and not np.isnan(values).all()
+                figures[f"{name}_{how}_max_{UNITS[name]}"] = float((np.nanmax if ignoring else np.max)(values))
         figures["uncalibrated_falls"] = float(sum(math.isnan(case["com_drift_uncalibrated"]) for case in cases))
         figures["failed"], figures["total"] = float(sum(not case["ok"] for case in cases)), float(len(cases))
         return figures

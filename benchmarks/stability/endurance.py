@@ -21,7 +21,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
-from benchmarks.core.harness import Case, Options, Report
+from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
@@ -199,10 +199,6 @@ class Endurance(Benchmark):
     """An hour for every seed."""
 
     measure = staticmethod(hour)
-
-    def cases(self, options: Options) -> list[Case]:
-        """One a seed."""
-        return [{"robot": options.robot, "seed": seed} for seed in range(options.seeds)]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """Sums over the hours, and the worst of memory, torque step and speed."""

@@ -1,4 +1,4 @@
-r"""What a linear inverted pendulum can take of a push, without and with steps.
+r"""What a robot can take of a push: a linear inverted pendulum without and with steps, and its torques.
 
 A force F for a time ``T_p`` moves the DCM of a pendulum whose centre of pressure rests on the edge of its support, a
 distance d ahead of the DCM before the push, to where it would come to rest on a point a distance D beyond that edge:
@@ -12,6 +12,22 @@ Without a step D is zero. With N steps of length ``l`` and time ``T``, the first
 References:
     Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, eq. 29: its
     ``d_N - r_max`` is ``D_N`` here.
+
+The torques allow less than the pendulum. The largest horizontal force that a standing robot can bear at its CoM is a
+linear programme over the wrenches ``w`` of both soles, in their frames, and the size of the force ``f``, of direction
+``d``:
+
+.. math::
+    \max f \quad \text{s.t.} \quad g(q) - J_c^T w - J_{com}^T d f = (0_6, \tau), \quad
+    |\tau| \le \tau_{max}, \quad w \in \text{cone}
+
+Without torque limits it is ``m g d_edge / z``: a pendulum whose centre of pressure is on the edge of its support. A
+push that leaves the DCM on that edge is larger by ``1 / (1 - exp(-omega T_p))``; with the static force of this
+programme in its place the bound holds for the torques too.
+
+References:
+    Bretl, Lall: Testing static equilibrium for legged robots, T-RO 2008 (the programme without torques);
+    Orsolino et al.: Feasible region: an actuation-aware extension of the support region, T-RO 2020 (with them).
 """
 
 from __future__ import annotations
@@ -19,9 +35,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
+from scipy.optimize import linprog
 
+from controllers.whole_body.limits import CONE_ROWS as ROWS
+from controllers.whole_body.limits import fill_cone
 from models.constants import GRAVITY
-from models.types import Vector
+from models.errors import PoiseError
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
 
 
@@ -54,3 +76,82 @@ def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector)
         lengths = [step_length(gait, (first + k) % 2, direction) for k in range(steps)]
         sums.append(sum(length * decay ** (k + 1) for k, length in enumerate(lengths)))
     return max(0.0, *sums)
+
+
+FORCE_MAX = 10.0  # bound of a sole's normal force, in weights of the robot: none that matters [-]
+
+
+def torque_bound(model: RobotModel, q: Vector, direction: Vector, duration: float) -> float:
+    """Largest push of ``duration`` [s] along a horizontal unit vector in W (3,), from rest at ``q``, no step [N]."""
+    data = model.data()
+    pin.framesForwardKinematics(model.pin, data, q)
+    sole = np.mean([data.oMf[foot.frame_id].translation[2] for foot in model.feet])
+    height = float(pin.centerOfMass(model.pin, data, q)[2] - sole)
+    omega = math.sqrt(GRAVITY / height)
+    return static_force(model, q, direction, model.tau_max) / (1.0 - math.exp(-omega * duration))
+
+
+def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vector) -> float:
+    """Largest force along a horizontal unit vector in W (3,) at the CoM of a robot at rest at ``q`` (nq,) [N].
+
+    Raises:
+        PoiseError: It cannot stand in this configuration within ``tau_max`` (nj,) [N.m].
+    """
+    gravity, contact, com = _terms(model, q)
+    pulled = com.T @ direction  # (nv,)
+    maps = np.column_stack((contact.T, pulled))  # (nv, 13)
+    cones, upper = _cones(model)
+    limited = np.isfinite(tau_max)
+    joints = maps[6:][limited]
+    rows = np.vstack((np.column_stack((cones, np.zeros(len(cones)))), -joints, joints))
+    bounds = np.concatenate((upper, tau_max[limited] - gravity[6:][limited], tau_max[limited] + gravity[6:][limited]))
+    cost = np.zeros(13)
+    cost[12] = -1.0
+    answer = linprog(
+        cost,
+        A_ub=rows,
+        b_ub=bounds,
+        A_eq=maps[:6],
+        b_eq=gravity[:6],
+        bounds=[(None, None)] * 12 + [(0.0, None)],
+        method="highs",
+    )
+    if answer.x is None:
+        raise PoiseError(f"{model.name} cannot stand in this configuration: {answer.message}")
+    return float(answer.x[12])
+
+
+def static_torques(model: RobotModel, q: Vector) -> Vector:
+    """Joint torques that keep a robot standing still with the least wrenches on its soles (nj,) [N.m]."""
+    gravity, contact, _ = _terms(model, q)
+    wrenches = np.linalg.lstsq(contact[:, :6].T, gravity[:6], rcond=None)[0]
+    torques: Vector = gravity[6:] - contact[:, 6:].T @ wrenches
+    return torques
+
+
+def _terms(model: RobotModel, q: Vector) -> tuple[Vector, Matrix, Matrix]:
+    """Gravity (nv,), Jacobians of both soles in their frames (12, nv), Jacobian of the CoM in the world (3, nv)."""
+    data = model.data()
+    gravity = np.array(pin.computeGeneralizedGravity(model.pin, data, q))
+    pin.computeJointJacobians(model.pin, data, q)
+    pin.updateFramePlacements(model.pin, data)
+    contact = np.vstack(
+        [pin.getFrameJacobian(model.pin, data, foot.frame_id, pin.ReferenceFrame.LOCAL) for foot in model.feet]
+    )
+    return gravity, contact, np.array(pin.jacobianCenterOfMass(model.pin, data, q))
+
+
+def _cones(model: RobotModel) -> tuple[Matrix, Vector]:
+    """Rows ``G w <= h`` of both soles' wrenches (2 (ROWS + 1), 12)."""
+    weight = model.mass * GRAVITY
+    rows, upper = [], []
+    for index, foot in enumerate(model.feet):
+        matrix, low, high = np.zeros((ROWS, 6)), np.zeros(ROWS), np.zeros(ROWS)
+        rectangle = np.array(foot.rectangle)
+        fill_cone(rectangle, foot.friction, 0.0, FORCE_MAX * weight, weight, matrix, low, high)
+        placed = np.zeros((ROWS + 1, 12))
+        placed[:ROWS, 6 * index : 6 * index + 6] = matrix
+        placed[ROWS, 6 * index : 6 * index + 6] = -matrix[-1]  # the normal force is the last row
+        rows.append(placed)
+        upper.append(np.append(high, -low[-1]))
+    return np.vstack(rows), np.concatenate(upper)

@@ -43,16 +43,18 @@ class StandConfig:
 _config = partial(settings, StandConfig, "stand")
 
 
+#: Figure of the worst seed, by bounded quantity of a case
+FIGURES = {
+    "com_drift": "com_drift_max_m",
+    "foot_slide": "foot_slide_max_m",
+    "joint_speed": "joint_speed_mean_max_rad_s",
+    "base_drop": "base_drop_max_m",
+    "torque_step": "torque_step_max",
+}
+
+
 def _limits() -> dict[str, float]:
-    """Limit of each bounded quantity of a case."""
-    config = _config()
-    return {
-        "com_drift": config.com_drift_limit,
-        "foot_slide": config.foot_slide_limit,
-        "joint_speed": config.joint_speed_limit,
-        "base_drop": config.base_drop_limit,
-        "torque_step": config.torque_step_limit,
-    }
+    return {name: getattr(_config(), f"{name}_limit") for name in FIGURES}
 
 
 _push_config = partial(settings, PushConfig, "push")
@@ -91,12 +93,11 @@ def stand(robot: str, seed: int) -> Case:
             step = max(step, float((steps / (model.tau_rate_max * loop.plant.period)).max()))
         tau = log.tau[-1:].copy()
         log.clear()
-    joint_speed, slide = speed_sum / samples, float(loop.foot_slip.max())
     found = {
         "com_drift": drift,
-        "foot_slide": slide,
+        "foot_slide": float(loop.foot_slip.max()),
         "base_drop": drop,
-        "joint_speed": joint_speed,
+        "joint_speed": speed_sum / samples,
         "torque_step": step,
     }
     ok = not loop.fallen and all(found[name] < limit for name, limit in _limits().items())
@@ -160,16 +161,6 @@ def _motion_duration(robot: str, name: str) -> float:
 
 def _measure(kind: str, **inputs: Any) -> Case:
     return stand(**inputs) if kind == "stand" else motion(**inputs)
-
-
-#: Figure of the worst seed, by quantity
-FIGURES = {
-    "com_drift": "com_drift_max_m",
-    "foot_slide": "foot_slide_max_m",
-    "joint_speed": "joint_speed_mean_max_rad_s",
-    "base_drop": "base_drop_max_m",
-    "torque_step": "torque_step_max",
-}
 
 
 class Stand(Benchmark):

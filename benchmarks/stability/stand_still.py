@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.stability.torque_bound import static_torques
+from benchmarks.stability.push_bounds import static_torques
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData

@@ -12,10 +12,9 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, settings
-from benchmarks.core.contender_loop import AnyLoop, ContenderLoop
+from benchmarks.core.contender_loop import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.fall_plot import FAILED, PASSED, draw_failures
-from benchmarks.stability.fall_signals import last_moments
+from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from models.config import STRICT
@@ -29,19 +28,13 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Condition:
-    """What makes a walk hard.
+    """What makes a walk hard."""
 
-    Attributes:
-        terrain: Name of the ground, see ``models/config/terrain.yaml``; random tiles get the seed of the case.
-        friction: Coulomb coefficient [-]; the robot's when None.
-        payload: Unknown mass at the torso, as a share of the robot's [-].
-        delay: Added to that of sensors and commands [s].
-    """
-
+    #: Name of the ground, see ``models/config/terrain.yaml``; random tiles get the seed of the case
     terrain: str = FLAT
-    friction: Positive | None = None
-    payload: NonNegative = 0.0
-    delay: NonNegative = 0.0
+    friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's when None
+    payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's [-]
+    delay: NonNegative = 0.0  #: Added to that of sensors and commands [s]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -85,7 +78,7 @@ def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
         "delay_s": latency.sensors + latency.commands + condition.delay,
         "record_period_s": config.record_period,
     }
-    loop: AnyLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
+    loop: ClosedLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
     loop.command("walk")
     loop.set_velocity(config.speed, 0.0, 0.0)
     (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])

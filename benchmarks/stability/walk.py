@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.stability.fall_plot import FAILED, PASSED, draw_failures
+from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
 from bridge.plots import new_figure
 
@@ -166,7 +166,6 @@ def _draw_limit(axes: Axes, value: float, name: str) -> None:
 
 
 def _draw_scenarios(axes: Axes, cases: list[Case], score: str, label: str) -> None:
-    """One dot a walk, by scenario."""
     names = list(dict.fromkeys(case["scenario"] for case in cases))
     for fell, colour in ((False, PASSED), (True, FAILED)):
         chosen = [case for case in cases if case["fell"] == fell]

@@ -6,17 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Positive, settings
-from benchmarks.core.contender_loop import AnyLoop, ContenderLoop
+from benchmarks.core.contender_loop import ContenderLoop
 from benchmarks.core.harness import Case
 from benchmarks.core.loops import demand
-from benchmarks.stability.fall_signals import last_moments
+from benchmarks.stability.falls import last_moments
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT
 from models.constants import GRAVITY
@@ -46,7 +46,7 @@ class Walked:
         return mean
 
 
-def watch(loop: AnyLoop, duration: float, chunk: float) -> Walked:
+def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
     """Measure a walk for ``duration`` [s] or until a fall, every ``chunk`` [s]; the loop's log gives the power."""
     velocities, distance, energy = [], 0.0, 0.0
     end = loop.t + duration
@@ -135,7 +135,6 @@ def robot_walk(name: str) -> RobotWalk:
 
 @cache
 def _contested(robot: str, contender: str) -> ContenderLoop:
-    """One loop for every case of a contender in this process."""
     return ContenderLoop(contender, robot, record_period_s=walk_config().record_period)
 
 
@@ -154,7 +153,7 @@ def _limits(robot: str) -> VelocityConfig:
     return load_gait_config(RobotModel.load(robot)).velocity
 
 
-def _scores(loop: AnyLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
+def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
     window = max(round(config.window / config.chunk), 1)
     weight = loop.robot.mass * GRAVITY
     return {
@@ -168,28 +167,24 @@ def _scores(loop: AnyLoop, walked: Walked, commands: Matrix, config: WalkConfig)
     }
 
 
-def _reason(loop: AnyLoop) -> str:
+def _reason(loop: ClosedLoop) -> str:
     what = loop.fall_reason or "; ".join(loop.faults)
     return f"{what} at {loop.t:.1f} s" if what else ""
 
 
-def _moments(loop: AnyLoop, failed: bool) -> Case:
+def _moments(loop: ClosedLoop, failed: bool) -> Case:
     """What explains a failed walk; empty for one that did not fail, and for a contender, whose log has too little."""
     return last_moments(loop, walk_config().shown) if failed and not isinstance(loop, ContenderLoop) else {}
 
 
-def _run(loop: AnyLoop, duration: float) -> None:
-    """Run for a time [s], or until the robot has fallen."""
+def _run(loop: ClosedLoop, duration: float) -> None:
     chunk = walk_config().chunk
     for _ in range(round(duration / chunk)):
         if not loop.fallen:
             loop.run(chunk)
 
 
-L = TypeVar("L", bound=AnyLoop)
-
-
-def _begin(loop: L, seed: int, command: Velocity, config: WalkConfig) -> L:
+def _begin(loop: ClosedLoop, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
     """Start a walk at a velocity and run it for ``start_time``; ``PoiseError`` when the robot would not walk."""
     loop.reset(seed)
     demand(loop, "walk")
@@ -206,8 +201,7 @@ def steady(robot: str, seed: int, command: Velocity, duration: float, contender:
         ``cost_of_transport`` [-], ``foot_slip`` [m], ``moments``: the last ones when it fell.
     """
     config = walk_config()
-    loop: AnyLoop = _contested(robot, contender) if contender else _loop(robot)
-    loop = _begin(loop, seed, command, config)
+    loop = _begin(_contested(robot, contender) if contender else _loop(robot), seed, command, config)
     walked = watch(loop, duration - config.start_time, config.chunk)
     commands = np.tile(command, (len(walked.velocities), 1))
     return {**_scores(loop, walked, commands, config), "speed_error": speed_error(walked.mean, command)}

@@ -114,6 +114,7 @@ class Lockstep:
         note: Takes a sentence about what happened.
         after_tick: Called at the end of every tick.
         recorder: Writes inputs and outputs of the stack into a file; optional.
+        drivers: Joint drivers.
 
     Attributes:
         plant: The simulated robot.
@@ -138,11 +139,12 @@ class Lockstep:
         note: Callable[[str], None],
         after_tick: Callable[[], None],
         recorder: LoopRecorder | None = None,
+        drivers: type[JointServo] = JointServo,
     ) -> None:
         self.plant, self.stack, self._config = plant, stack, config
-        self._recorder = recorder
+        self._recorder, self._drivers = recorder, drivers
         self.monitor = PlantMonitor(plant, config)
-        self.servo = JointServo(plant.robot)
+        self.servo = drivers(plant.robot)
         self.tick = self._missed = 0
         self.listener: Callable[[SensorData], None] | None = None
         self.hanging = False
@@ -199,7 +201,7 @@ class Lockstep:
         self.plant.reset(seed)
         calibration = self.stack.calibration
         self._encoder_offsets = None if calibration is None else calibration.encoder_offsets
-        self.servo = JointServo(self.plant.robot)
+        self.servo = self._drivers(self.plant.robot)
         self.servo.arm()
         self.stack.switch_off()
         self._queue.clear()

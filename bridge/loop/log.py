@@ -102,21 +102,12 @@ class LoopLog:
         gait: GaitPlanner,
     ) -> None:
         """Append a row."""
-        if self._count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        row, at = self._rows[self._count], self._columns
-        row[at["t"]] = truth.t
+        row, at = self.add_truth(truth, true_com), self._columns
         row[at["com"]] = result.com
         row[at["dcm"]] = result.dcm
         row[at["zmp"]] = result.zmp
-        row[at["true_com"]] = true_com
-        row[at["true_q"]] = truth.q
-        row[at["true_v"]] = truth.v
         row[at["estimate_q"]] = estimate.q
         row[at["estimate_v"]] = estimate.v
-        row[at["tau"]] = truth.tau
-        wrenches = row[at["wrenches"]]
-        wrenches[:6], wrenches[6:] = truth.contacts[0].wrench, truth.contacts[1].wrench
         row[at["planned_wrenches"]] = result.wrenches.ravel()
         row[at["footholds"]] = [place for hold in gait.footholds for place in (hold.x, hold.y)]
         row[at["swing"]] = 1 - gait.stance if gait.phase is GaitPhase.SINGLE else -1
@@ -124,7 +115,21 @@ class LoopLog:
         row[at["solve_time"]] = result.solve_time
         row[at["status"]] = _STATUS.index(result.status)
         row[at["mode"]] = _MODES.index(mode)
+
+    def add_truth(self, truth: RobotState, true_com: Vector) -> Vector:
+        """Append a row of true values alone, and return it."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+        row, at = self._rows[self._count], self._columns
+        row[at["t"]] = truth.t
+        row[at["true_com"]] = true_com
+        row[at["true_q"]] = truth.q
+        row[at["true_v"]] = truth.v
+        row[at["tau"]] = truth.tau
+        wrenches = row[at["wrenches"]]
+        wrenches[:6], wrenches[6:] = truth.contacts[0].wrench, truth.contacts[1].wrench
         self._count += 1
+        return row
 
     def recording(self, events: Iterable[tuple[float, str]] = ()) -> Recording:
         """The true states as a ``Recording``, for plots, pictures and the stability report."""

@@ -11,8 +11,8 @@ from benchmarks.core import contender, contender_loop
 from benchmarks.core.benchmark import settings
 from benchmarks.core.contender_loop import ContenderLoop
 from benchmarks.stability import push, terrain, walk_cases
+from benchmarks.stability.push_bounds import torque_bound
 from benchmarks.stability.stand_still import StandStill
-from benchmarks.stability.torque_bound import torque_bound
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import JointCommand, SensorData
@@ -76,14 +76,14 @@ def test_the_drivers_execute_targets_and_commands_come_late(monkeypatch: pytest.
     made = Posture()
     monkeypatch.setattr(contender_loop, "load", lambda name: made)
     loop = ContenderLoop("any", "g1", seed=2, delay_s=0.004, record_period_s=0.01)
-    assert made.told[0] == 2 and loop._delay == 4
+    assert made.told[0] == 2 and loop._lockstep._delay_ticks == 4
     loop.set_velocity(0.1, 0.0, 0.2)
     loop.run(0.1)
     assert made.told.count((0.1, 0.0, 0.2)) == 1
     stamps = [word for word in made.told if isinstance(word, float)]
     np.testing.assert_allclose(np.diff(stamps[-50:]), 0.001, atol=1e-9)
     assert loop.log.tau.shape[1] == loop.robot.nj and len(loop.log) == len(loop.log.true_v) > 5
-    assert len(loop._queue) == 4  # what it has answered and the drivers do not have yet
+    assert len(loop._lockstep._queue) == 4  # what it has answered and the drivers do not have yet
 
 
 def test_speed_and_terrain_tests_run_with_a_contender() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.stability.estimate import interval
-from benchmarks.stability.estimate_runs import PARTS, ErrorLog, nees
+from benchmarks.stability.estimate import PARTS, ErrorLog, interval, nees
 from bridge.closed_loop import ClosedLoop
 
 

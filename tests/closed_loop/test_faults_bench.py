@@ -12,8 +12,7 @@ from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Options
 from benchmarks.faults import faults
 from benchmarks.faults.fault_acts import ACTS
-from benchmarks.faults.fault_rows import Row, config, with_knee
-from benchmarks.faults.faults import measure
+from benchmarks.faults.faults import Row, config, measure, with_knee
 from models.errors import ConfigError
 from tests.fault_guards import GUARDS, RATE, WITHOUT_GUARD
 

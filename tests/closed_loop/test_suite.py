@@ -13,9 +13,8 @@ from typer.testing import CliRunner
 from benchmarks import cli
 from benchmarks.cli import app
 from benchmarks.core.benchmark import Info, Listed, catalogue
-from benchmarks.report import report_tables, suite
-from benchmarks.report.saved_reports import CASES, REPORTS
-from benchmarks.report.suite import Entry, command_of, entries_of
+from benchmarks.report import report_page, suite
+from benchmarks.report.suite import CASES, REPORTS, Entry, command_of, entries_of
 from models.errors import PoiseError
 
 RUNNER = CliRunner()
@@ -32,7 +31,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     info = Info("", choice="scenario", keys=keys, figures=("survived", "total", "nonsense"))
     listed = {"faults": Listed("faults", info, "benchmarks.faults.faults"), "stand": catalogue()["stand"]}
     monkeypatch.setattr(suite, "entries_of", lambda name: entries)
-    for module in (cli, report_tables):  # each has the name
+    for module in (cli, report_page):  # each has the name
         monkeypatch.setattr(module, "catalogue", lambda: listed)
 
 

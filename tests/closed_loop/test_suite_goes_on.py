@@ -19,8 +19,7 @@ from benchmarks.core.executors import InProcess
 from benchmarks.core.harness import Case, Options, Sweep
 from benchmarks.core.results import ResultsFile, read_lines
 from benchmarks.report import report_page, suite
-from benchmarks.report.saved_reports import CASES, PLAN, REPORTS, read_progress, save_begun, save_plan
-from benchmarks.report.suite import Entry, command_of
+from benchmarks.report.suite import CASES, PLAN, REPORTS, Entry, command_of, read_progress, save_begun, save_plan
 from models.errors import WorkersError
 from tests import sweep_cases
 
@@ -103,7 +102,7 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     assert not read_progress(tmp_path).missing
     save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
     assert read_progress(tmp_path).missing
-    monkeypatch.setattr("benchmarks.report.saved_reports.source_state", lambda: "later")
+    monkeypatch.setattr("benchmarks.report.suite.source_state", lambda: "later")
     save_plan(
         tmp_path,
         "full",

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.core.benchmark import catalogue, settings
 from benchmarks.core.harness import Report
 from benchmarks.core.loops import advance
-from benchmarks.core.timed_run import QUANTILES
+from benchmarks.core.timed_run import QUANTILES, STATUSES
 from benchmarks.speed.gait import (
     ADJUSTMENT,
     GAIT,
@@ -23,7 +23,6 @@ from benchmarks.speed.gait import (
     TimedWalk,
     summarise,
 )
-from benchmarks.speed.tick_timing import STATUSES
 from controllers.balance.controller import BalanceController
 from models.errors import PoiseError
 from models.robot_model import RobotModel

@@ -15,17 +15,18 @@ from benchmarks.core.harness import Options, Report
 from benchmarks.core.loops import demand
 from benchmarks.core.timed_run import QUANTILES
 from benchmarks.speed import loop as bench
-from benchmarks.speed.loop import LoopBenchConfig, summarise
-from benchmarks.speed.loop_timing import (
+from benchmarks.speed.loop import (
     PLANNER,
     SCENARIOS,
     STAGES,
     SUPERVISE,
+    LoopBenchConfig,
     Pieces,
     Span,
     SplitLoop,
     one_core,
     stage_figure,
+    summarise,
     time_pieces,
 )
 from bridge.closed_loop import ClosedLoop

@@ -10,10 +10,17 @@ import numpy as np
 import pytest
 
 from benchmarks.core.benchmark import settings
-from benchmarks.core.timed_run import Stopwatch, tick_bounds
-from benchmarks.speed.tick import TickConfig, beside_kinematics, summarise
+from benchmarks.core.timed_run import STATUSES, Stopwatch, tick_bounds
+from benchmarks.speed.tick import (
+    STAGES,
+    SUBJECTS,
+    StageProbe,
+    TickConfig,
+    TimedController,
+    beside_kinematics,
+    summarise,
+)
 from benchmarks.speed.tick_peers import PlacoTick, installed_peers
-from benchmarks.speed.tick_timing import STAGES, STATUSES, SUBJECTS, StageProbe, TimedController
 from controllers.balance.controller import BalanceController
 from controllers.whole_body.config import WholeBodyConfig
 from models.config import default_config

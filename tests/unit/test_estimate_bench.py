@@ -8,8 +8,7 @@ import pytest
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Report
 from benchmarks.core.timed_run import Stopwatch
-from benchmarks.stability.estimate import drift, interval, mean_nees, summarise
-from benchmarks.stability.estimate_runs import PARTS, estimate_config, nees, scenarios
+from benchmarks.stability.estimate import PARTS, drift, estimate_config, interval, mean_nees, nees, scenarios, summarise
 
 RUNS = 20
 

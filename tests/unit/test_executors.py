@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import pytest
 
-from benchmarks.core import executors, harness, measured
+from benchmarks.core import executors, harness
 from benchmarks.core.executors import Executor, InProcess, ProcessPool, local_executor, make_executor
 from benchmarks.core.harness import Options, Sweep, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
@@ -108,7 +108,7 @@ def test_a_case_that_kills_every_worker_ends_the_sweep(make: Callable[[], Execut
 
 def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
     with (
-        patch.object(measured, "source_state", lambda: "elsewhere"),
+        patch.object(executors, "source_state", lambda: "elsewhere"),
         patch.object(harness, "source_state", lambda: "here"),
         ResultsFile(tmp_path / "cases.jsonl") as file,
         pytest.raises(WorkersError, match=r"a worker on \S+ runs revision elsewhere, not here"),

@@ -14,10 +14,9 @@ from typer.testing import CliRunner
 from benchmarks.cli import app
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Report, read_json, write_json
-from benchmarks.stability import fall_signals, push_map
-from benchmarks.stability.fall_plot import draw_fall
-from benchmarks.stability.fall_signals import AFTER, LEG_JOINTS, OTHER_JOINTS, last_moments, moments_since
-from benchmarks.stability.push_plot import direction_name
+from benchmarks.stability import falls, push_map
+from benchmarks.stability.falls import AFTER, LEG_JOINTS, OTHER_JOINTS, draw_fall, last_moments, moments_since
+from benchmarks.stability.push import direction_name
 from bridge.closed_loop import ClosedLoop
 from models.types import Mode
 
@@ -113,12 +112,12 @@ def test_a_robot_that_was_given_up_before_the_first_row_asked_for_is_shown_from_
 
 def test_a_robot_that_is_not_given_up_is_shown_to_the_end_of_its_log() -> None:
     log = SimpleNamespace(t=np.array([0.0, 0.5, 1.0]), modes=[Mode.STAND, Mode.WALK, Mode.WALK])
-    assert fall_signals._end(log) == 1.0
+    assert falls._end(log) == 1.0
 
 
 def test_the_rows_are_few(loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch) -> None:
     last = last_moments(loop, 0.2)["t"][-1]
-    monkeypatch.setattr(fall_signals, "ROWS", 20)
+    monkeypatch.setattr(falls, "ROWS", 20)
     thin = last_moments(loop, math.inf)["t"]
     assert 10 <= len(thin) <= 20 and thin[-1] == last
 

@@ -11,9 +11,9 @@ import pytest
 import benchmarks.stability.push_map as push_map
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Options, Report
+from benchmarks.stability.push import PushMode
 from benchmarks.stability.push_bounds import step_distance, step_length
-from benchmarks.stability.push_plot import PushMode
-from benchmarks.stability.push_trial import LegClearance, Outcome, Trial, map_config, moments, prepare, survives
+from benchmarks.stability.push_map import LegClearance, Outcome, Trial, map_config, moments, prepare, survives
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config

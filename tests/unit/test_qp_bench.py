@@ -11,8 +11,21 @@ from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Options, Sweep, read_json, write_json
 from benchmarks.core.results import ResultsFile
 from benchmarks.speed import qp
-from benchmarks.speed.qp import BACKENDS, OWN, available, certify, own_solver, solve_all, summarise, through_qpsolvers
-from benchmarks.speed.qp_records import RecordedQP, copied, qp_config, read, write
+from benchmarks.speed.qp import (
+    BACKENDS,
+    OWN,
+    RecordedQP,
+    available,
+    certify,
+    copied,
+    own_solver,
+    qp_config,
+    read,
+    solve_all,
+    summarise,
+    through_qpsolvers,
+    write,
+)
 from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP

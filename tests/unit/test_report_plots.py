@@ -12,11 +12,10 @@ from matplotlib.figure import Figure
 from benchmarks.core.benchmark import bounds_of, catalogue
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.timed_run import QUANTILES, spread
-from benchmarks.report import report_plots, report_survival, report_times
-from benchmarks.report.report_page import PICTURES
+from benchmarks.report import report_plots, report_survival
+from benchmarks.report.report_page import PICTURES, bounded, limited
 from benchmarks.report.report_survival import draw_push_maps, wilson
-from benchmarks.report.report_tables import bounded, limited
-from benchmarks.stability.push_trial import map_config
+from benchmarks.stability.push_map import map_config
 
 LOAD = {"before": [0.0] * 3, "after": [0.0] * 3, "cores": 2}
 
@@ -67,12 +66,12 @@ def test_a_histogram_from_quantiles_holds_every_sample() -> None:
     slower = (2.0 * np.array(values)).tolist()
     found = reports(tick=[{"quantiles": {"tick": slower, "pinocchio_calls": values}}])
     found["tick", "g1"].figures["tick_us_p50"] = 123.0
-    figure = report_times.draw_times(found)
+    figure = report_plots.draw_times(found)
     assert figure is not None
     tick, calls = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
     np.testing.assert_array_equal(tick.edges, calls.edges)  # the areas can be compared
-    assert tick.edges[0] == 80.0 and tick.edges[-1] == slower[QUANTILES.index(report_times.SHOWN)]
-    assert tick.values.sum() == pytest.approx(report_times.SHOWN) and calls.values.sum() == pytest.approx(100.0)
+    assert tick.edges[0] == 80.0 and tick.edges[-1] == slower[QUANTILES.index(report_plots.SHOWN)]
+    assert tick.values.sum() == pytest.approx(report_plots.SHOWN) and calls.values.sum() == pytest.approx(100.0)
     label = figure.axes[0].get_legend_handles_labels()[1][0]
     assert "p50 123" in label and "largest 800 us" in label
 
@@ -81,12 +80,12 @@ def test_a_histogram_from_quantiles_holds_every_sample() -> None:
 def test_latencies_are_drawn_from_what_a_case_keeps_and_from_samples_of_reports_before(kept: bool) -> None:
     samples = {"latency": np.geomspace(400.0, 1600.0, 5000), "floor": np.geomspace(200.0, 300.0, 5000)}
     case = {"spreads": {name: spread(values) for name, values in samples.items()}}
-    figure = report_times.draw_times(reports(latency=[case if kept else samples, {"failure": "did not stand"}]))
+    figure = report_plots.draw_times(reports(latency=[case if kept else samples, {"failure": "did not stand"}]))
     assert figure is not None
     way, floor = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
-    assert [way.values.sum(), floor.values.sum()] == pytest.approx([report_times.SHOWN, 100.0])
+    assert [way.values.sum(), floor.values.sum()] == pytest.approx([report_plots.SHOWN, 100.0])
     assert way.edges[0] == 200.0 and way.edges[-1] == pytest.approx(
-        np.percentile(samples["latency"], report_times.SHOWN)
+        np.percentile(samples["latency"], report_plots.SHOWN)
     )
     assert not way.values[way.edges[1:] < 400.0].any() and not floor.values[floor.edges[:-1] > 300.0].any()
 

@@ -84,7 +84,7 @@ def test_another_bench_robot_configuration_or_revision_is_another_case(
     monkeypatch.setattr("benchmarks.core.harness.configuration", lambda robot, contender: "changed")
     assert swept(path, [1])[2] == 1
     monkeypatch.setattr("benchmarks.core.harness.source_state", lambda: "changed")
-    monkeypatch.setattr("benchmarks.core.measured.source_state", lambda: "changed")
+    monkeypatch.setattr("benchmarks.core.executors.source_state", lambda: "changed")
     assert swept(path, [1])[2] == 1
     assert len(read_lines(path)) == 5
 

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.stability.push_bounds import ankle_bound
-from benchmarks.stability.torque_bound import static_force, static_torques, torque_bound
+from benchmarks.stability.push_bounds import ankle_bound, static_force, static_torques, torque_bound
 from bridge.stability import distance_along, support_polygon
 from models.constants import GRAVITY
 from models.errors import PoiseError
