@@ -120,7 +120,8 @@ class LoopLog:
         """Append a row of true values alone, and return it."""
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        row, at = self._rows[self._count], self._columns
+        row: Vector = self._rows[self._count]
+        at = self._columns
         row[at["t"]] = truth.t
         row[at["true_com"]] = true_com
         row[at["true_q"]] = truth.q
