@@ -191,7 +191,7 @@ def teleop(
 @app.command()
 def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing file is never overwritten.")]) -> None:
     """Make a key for signed commands: random bytes that this user alone can read."""
-    from controllers.commands.command_key import write_key
+    from controllers.commands.command_signature import write_key
 
     with report_errors():
         write_key(file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 from msgspec import structs
@@ -24,6 +24,7 @@ from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.calibration import Calibration, apply_calibration
 from models.errors import CommandError, PoiseError
 from models.robot_model import RobotModel
+from models.status import ControlStatus
 from models.types import (
     CommandReply,
     ControlResult,
@@ -346,7 +347,19 @@ class ControlStack:
         Returns:
             The mode from now on.
         """
-        mode = self.supervisor.update(replace(self.status, drivers_damped=drivers_damped), t)
+        status = self.status
+        health = Health(
+            state_stamp=self.state.t,
+            command_stamp=self._command_t,
+            tilt=tilt(self.state.q[3:7]),
+            status=status.solve,
+            drivers_damped=drivers_damped,
+            motion_active=self.motion_active,
+            gait_active=self.gait_active,
+            joint_fault=status.joint_fault,
+            coasting=0.0 if self._estimator is None else self.estimator.health.coasting,
+        )
+        mode = self.supervisor.update(health, t)
         self.enter(mode)
         return mode
 
@@ -358,19 +371,9 @@ class ControlStack:
         return self._mode if self._supervisor is None else self.supervisor.mode
 
     @property
-    def status(self) -> Health:
-        """How each stage fares."""
-        coasting = 0.0 if self._estimator is None else self.estimator.health.coasting
-        return Health(
-            state_stamp=self.state.t,
-            command_stamp=self._command_t,
-            tilt=tilt(self.state.q[3:7]),
-            status=self.result.status,
-            motion_active=self.motion_active,
-            gait_active=self.gait_active,
-            joint_fault=self.joint_fault,
-            coasting=coasting,
-        )
+    def status(self) -> ControlStatus:
+        """Status of the whole-body law and the joint monitor, for the supervisor in this or another process."""
+        return ControlStatus(self.mode in ACTIVE_MODES, self.result.status, overruns=0, joint_fault=self.joint_fault)
 
     @property
     def reference(self) -> Reference:

@@ -24,9 +24,9 @@ from controllers.joints import joint_servo, torque_limiter
 from controllers.joints.joint_servo import JointServo
 from controllers.qp.solve import QPSolver
 from controllers.safety import preflight
+from controllers.safety.health import SupervisorConfig
 from controllers.safety.joint_monitor import JointMonitor
 from controllers.safety.supervisor import Supervisor
-from controllers.safety.supervisor_config import SupervisorConfig
 from controllers.stack import ControlStack
 from controllers.whole_body.controller import WholeBodyController
 from models import profile, trajectory

@@ -15,8 +15,8 @@ from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from controllers.balance.controller import BalanceController
 from controllers.commands.arbitration import Arbiter
-from controllers.commands.body_outline import BodyOutline
 from controllers.commands.command_signature import KEY_BYTES, Signer, Verifier
+from controllers.commands.obstacle_stop import BodyOutline
 from controllers.qp.active_set import QP
 from controllers.whole_body.problem import QPBuilder
 from models.constants import GRAVITY, NANOSECONDS

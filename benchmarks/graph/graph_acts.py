@@ -20,8 +20,7 @@ from std_srvs.srv import Trigger
 
 from benchmarks.graph.graph_kinds import LOOK, PRODDED_CONTROL, PRODDED_PLANNER, GraphStage, User
 from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
-from controllers.commands.command_key import read_key
-from controllers.commands.command_signature import Signer
+from controllers.commands.command_signature import Signer, read_key
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR

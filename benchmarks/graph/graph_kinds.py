@@ -31,7 +31,7 @@ from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
 from bridge.ros.environment import free_domain
 from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, ProcessSpec, process_specs
-from controllers.commands.command_key import write_key
+from controllers.commands.command_signature import write_key
 from models.config import STRICT
 from models.errors import PoiseError
 from models.nodes import topics

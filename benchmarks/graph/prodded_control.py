@@ -7,5 +7,5 @@ from bridge.nodes.control import main
 from controllers.nodes.sample_topics import SampleTopics
 
 if __name__ == "__main__":
-    prod.listen(SampleTopics, "_add")
+    prod.listen(SampleTopics, "_pass_on")
     main()

@@ -33,17 +33,17 @@ class StagedEstimator(StateEstimatorNode):
         text = describe("Where to write when each stage of a tick ended; empty for nowhere")
         self._file = str(self.declare_parameter("latency_file", "", text).value)
 
-    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, *, raw: bool = False) -> None:
+    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: bool) -> None:
         """Subscribe; the joints' callback begins a row."""
         if topic != topics.JOINT_STATES:
-            super().listen(kind, topic, callback, qos, raw=raw)
+            super().listen(kind, topic, callback, qos, **options)
             return
 
         def on_joints(data: Any) -> None:
             PROBE.begin()
             callback(data)
 
-        super().listen(kind, topic, on_joints, qos, raw=raw)
+        super().listen(kind, topic, on_joints, qos, **options)
 
     def deactivate(self) -> None:
         """Write the recorded times."""

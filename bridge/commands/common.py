@@ -81,8 +81,7 @@ def signer_of(key: Path | None, source: str = "teleop") -> Signer | None:
     """Signer of a source's commands; None without a key."""
     if key is None:
         return None
-    from controllers.commands.command_key import read_key
-    from controllers.commands.command_signature import Signer
+    from controllers.commands.command_signature import Signer, read_key
 
     return Signer(read_key(key), source)
 

@@ -32,7 +32,7 @@ from bridge.ros.processes import (
     process_specs,
     stop_all,
 )
-from controllers.safety.supervisor_config import SupervisorConfig
+from controllers.safety.health import SupervisorConfig
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics

@@ -18,6 +18,7 @@ from bridge.plants.world import SPACING, Place
 from bridge.ros.environment import graph_environment
 from bridge.ros.processes import (
     BRIDGE,
+    RATED_NODES,
     GraphProcess,
     Parameters,
     absolute_namespace,
@@ -96,7 +97,7 @@ class WorldGraph:
             if not lockstep:
                 own["supervisor"] = {"realtime.priority": SUPERVISOR_PRIORITY, **own.get("supervisor", {})}
             if (rate := sensor_rate(own)) is not None:
-                own["supervisor"] = {"sensor_rate": rate, **own.get("supervisor", {})}
+                own |= {name: {"sensor_rate": rate, **own.get(name, {})} for name in RATED_NODES}
             place = each.place or Place(y=SPACING * number)
             plant = {"seed": number, **own.pop(BRIDGE_NODE, {}), "place": [place.x, place.y, place.heading]}
             kept = (calibration or folder) / name

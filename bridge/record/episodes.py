@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bridge.record.mcap_log import EVENTS
 from bridge.record.run_file import RecordedRun
+from controllers.safety.health import SupervisorConfig
 from controllers.safety.supervisor import ACTIVE_MODES, GAIT_WORDS
-from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.constants import NANOSECONDS
 from models.nodes import topics

@@ -253,6 +253,7 @@ REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
 #: Where permitted, the processes of the tick run before everything else and keep their memory
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
 CALIBRATED_NODES = ("robot_driver", "state_estimator")  #: Nodes with the parameter ``calibration_dir``
+RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes that count on the rate of the sensors
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 
@@ -296,8 +297,9 @@ def node_parameters(
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
         result[name] = {"robot": robot, **realtime, **calibrated, **extra.get(name, {})}
     rate = sensor_rate(extra)
-    if rate is not None and "supervisor" in result:
-        result["supervisor"].setdefault("sensor_rate", rate)
+    if rate is not None:
+        for name in result.keys() & RATED_NODES:
+            result[name].setdefault("sensor_rate", rate)
     if lockstep:
         for name in result.keys() & LOCKSTEP_NODES:
             result[name]["lockstep"] = True

@@ -18,7 +18,7 @@ from bridge.view.controls import Controls, LivePlots
 from bridge.view.listener import Listener, ViewConfig
 from bridge.view.scene import WORLD, BalanceScene, RobotScene
 from controllers.commands.command_signature import Signer
-from controllers.safety.supervisor_config import SupervisorConfig
+from controllers.safety.health import SupervisorConfig
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes.spin import Stop

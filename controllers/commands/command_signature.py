@@ -17,16 +17,22 @@ Limits:
       that time of day: make a new key.
     - Every holder of the key can write any source, and nothing is encrypted.
     - A command that is kept from arriving is not detected.
+
+A key file holds random bytes in hexadecimal, readable by their owner alone.
 """
 
 from __future__ import annotations
 
 import hashlib
 import hmac
+import os
 import re
+import secrets
+import stat
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from models.constants import NANOSECONDS
 from models.errors import CommandError, ConfigError
@@ -35,6 +41,7 @@ VERSION = "v1"
 
 KEY_BYTES = 32  #: Least length of a key
 MAX_TEXT = 256  #: Longest text that is signed [characters]; a supervisor takes no longer ones
+_MAX_KEY_FILE = 4096  #: Longest key file that is read [bytes]
 _MAX_LINE = 512  #: Longest line that is looked at [characters]
 _SOURCE = re.compile(r"[a-z0-9_-]{1,32}", re.ASCII)
 _STAMP = re.compile(r"[1-9][0-9]{0,18}", re.ASCII)
@@ -165,3 +172,44 @@ class Verifier:
             wait = self._first - stamp
             why = "the robot has just started" if wait <= 2 * self._window else "the robot's clock was set back"
             raise CommandError(f"{why}, so this may be a replay: send it again in {wait / NANOSECONDS:.1f} s")
+
+
+def write_key(path: Path) -> None:
+    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600.
+
+    Raises:
+        ConfigError: The file exists, or cannot be written.
+    """
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="ascii") as file:
+            file.write(f"{secrets.token_hex(KEY_BYTES)}\n")
+    except FileExistsError as error:
+        raise ConfigError(
+            f"{path}: exists already, and a key is not overwritten: its holders could no longer send"
+        ) from error
+    except OSError as error:
+        raise ConfigError(f"{path}: no key can be written: {error.strerror}") from error
+
+
+def read_key(path: Path) -> bytes:
+    """Read a key file.
+
+    Raises:
+        ConfigError: It is absent, readable by others, or not at least ``KEY_BYTES`` bytes in hexadecimal.
+    """
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode  # of the very file that is read
+            text = file.read(_MAX_KEY_FILE)
+    except OSError as error:
+        raise ConfigError(f"{path}: no key can be read: {error.strerror}; make one with: poise key {path}") from error
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise ConfigError(f"{path}: others may read or write this key; make it private with: chmod 600 {path}")
+    try:
+        key = bytes.fromhex(text.decode("ascii").strip())
+    except ValueError as error:
+        raise ConfigError(f"{path}: not a key in hexadecimal") from error  # without its content
+    if len(key) < KEY_BYTES:
+        raise ConfigError(f"{path}: {len(key)} bytes are fewer than {KEY_BYTES}")
+    return key

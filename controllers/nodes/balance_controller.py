@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from msgspec.structs import replace
+from rcl_interfaces.msg import FloatingPointRange
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from controllers.balance.head import HeadConfig
-from controllers.balance.tuning import TUNABLE
+from controllers.balance.tuning import FACTOR, TUNABLE, configured
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
-from controllers.nodes.gain_parameters import GainParameters
-from controllers.nodes.head_topics import HeadTopics
-from controllers.nodes.motion_topics import MotionTopics
+from controllers.nodes.motion_topics import HeadTopics, MotionTopics
 from controllers.nodes.sample_topics import StateTopics
 from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack, StackConfig
 from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.config import default_config
-from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import JointCommandCodec, JointStateCodec, mode_named
-from models.nodes.parameters import declare_config, declare_lockstep, describe
+from models.nodes.parameters import declare, declare_config, declare_lockstep, declare_period
 from models.nodes.qos import LATCHED, SENSOR, command
 from models.nodes.realtime import TickTimer
-from models.nodes.spin import run
-from models.status import ControlStatus
+from models.nodes.spin import program
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
-OVERRUNS_TOLD = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
+OVERRUNS_REPORTED = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
 FIRST_STEP = 0.001  #: Step of the first tick after a reset, when there is no earlier stamp [s]
 
 
@@ -51,15 +48,19 @@ class BalanceControllerNode(PoiseNode):
         self._balance = declare_config(self, balance, "balance.", TUNABLE)
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
         self._whole_body = declare_config(self, whole_body, "whole_body.", TUNABLE)
-        self._gains = GainParameters(self, self._balance, self._whole_body, self._stack)
+        self._bound_gains()
+        self.add_post_set_parameters_callback(self._on_gains)
         self._head_config = declare_config(self, default_config(HeadConfig, "controllers", "head"), "head.")
         self._lockstep = declare_lockstep(self)
-        text = describe("Offered deadline of the joint command [s]", low=0.002, high=1.0)
-        self._deadline = float(self.declare_parameter("command_deadline", 0.02, text).value)
-        text = describe("Rate of the reference posture, which planners start from [Hz]", low=1.0, high=1000.0)
-        self._posture_period = round(NANOSECONDS / float(self.declare_parameter("posture_rate", 50.0, text).value))
-        text = describe("Time a tick of the law may take; more is counted, and damps when it goes on [s]", low=1e-5)
-        self._budget = float(self.declare_parameter("tick_budget", 0.001, text).value)
+        text = "Offered deadline of the joint command [s]"
+        self._deadline = declare(self, "command_deadline", 0.02, text, low=0.002, high=1.0)
+        self._posture_period = declare_period(
+            self, "posture_rate", 50.0, "the reference posture, which planners start from"
+        )
+        text = "Rate of the states, which the joint monitor counts on [Hz]"
+        self._sensor_rate = declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
+        text = "Time a tick of the law may take; more is counted, and damps when it goes on [s]"
+        self._budget = declare(self, "tick_budget", 0.001, text, low=1e-5)
         self._overruns = 0
         self._joint_fault = ""
         self._mode = Mode.OFF
@@ -72,15 +73,12 @@ class BalanceControllerNode(PoiseNode):
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
-        self._stack.build_law(
-            self.model,
-            StackConfig(
-                balance=self._balance,
-                whole_body=self._whole_body,
-                head=self._head_config,
-            ),
-        )
-        self._gains.start()
+        config = StackConfig(balance=self._balance, whole_body=self._whole_body, head=self._head_config)
+        self._stack.build_law(self.model, config, period=1.0 / self._sensor_rate)
+        if (tuning := self._stack.tuning) is not None:  # of a new law, which does not run yet
+            for name in TUNABLE:
+                tuning.set(name, float(self.get_parameter(name).value))
+            tuning.finish()
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
         self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
         self._publish_status = self.announce_status(topics.CONTROL_STATUS)
@@ -148,8 +146,8 @@ class BalanceControllerNode(PoiseNode):
         if stamp - self._last_posture >= self._posture_period or stamp < self._last_posture:
             self._last_posture = stamp
             self._posture.publish(self._posture_codec.encode(stamp, *self._stack.posture, result.command.tau))
-            self._head.tell(state, stamp)
-        self._motions.tell_end()
+            self._head.publish(state, stamp)
+        self._motions.publish_end()
         if worse and result.status in (SolveStatus.HELD, SolveStatus.DAMPED):
             self.counters[result.status.value] += 1
             self.alarm()
@@ -161,7 +159,7 @@ class BalanceControllerNode(PoiseNode):
             return
         self.counters["ticks over budget"] += 1
         self._overruns += 1
-        if self._overruns % OVERRUNS_TOLD == 0:
+        if self._overruns % OVERRUNS_REPORTED == 0:
             self.alarm()
 
     def before_diagnostics(self) -> None:
@@ -174,32 +172,41 @@ class BalanceControllerNode(PoiseNode):
         bad = moving and result.status in (SolveStatus.HELD, SolveStatus.DAMPED)
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
+        status, (median, tail) = self._stack.status, self._timer.percentiles()
         self._publish_status(
-            ControlStatus(moving, result.status, self._overruns, self._joint_fault, *self._timer.percentiles())
+            replace(status, active=moving, overruns=self._overruns, tick_median_us=median, tick_tail_us=tail)
         )
-        self.values["ticks over budget in a row"], self.values["joint at fault"] = (
-            str(self._overruns),
-            self._joint_fault,
-        )
+        self.values["ticks over budget in a row"] = str(self._overruns)
+        self.values["joint at fault"] = self._joint_fault
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = f"{self._stack.capture_margin:.4f}"
         self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"
         self.values |= self._timer.values()
 
     def _on_mode(self, message: String) -> None:
-        try:
-            before, self._mode = self._mode, mode_named(message.data)
-        except MessageError as error:
-            self.refuse(topics.MODE, error)
-            return
+        before, self._mode = self._mode, mode_named(message.data)
         if before not in ACTIVE_MODES:
             self.activate()
             self._motions.forget()
 
+    def _bound_gains(self) -> None:
+        """Gains may change while the robot stands, by ``FACTOR``: rclpy refuses other values, naming both."""
+        for name in TUNABLE:
+            value, descriptor = configured(name, self._balance, self._whole_body), self.describe_parameter(name)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=value / FACTOR, to_value=value * FACTOR)]
+            self.set_descriptor(name, descriptor)
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process; the state comes from topics."""
-    sys.exit(run([BalanceControllerNode], args))
+    def _on_gains(self, parameters: list[Any]) -> None:
+        tuning = self._stack.tuning
+        for parameter in parameters:
+            if tuning is not None and parameter.name in TUNABLE:
+                low, high = tuning.ranges[parameter.name]
+                value = min(max(float(parameter.value), low), high)  # rclpy is lenient by a millionth
+                self._stack.set_gain(parameter.name, value)
+                self.get_logger().info(f"{parameter.name}: {value:g}")
+
+
+main = program(BalanceControllerNode)  #: The state comes from topics
 
 
 if __name__ == "__main__":

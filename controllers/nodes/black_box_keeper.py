@@ -6,7 +6,6 @@ import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from controllers.recording.black_box import BlackBox, BlackBoxConfig
@@ -18,16 +17,18 @@ from models.errors import PoiseError
 from models.nodes import realtime, topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import LATCHED
+from models.nodes.status import subscribe_status
+from models.status import SupervisorStatus
 from models.types import Mode, SensorData
 
 
 class BlackBoxKeeper:
     """Fills the ring, and has it written each time the robot leaves the active modes for damp or off.
 
-    The reason comes from the supervisor's diagnostics, which are received only until the file is written because they
-    cost tick time. The file is also written when the drivers damp by themselves, with or without a supervisor. Failures
-    are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
+    The faults in the reason come from the supervisor's status, which is received only until the file is written because
+    it costs tick time. The file is also written when the drivers damp by themselves, with or without a supervisor.
+    Failures are counted and reported in the diagnostics. A file can be replayed when ``stack`` logs its inputs.
     """
 
     def __init__(self, node: PoiseNode, stack: ControlStack) -> None:
@@ -39,9 +40,8 @@ class BlackBoxKeeper:
         self._t = 0.0
         self._armed = False
         self._due: float | None = None
-        self._reason = self._said = ""
-        self._supervisor = f"{node.get_namespace().rstrip('/')}/supervisor"
-        self._ear: Any = None
+        self._reason = self._faults = ""
+        self._subscription: Any = None
         self._thread: threading.Thread | None = None
         self._outcome: tuple[bool, str] | None = None
 
@@ -73,43 +73,44 @@ class BlackBoxKeeper:
         if mode in ACTIVE_MODES:
             self._armed = True
         else:
-            self._want(f"mode {mode.value}")
+            self._request_file(f"mode {mode.value}")
 
     def _on_driver_state(self, message: String) -> None:
         before, self._drivers = self._drivers, message.data[:32]
         self._note(f"drivers {self._drivers}")
         if before == topics.ACTIVE and self._drivers in (topics.DAMPED, topics.OFF):
-            self._want(f"drivers {self._drivers}")
+            self._request_file(f"drivers {self._drivers}")
 
     def _note(self, text: str) -> None:
         if self._box is not None:
             self._box.event(self._t, text)
 
-    def _want(self, reason: str) -> None:
+    def _request_file(self, reason: str) -> None:
         """Have the ring written once it holds the time ``after``, once per period in an active mode."""
         if self._armed:
-            self._armed, self._reason, self._said = False, reason, ""
-            self._stop_listening()
+            self._armed, self._reason, self._faults = False, reason, ""
+            self._unsubscribe()
             self._due = time.monotonic() + self._config.after
-            self._ear = self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
+            self._subscription = subscribe_status(
+                self._node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_supervisor, LATCHED
+            )
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Take the reason from the supervisor's diagnostics, once."""
-        said = next((status.message for status in message.status if status.name == self._supervisor), "")
-        if said and not self._said:
-            self._said = said[:1000]
-            self._note(f"supervisor: {said}")
+    def _on_supervisor(self, status: SupervisorStatus) -> None:
+        """Store the first faults that the supervisor reports."""
+        if status.faults and not self._faults:
+            self._faults = "; ".join(status.faults)[:1000]
+            self._note(f"supervisor: {self._faults}")
 
-    def _stop_listening(self) -> None:
-        if self._ear is not None:
-            self._node.destroy_subscription(self._ear)
-            self._ear = None
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
 
     def poll(self) -> None:
         """Start writing when due and report the outcome; called with the diagnostics, never within a tick."""
         if self._thread is not None and not self._thread.is_alive():
             self._thread = None
-            self._tell()
+            self._report()
         if self._due is not None and self._thread is None and time.monotonic() >= self._due:
             self._begin()
 
@@ -123,11 +124,11 @@ class BlackBoxKeeper:
 
     def _begin(self) -> None:
         box, self._due = self._box, None
-        self._stop_listening()
+        self._unsubscribe()
         if box is None:
             return
         box.seal()
-        reason = f"{self._reason}; supervisor: {self._said}" if self._said else self._reason
+        reason = f"{self._reason}; supervisor: {self._faults}" if self._faults else self._reason
         self._thread = threading.Thread(target=self._write, args=(box, reason), name="black_box")
         self._thread.start()
 
@@ -143,7 +144,7 @@ class BlackBoxKeeper:
         finally:
             box.unseal()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Counters and log of the writer thread."""
         outcome, self._outcome = self._outcome, None
         written, text = outcome or (False, "the writing thread failed")

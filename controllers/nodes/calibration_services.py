@@ -93,11 +93,7 @@ class CalibrationServices:
 
     def _on_encoder_offsets(self, data: bytes) -> None:
         """Store the offsets that the drivers subtract; a jump of positions that they cause is no motion."""
-        try:
-            offsets = self._codec.decode(data)[1]
-        except PoiseError as error:
-            self._node.refuse(topics.ENCODER_OFFSETS, error)
-            return
+        offsets = self._codec.decode(data)[1]
         before, self._encoder_offsets = self._encoder_offsets, offsets
         if before is not None and not np.array_equal(before, offsets) and self._node.active:
             self._start_over()

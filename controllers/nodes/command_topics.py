@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -79,11 +80,11 @@ class CommandTopics:
             word, velocity = (
                 (topics.HUMANOID_COMMANDS, topics.CMD_VEL) if source == PLAIN else topics.source_topics(source)
             )
-            node.listen(String, word, self._on_word(source, word), EVENT)
-            node.listen(Twist, velocity, self._on_velocity(source, velocity), COMMAND)
-        node.listen(TwistStamped, topics.CMD_VEL_STAMPED, self._on_stamped, COMMAND)
+            node.listen(String, word, partial(self._on_word, source, word), EVENT, while_active=True)
+            node.listen(Twist, velocity, partial(self._repeat, source), COMMAND, while_active=True)
+        node.listen(TwistStamped, topics.CMD_VEL_STAMPED, self._on_stamped, COMMAND, while_active=True)
         for name in config.locks:
-            node.listen(Bool, f"{topics.LOCKS}/{name}", self._on_lock(name), EVENT)
+            node.listen(Bool, f"{topics.LOCKS}/{name}", partial(self._on_lock, name), EVENT)
         node.listen_status(RouteStatus, topics.ROUTE_STATUS, self._on_route)
 
     def values(self) -> dict[str, str]:
@@ -145,12 +146,8 @@ class CommandTopics:
         self._on_reply(topic, reply)
         return reply
 
-    def _on_word(self, source: str, topic: str) -> Callable[[Any], None]:
-        def on_word(message: Any) -> None:
-            if self._node.active:
-                self.reply(source, topic, message.data)
-
-        return on_word
+    def _on_word(self, source: str, topic: str, message: Any) -> None:
+        self.reply(source, topic, message.data)
 
     def _answer(self, source: str, text: str) -> CommandReply:
         """Answer a word; ``PoiseError`` when its source may not command or its signature is missing or invalid."""
@@ -175,41 +172,31 @@ class CommandTopics:
         if self._law.mode is not Mode.WALK:
             raise CommandError(f"no walking in mode '{self._law.mode.value}': request mode/walk first")
 
-    def _on_velocity(self, source: str, topic: str) -> Callable[[Any], None]:
-        return lambda message: self._repeat(source, topic, message)
-
     def _on_stamped(self, message: Any) -> None:
-        stamp = stamp_ns(message.header.stamp)
-        self._repeat(PLAIN, topics.CMD_VEL_STAMPED, message.twist, stamp, message.header.frame_id)
+        self._repeat(PLAIN, message.twist, stamp_ns(message.header.stamp), message.header.frame_id)
 
-    def _repeat(self, source: str, topic: str, twist: Any, stamp: int = 0, frame_id: str = "") -> None:
-        if not self._node.active:
-            return
-        try:
-            if self._verifier is not None:
-                raise CommandError("unsigned: velocities come as the signed word 'velocity FORWARD LEFT TURN'")
-            self._require_walking()
-            require_base_frame(frame_id)
-            velocity: Velocity = velocity_from_twist(twist)
-            if stamp:
-                self._judge_stamp(stamp, self._arbiter.config.sources[source].timeout)
-            self._arbiter.repeat(source, velocity, self._reports.t)
-        except PoiseError as error:
-            self._node.refuse(topic, error)
+    def _repeat(self, source: str, twist: Any, stamp: int = 0, frame_id: str = "") -> None:
+        if self._verifier is not None:
+            raise CommandError("unsigned: velocities come as the signed word 'velocity FORWARD LEFT TURN'")
+        self._require_walking()
+        require_base_frame(frame_id)
+        velocity: Velocity = velocity_from_twist(twist)
+        if stamp:
+            self._check_stamp(stamp, self._arbiter.config.sources[source].timeout)
+        self._arbiter.repeat(source, velocity, self._reports.t)
 
-    def _judge_stamp(self, stamp: int, timeout: float) -> None:
+    def _check_stamp(self, stamp: int, timeout: float) -> None:
         """Refuse stamps that are old, repeated, or of another clock. A stamp of zero means now."""
-        age = self._reports.now - stamp
-        if age > timeout * NANOSECONDS:
-            raise MessageError(f"header.stamp: {age / NANOSECONDS:.3f} s old; a stamp is of /clock, or zero for now")
-        if -age > timeout * NANOSECONDS:
-            raise MessageError(f"header.stamp: {-age / NANOSECONDS:.3f} s ahead; a stamp is of /clock, or zero for now")
+        age = (self._reports.now - stamp) / NANOSECONDS
+        if abs(age) > timeout:
+            text = f"{age:.3f} s old" if age > 0.0 else f"{-age:.3f} s ahead"
+            raise MessageError(f"header.stamp: {text}; a stamp is of /clock, or zero for now")
         if stamp <= self._last_stamp:
             raise MessageError(f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
         self._last_stamp = stamp
 
-    def _on_lock(self, name: str) -> Callable[[Any], None]:
-        return lambda message: self._arbiter.lock(name, message.data, self._reports.t)
+    def _on_lock(self, name: str, message: Any) -> None:
+        self._arbiter.lock(name, message.data, self._reports.t)
 
     def _on_route(self, status: RouteStatus) -> None:
         """A walk to a goal supersedes the velocity of a command."""
@@ -223,7 +210,7 @@ class ScanTopic:
     """Passes scans to ``law``, none before the first ``/clock``; malformed, old and future ones are refused by name."""
 
     def __init__(self, node: PoiseNode, law: ObstacleStop, now: Callable[[], float]) -> None:
-        self._node, self._law, self._now = node, law, now
+        self._law, self._now = law, now
         if law.expected:
             node.listen(LaserScan, topics.SCAN, self._on_scan, SENSOR)
 
@@ -231,12 +218,9 @@ class ScanTopic:
         now = self._now()
         if not now:
             return
-        try:
-            scan = scan_from_message(message)
-            if abs(now - scan.t) > self._law.config.scan_timeout:
-                raise MessageError(f"header.stamp: {scan.t:.3f} s, while /clock is at {now:.3f} s")
-            if self._law.stamp is not None and self._law.stamp > now + self._law.config.scan_timeout:
-                self._law.reset()  # /clock was reset: the bridge was restarted
-            self._law.update(scan)
-        except PoiseError as error:
-            self._node.refuse(topics.SCAN, error)
+        scan = scan_from_message(message)
+        if abs(now - scan.t) > self._law.config.scan_timeout:
+            raise MessageError(f"header.stamp: {scan.t:.3f} s, while /clock is at {now:.3f} s")
+        if self._law.stamp is not None and self._law.stamp > now + self._law.config.scan_timeout:
+            self._law.reset()  # /clock was reset: the bridge was restarted
+        self._law.update(scan)

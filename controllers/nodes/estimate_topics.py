@@ -19,12 +19,11 @@ from models.errors import MessageError
 from models.heading import base_footprint
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.interfaces import interface
 from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare_period
 from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
 from models.robot_model import RobotModel
 from models.types import RobotState, SensorData, Vector
@@ -43,18 +42,14 @@ class EstimateRates:
 
 def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateRates:
     """Declare the publication rates; a controller in another process and lockstep need every ``/odom``."""
-
-    def period(name: str, default: float, what: str) -> int:
-        text = describe(f"Rate of {what} [Hz]", low=1.0, high=1000.0)
-        return round(NANOSECONDS / float(node.declare_parameter(name, default, text).value))
-
-    odom = period("odom_rate", 100.0, "/odom and /contacts when the controller shares the process")
+    odom = declare_period(node, "odom_rate", 100.0, "/odom and /contacts when the controller shares the process")
+    repeated = "the covariance in /odom, which is repeated in between"
     return EstimateRates(
         odom=odom if shared and not lockstep else 0,
-        imu=period("imu_rate", 100.0, "/imu/data"),
-        tf=period("tf_rate", 50.0, "/tf"),
-        covariance=period("covariance_rate", 50.0, "the covariance in /odom, which is repeated in between"),
-        push=period("push_rate", 100.0, "/external_wrench"),
+        imu=declare_period(node, "imu_rate", 100.0, "/imu/data"),
+        tf=declare_period(node, "tf_rate", 50.0, "/tf"),
+        covariance=declare_period(node, "covariance_rate", 50.0, repeated),
+        push=declare_period(node, "push_rate", 100.0, "/external_wrench"),
     )
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,13 @@ from controllers.estimation.config import ContactConfig, EstimatorConfig
 from controllers.estimation.feet import UNKNOWN, ContactDetector
 from controllers.nodes.estimate_topics import Due
 from models.config import default_config
-from models.errors import ConfigError, PoiseError
+from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import WrenchCodec, set_stamp
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare_config, declare_ns, declare_period
 from models.nodes.qos import LATCHED, SENSOR
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.robot_model import SOLE_FRAMES
 from models.types import FOOT_NAMES
 
@@ -43,12 +41,11 @@ class FootSensorNode(PoiseNode):
         super().__init__("foot_sensor_node", **kwargs)
         self._defaults = default_config(EstimatorConfig, "controllers", "estimator")
         self._contact: ContactConfig = declare_config(self, self._defaults.contact, "contact.")
-        text = describe("Rate of contacts without a change, and of centres of pressure [Hz]", low=1.0, high=1000.0)
-        self._period = round(NANOSECONDS / float(self.declare_parameter("rate", 100.0, text).value))
-        text = describe("Age of a foot's sample against the other's above which it counts as silent [s]", low=0.001)
-        self._max_age = round(NANOSECONDS * float(self.declare_parameter("max_age", 0.005, text).value))
-        text = describe("Largest step of a stamp that is accepted at once [s]", low=0.001, high=1.0)
-        self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, text).value))
+        self._period = declare_period(self, "rate", 100.0, "contacts without a change, and of centres of pressure")
+        text = "Age of a foot's sample against the other's above which it counts as silent [s]"
+        self._max_age = declare_ns(self, "max_age", 0.005, text, low=0.001)
+        text = "Largest step of a stamp that is accepted at once [s]"
+        self._max_gap = declare_ns(self, "max_gap", 0.05, text, low=0.001, high=1.0)
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
@@ -59,32 +56,21 @@ class FootSensorNode(PoiseNode):
         self._contacts = [self.announce(Bool, topic, SENSOR) for topic in topics.FOOT_CONTACTS]
         self._cops = [self.announce(PointStamped, topic, SENSOR) for topic in topics.FOOT_COPS]
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
-            self.listen(WrenchStamped, topic, self.foot_callback(foot), SENSOR, raw=True)
+            take = partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot]))
+            self.listen(WrenchStamped, topic, take, SENSOR, raw=True, while_active=True)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def activate(self) -> None:
         """Start from the next samples."""
         self._pairs = FootPairs(self._max_age, self._max_gap)
         self._due = Due(self._period)
-        self._told: list[bool | None] = [None, None]
+        self._bearing: list[bool | None] = [None, None]
         self._reported = 0
 
-    def foot_callback(self, foot: int) -> Callable[[bytes], None]:
-        """Callback for the serialised samples of a foot."""
-        codec, topic = WrenchCodec(SOLE_FRAMES[foot]), topics.FOOT_WRENCHES[foot]
-
-        def on_foot(data: bytes) -> None:
-            if not self.active:
-                return
-            try:
-                dt = self._pairs.add(foot, *codec.decode(data))
-            except PoiseError as error:
-                self.refuse(topic, error)
-                return
-            if dt is not None:
-                self._step(dt)
-
-        return on_foot
+    def _on_foot(self, foot: int, codec: WrenchCodec, data: bytes) -> None:
+        dt = self._pairs.add(foot, *codec.decode(data))
+        if dt is not None:
+            self._step(dt)
 
     def _step(self, dt: float) -> None:
         pairs, law = self._pairs, self._law
@@ -95,11 +81,11 @@ class FootSensorNode(PoiseNode):
         due = self._due(pairs.stamp)
         for foot in range(2):
             if pairs.silent[foot]:
-                self._told[foot] = None
+                self._bearing[foot] = None
                 continue
             bears = bool(law.active[foot])
-            if due or bears != self._told[foot]:
-                self._told[foot] = bears
+            if due or bears != self._bearing[foot]:
+                self._bearing[foot] = bears
                 self._contacts[foot].publish(Bool(data=bears))
             if due and bears:
                 self._publish_cop(foot)
@@ -122,18 +108,16 @@ class FootSensorNode(PoiseNode):
             return
         pairs = self._pairs
         if pairs.stamp == self._reported:  # nothing since the last report
-            pairs.silent[:], self._told[:] = [True, True], [None, None]
+            pairs.silent[:], self._bearing[:] = [True, True], [None, None]
         self._reported = pairs.stamp
         silent = [name for name, quiet in zip(FOOT_NAMES, pairs.silent, strict=True) if quiet]
         self.level = DiagnosticStatus.ERROR if silent else DiagnosticStatus.OK
         self.message = f"silent: {', '.join(silent)}" if silent else "detecting contacts"
         for foot, name in enumerate(FOOT_NAMES):
-            self.values[f"{name} bears"] = "unknown" if self._told[foot] is None else str(self._told[foot])
+            self.values[f"{name} bears"] = "unknown" if self._bearing[foot] is None else str(self._bearing[foot])
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([FootSensorNode], args))
+main = program(FootSensorNode)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +13,14 @@ from controllers.estimation.orientation_filter import OrientationFilter, Orienta
 from controllers.estimation.stamps import StampFilter
 from controllers.nodes.estimate_topics import Due
 from models.config import default_config
-from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import CsvImuLog, ImuSample, OrientedImuCodec
 from models.nodes.messages import ImuCodec
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
 from models.nodes.qos import LATCHED, SENSOR
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.types import Vector
 
 NO_COVARIANCE = np.zeros((3, 3))  #: A complementary filter has none: zeros mean unknown (sensor_msgs/Imu)
@@ -41,14 +39,13 @@ class ImuNode(PoiseNode):
         super().__init__("imu_node", **kwargs)
         config = default_config(OrientationFilterConfig, "controllers", "orientation_filter")
         self._config = declare_config(self, config, "filter.")
-        text = describe(f"Rate of {topics.IMU_FILTERED} and of the table [Hz]", low=1.0, high=1000.0)
-        self._period = round(NANOSECONDS / float(self.declare_parameter("rate", 100.0, text).value))
-        text = describe("Samples averaged for the start, at rest", integer=(1, 10000))
-        self._start_samples = int(self.declare_parameter("start_samples", 100, text).value)
-        text = describe("Largest step of a stamp that is accepted at once [s]", low=0.001, high=1.0)
-        self._max_gap = round(NANOSECONDS * float(self.declare_parameter("max_gap", 0.05, text).value))
-        text = describe("Table to write: orientation, rate without bias, specific force (CSV); empty for none")
-        self._path = str(self.declare_parameter("log.csv", "", text).value)
+        self._period = declare_period(self, "rate", 100.0, f"{topics.IMU_FILTERED} and of the table")
+        text = "Samples averaged for the start, at rest"
+        self._start_samples = declare(self, "start_samples", 100, text, integer=(1, 10000))
+        text = "Largest step of a stamp that is accepted at once [s]"
+        self._max_gap = declare_ns(self, "max_gap", 0.05, text, low=0.001, high=1.0)
+        text = "Table to write: orientation, rate without bias, specific force (CSV); empty for none"
+        self._path = declare(self, "log.csv", "", text)
         self._log: CsvImuLog | None = None
         self._rows = 0
         self._first: list[tuple[Vector, Vector]] = []
@@ -59,7 +56,7 @@ class ImuNode(PoiseNode):
         self._law = OrientationFilter(self._config)
         self._raw, self._codec = ImuCodec(topics.IMU_FRAME), OrientedImuCodec(topics.IMU_FRAME)
         self._filtered = self.announce(Imu, topics.IMU_FILTERED, SENSOR)
-        self.listen(Imu, topics.IMU_RAW, self.on_imu, SENSOR, raw=True)
+        self.listen(Imu, topics.IMU_RAW, self._on_imu, SENSOR, raw=True, while_active=True)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def activate(self) -> None:
@@ -82,16 +79,8 @@ class ImuNode(PoiseNode):
         self._started = False
         self._due, self._stamps = Due(self._period), StampFilter(self._max_gap)
 
-    def on_imu(self, data: bytes) -> None:
-        """Process a serialised sample."""
-        if not self.active:
-            return
-        try:
-            self._take(*self._raw.decode(data))
-        except PoiseError as error:
-            self.refuse(topics.IMU_RAW, error)
-
-    def _take(self, stamp: int, gyro: Vector, accel: Vector) -> None:
+    def _on_imu(self, data: bytes) -> None:
+        stamp, gyro, accel = self._raw.decode(data)
         step = self._stamps.step(stamp)
         if not self._started:
             self._average(gyro, accel)
@@ -132,9 +121,7 @@ class ImuNode(PoiseNode):
             self.values["at rest"] = str(self._law.resting)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([ImuNode], args))
+main = program(ImuNode)
 
 
 if __name__ == "__main__":

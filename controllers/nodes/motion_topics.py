@@ -1,10 +1,12 @@
-"""Motions of the balance controller: requests and trajectories in, their status out."""
+"""Motions and head of the balance controller: requests, trajectories and head targets in, their status out."""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from typing import Any
 
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
@@ -13,10 +15,10 @@ from controllers.stack import ControlStack
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.messages import decode, trajectory_from_message
-from models.nodes.qos import EVENT
+from models.nodes.messages import decode, head_from_message, head_message, trajectory_from_message
+from models.nodes.qos import EVENT, SENSOR
 from models.status import MotionState, MotionStatus
-from models.types import Mode
+from models.types import Mode, RobotState
 
 #: Largest accepted trajectory [bytes]: 600 points of 32 joints with velocities have 340 000, decoded in some 30 ms; the
 #: drivers wait 40 ms for the next command
@@ -42,7 +44,7 @@ class MotionTopics:
         """The law starts over: no motion runs."""
         self._running = False
 
-    def tell_end(self) -> None:
+    def publish_end(self) -> None:
         """Publish, after a tick, that the motion has ended."""
         if self._running and not self._stack.motion_active:
             self._publish(MotionState.DONE)
@@ -66,15 +68,38 @@ class MotionTopics:
                 raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
             request = message.header.frame_id
-            wanted = mode in (Mode.MOTION, Mode.WALK) and request == self.requested if request else True
-            if not wanted:
+            if request and not (mode in (Mode.MOTION, Mode.WALK) and request == self.requested):
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
                 raise PoiseError(f"no motion in mode '{mode.value}'")
             self._stack.follow(trajectory_from_message(message), zlib.crc32(data))
         except PoiseError as error:
-            self._node.refuse(topics.MOTION_TRAJECTORY, error)
             if not self._running:
                 self._publish(MotionState.REFUSED, request, str(error))
-            return
+            raise
         self._publish(MotionState.RUNNING)
+
+
+class HeadTopics:
+    """Turns the head to ``head/pan_tilt``; refused by name without a head, or in modes without motion."""
+
+    def __init__(self, node: PoiseNode, stack: ControlStack, mode: Callable[[], Mode]) -> None:
+        self._node, self._stack, self._mode = node, stack, mode
+        head = node.model.profile.head
+        self._joints = None if head is None else [node.model.joint_index(name) for name in (head.pan, head.tilt)]
+        if self._joints is not None:
+            self._state = node.announce(JointState, topics.HEAD_STATE, SENSOR)
+        node.listen(JointState, topics.HEAD_COMMAND, self._on_command, EVENT)
+
+    def publish(self, state: RobotState, stamp: int) -> None:
+        """Publish the head's angles of a state with a stamp [ns]; nothing for a robot without a head."""
+        if self._joints is not None:
+            pan, tilt = state.q[7:][self._joints].tolist()
+            self._state.publish(head_message(stamp, pan, tilt))
+
+    def _on_command(self, message: Any) -> None:
+        mode = self._mode()
+        pan, tilt = head_from_message(message)
+        if self._joints is not None and not (self._node.active and mode in ACTIVE_MODES):
+            raise PoiseError(f"the head is not moved in mode '{mode.value}'")
+        self._stack.look(pan, tilt)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
@@ -14,13 +13,12 @@ from trajectory_msgs.msg import JointTrajectory
 from controllers.joints.joint_servo import JointServoConfig, ServoState
 from controllers.joints.motor_driver import MotorDriver, MotorDriverConfig
 from models.config import default_config
-from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import JointCommandCodec, JointStateCodec, TorqueCodec, mode_named
 from models.nodes.parameters import declare_config
 from models.nodes.qos import COMMAND, LATCHED, SENSOR
-from models.nodes.spin import run
+from models.nodes.spin import program
 
 WATCH_PERIOD = 0.01  #: Time between two checks for silent joints [s]
 
@@ -47,46 +45,27 @@ class MotorControllerNode(PoiseNode):
         self._torques = TorqueCodec(self.model)
         self._motors = self.announce(JointState, topics.MOTOR_COMMANDS, COMMAND)
         self._state = self.announce(String, topics.MOTOR_STATE, LATCHED)
-        self.listen(JointState, topics.JOINT_STATES, self.on_joints, SENSOR, raw=True)
-        self.listen(JointTrajectory, topics.JOINT_COMMAND, self.on_command, COMMAND, raw=True)
-        self.listen(String, topics.MODE, self.on_mode, LATCHED)
+        self.listen(JointState, topics.JOINT_STATES, self._on_joints, SENSOR, raw=True, while_active=True)
+        self.listen(JointTrajectory, topics.JOINT_COMMAND, self._on_command, COMMAND, raw=True, while_active=True)
+        self.listen(String, topics.MODE, self._on_mode, LATCHED, while_active=True)
 
     def activate(self) -> None:
         """Begin without torque."""
         self.law = MotorDriver(self.model, self._config, self._servo, self.counters)
         self._published = ""
 
-    def on_joints(self, data: bytes) -> None:
-        """Compute the torques of serialised joint states."""
-        if not self.active:
-            return
-        try:
-            stamp, q, v, _ = self._joints.decode(data)
-            tau = self.law.sample(stamp, q, v)
-        except PoiseError as error:
-            self.refuse(topics.JOINT_STATES, error)
-            return
+    def _on_joints(self, data: bytes) -> None:
+        stamp, q, v, _ = self._joints.decode(data)
+        tau = self.law.sample(stamp, q, v)
         self._sampled = time.monotonic()
         self._motors.publish(self._torques.encode(stamp, tau))
         self._publish_state()
 
-    def on_command(self, data: bytes) -> None:
-        """Pass a command to the drivers, or refuse it."""
-        if not self.active:
-            return
-        try:
-            self.law.command(*self._commands.decode(data))
-        except PoiseError as error:
-            self.refuse(topics.JOINT_COMMAND, error)
+    def _on_command(self, data: bytes) -> None:
+        self.law.command(*self._commands.decode(data))
 
-    def on_mode(self, message: String) -> None:
-        """Follow the supervisor's mode."""
-        if not self.active:
-            return
-        try:
-            self.law.set_mode(mode_named(message.data))
-        except PoiseError as error:
-            self.refuse(topics.MODE, error)
+    def _on_mode(self, message: String) -> None:
+        self.law.set_mode(mode_named(message.data))
         self._publish_state()
 
     def _watch(self) -> None:
@@ -113,9 +92,7 @@ class MotorControllerNode(PoiseNode):
         self.values["samples not finite"] = str(servo.sensor_faults)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a process."""
-    sys.exit(run([MotorControllerNode], args))
+main = program(MotorControllerNode)
 
 
 if __name__ == "__main__":

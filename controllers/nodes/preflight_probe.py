@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -26,9 +27,16 @@ class PreflightProbe:
 
     def __init__(self, node: PoiseNode) -> None:
         self._node = node
-        self._joint_codec, self._imu_codec = JointStateCodec(node.model), ImuCodec(topics.IMU_FRAME)
-        self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
-        self._odom_codec = OdometryCodec()
+        imu = ImuCodec(topics.IMU_FRAME)
+        self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
+        #: Type of each topic, and a function that takes its message and returns the stamp [ns]
+        self._takers: dict[str, tuple[type, Callable[[bytes], int]]] = {
+            topics.JOINT_STATES: (JointState, self._take_joints),
+            topics.IMU_RAW: (Imu, lambda data: imu.decode(data)[0]),
+            topics.ODOM: (Odometry, self._take_odom),
+        }
+        for topic, frame in zip(topics.foot_wrenches(node.model), SOLE_FRAMES, strict=False):
+            self._takers[topic] = WrenchStamped, partial(_foot_stamp, WrenchCodec(frame))
         self._stamps: dict[str, list[int]] = {}
         self._refusals: dict[str, str] = {}
         self._joints: Vector | None = None
@@ -45,23 +53,11 @@ class PreflightProbe:
         self.stop()
         self._stamps = {topic: [] for topic in topics.sensor_topics(self._node.model)}
         self._refusals, self._joints, self._quaternion = {}, None, None
-
-        def listen(kind: type, topic: str, take: Callable[[bytes], int]) -> None:
-            def on_message(data: bytes) -> None:
-                try:
-                    stamp = take(data)
-                    if topic in self._stamps:
-                        self._stamps[topic].append(stamp)
-                except PoiseError as error:
-                    self._refusals[topic] = str(error)
-
-            self._subscriptions.append(self._node.create_subscription(kind, topic, on_message, SENSOR_QUEUE, raw=True))
-
-        listen(JointState, topics.JOINT_STATES, self._take_joints)
-        listen(Imu, topics.IMU_RAW, lambda data: self._imu_codec.decode(data)[0])
-        for foot, topic in enumerate(topics.foot_wrenches(self._node.model)):
-            listen(WrenchStamped, topic, self._foot_decoder(foot))
-        listen(Odometry, topics.ODOM, self._take_odom)
+        subscribe = self._node.create_subscription
+        self._subscriptions = [
+            subscribe(kind, topic, partial(self._on_message, topic, take), SENSOR_QUEUE, raw=True)
+            for topic, (kind, take) in self._takers.items()
+        ]
 
     def stop(self) -> None:
         """Unsubscribe."""
@@ -76,8 +72,13 @@ class PreflightProbe:
             rates[topic] = (len(stamps) - 1) * NANOSECONDS / span if span > 0 else 0.0
         return Evidence(description, self._joints, dict(self._refusals), self._quaternion, rates, incompatible)
 
-    def _foot_decoder(self, foot: int) -> Callable[[bytes], int]:
-        return lambda data: self._foot_codecs[foot].decode(data)[0]
+    def _on_message(self, topic: str, take: Callable[[bytes], int], data: bytes) -> None:
+        try:
+            stamp = take(data)
+            if topic in self._stamps:
+                self._stamps[topic].append(stamp)
+        except PoiseError as error:
+            self._refusals[topic] = str(error)
 
     def _take_joints(self, data: bytes) -> int:
         stamp, self._joints, _, _ = self._joint_codec.decode(data)
@@ -87,3 +88,7 @@ class PreflightProbe:
         stamp, pose, _ = self._odom_codec.decode(data)
         self._quaternion = pose[3:]
         return stamp
+
+
+def _foot_stamp(codec: WrenchCodec, data: bytes) -> int:
+    return codec.decode(data)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -11,13 +12,12 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import UInt8MultiArray
 
 from controllers.estimation.assembler import MAX_AGE, SampleAssembler
-from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_from_message
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare_ns
 from models.nodes.qos import sensor
 from models.robot_model import SOLE_FRAMES
 from models.types import ContactState, RobotState, SensorData, Vector
@@ -25,10 +25,9 @@ from models.types import ContactState, RobotState, SensorData, Vector
 
 def declare_ages(node: PoiseNode) -> tuple[int, int]:
     """Declare the parameters of ``SampleAssembler``; returns ``max_age_ns`` and ``max_gap_ns`` [ns]."""
-    age = describe("Oldest inertial or foot sample used with newer joints [s]", low=0.0, high=1.0)
-    gap = describe("Largest step of a stamp accepted at once [s]", low=0.0, high=10.0)
-    seconds = node.declare_parameter("max_age", MAX_AGE, age).value, node.declare_parameter("max_gap", 0.05, gap).value
-    return round(NANOSECONDS * float(seconds[0])), round(NANOSECONDS * float(seconds[1]))
+    text = "Oldest inertial or foot sample used with newer joints [s]"
+    age = declare_ns(node, "max_age", MAX_AGE, text, low=0.0, high=1.0)
+    return age, declare_ns(node, "max_gap", 0.05, "Largest step of a stamp accepted at once [s]", low=0.0, high=10.0)
 
 
 class SampleTopics:
@@ -48,15 +47,15 @@ class SampleTopics:
         *,
         lockstep: bool,
     ) -> None:
-        self._node, self._take, self._again, self._lockstep = node, take, again, lockstep
+        self._take, self._again, self._lockstep = take, again, lockstep
         self.assembler = SampleAssembler(*ages, strict=lockstep, feet=node.model.profile.sensors.feet.fitted)
         self._taken: int | None = None
         self._joint_codec, self._imu_codec = JointStateCodec(node.model), ImuCodec(topics.IMU_FRAME)
-        qos = sensor(reliable=lockstep)
-        node.listen(Imu, topics.IMU_RAW, self._on_imu, qos, raw=True)
+        listen = partial(node.listen, qos=sensor(reliable=lockstep), raw=True, while_active=True)
+        listen(Imu, topics.IMU_RAW, self._on_imu)
         for foot, topic in enumerate(topics.foot_wrenches(node.model)):
-            node.listen(WrenchStamped, topic, self._foot_callback(foot), qos, raw=True)
-        node.listen(JointState, topics.JOINT_STATES, self.on_joints, qos, raw=True)
+            listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])))
+        listen(JointState, topics.JOINT_STATES, self._on_joints)
 
     def reset(self) -> None:
         """Discard every sample."""
@@ -64,38 +63,23 @@ class SampleTopics:
         self.assembler.reset()
 
     def _on_imu(self, data: bytes) -> None:
-        self._add(topics.IMU_RAW, lambda: self.assembler.add_imu(*self._imu_codec.decode(data)))
+        self._pass_on(self.assembler.add_imu(*self._imu_codec.decode(data)))
 
-    def on_joints(self, data: bytes) -> None:
-        """Add serialised joint states."""
-        self._add(topics.JOINT_STATES, lambda: self._add_joints(data))
+    def _on_foot(self, foot: int, codec: WrenchCodec, data: bytes) -> None:
+        self._pass_on(self.assembler.add_foot(foot, *codec.decode(data)))
 
-    def _add_joints(self, data: bytes) -> SensorData | None:
+    def _on_joints(self, data: bytes) -> None:
         if self._lockstep and stamp_of(data) == self._taken:
             self._again()
-            return None
-        return self.assembler.add_joints(*self._joint_codec.decode(data))
+        else:
+            self._pass_on(self.assembler.add_joints(*self._joint_codec.decode(data)))
 
-    def _foot_callback(self, foot: int) -> Callable[[bytes], None]:
-        codec, topic = WrenchCodec(SOLE_FRAMES[foot]), topics.FOOT_WRENCHES[foot]
-
-        def on_foot(data: bytes) -> None:
-            self._add(topic, lambda: self.assembler.add_foot(foot, *codec.decode(data)))
-
-        return on_foot
-
-    def _add(self, topic: str, add: Callable[[], SensorData | None]) -> None:
-        """Add one sample; a complete tick is passed on."""
-        if not self._node.active:
-            return
-        try:
-            sensors = add()
-            if sensors is not None:
-                stamp = self.assembler.stamp or 0
-                self._take(sensors, stamp)
-                self._taken = stamp
-        except PoiseError as error:
-            self._node.refuse(topic, error)
+    def _pass_on(self, sensors: SensorData | None) -> None:
+        """Pass on the tick that a sample has completed."""
+        if sensors is not None:
+            stamp = self.assembler.stamp or 0
+            self._take(sensors, stamp)
+            self._taken = stamp
 
 
 class StateTopics:
@@ -106,57 +90,32 @@ class StateTopics:
     """
 
     def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], *, reliable: bool) -> None:
-        self._node, self._take = node, take
+        self._take = take
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
         self._joints: tuple[int, Vector, Vector, Vector] | None = None
         self._odom: tuple[int, Vector, Vector] | None = None
         self._contacts = (True, True)
         self._wrenches = [np.zeros(6), np.zeros(6)]
-        qos = sensor(reliable=reliable)
+        listen = partial(node.listen, qos=sensor(reliable=reliable), while_active=True)
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
-            node.listen(WrenchStamped, topic, self._foot_callback(foot), qos, raw=True)
-        node.listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts, qos)
-        node.listen(JointState, topics.JOINT_STATES, self._on_joints, qos, raw=True)
-        node.listen(Odometry, topics.ODOM, self._on_odom, qos, raw=True)
+            listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])), raw=True)
+        listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts)
+        listen(JointState, topics.JOINT_STATES, self._on_joints, raw=True)
+        listen(Odometry, topics.ODOM, self._on_odom, raw=True)
 
-    def _guarded(self, topic: str, work: Callable[[], None]) -> None:
-        if not self._node.active:
-            return
-        try:
-            work()
-        except PoiseError as error:
-            self._node.refuse(topic, error)
-
-    def _on_joints(self, data: bytes) -> None:
-        def work() -> None:
-            self._joints = self._joint_codec.decode(data)
-            self._join()
-
-        self._guarded(topics.JOINT_STATES, work)
-
-    def _on_odom(self, data: bytes) -> None:
-        def work() -> None:
-            self._odom = self._odom_codec.decode(data)
-            self._join()
-
-        self._guarded(topics.ODOM, work)
+    def _on_foot(self, foot: int, codec: WrenchCodec, data: bytes) -> None:
+        self._wrenches[foot] = codec.decode(data)[1]
 
     def _on_contacts(self, message: UInt8MultiArray) -> None:
-        def work() -> None:
-            self._contacts = contacts_from_message(message)
+        self._contacts = contacts_from_message(message)
 
-        self._guarded(topics.CONTACTS, work)
+    def _on_joints(self, data: bytes) -> None:
+        self._joints = self._joint_codec.decode(data)
+        self._join()
 
-    def _foot_callback(self, foot: int) -> Callable[[bytes], None]:
-        codec = WrenchCodec(SOLE_FRAMES[foot])
-
-        def on_foot(data: bytes) -> None:
-            def work() -> None:
-                self._wrenches[foot] = codec.decode(data)[1]
-
-            self._guarded(topics.FOOT_WRENCHES[foot], work)
-
-        return on_foot
+    def _on_odom(self, data: bytes) -> None:
+        self._odom = self._odom_codec.decode(data)
+        self._join()
 
     def _join(self) -> None:
         """Pass a state on when both halves have the same stamp."""

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 from std_msgs.msg import String
 
 from controllers.estimation.assembler import mean_sample
 from controllers.estimation.config import EstimatorConfig
+from controllers.estimation.samples import EstimatorHealth
 from controllers.nodes.calibration_services import CalibrationServices
 from controllers.nodes.estimate_topics import EstimateTopics, declare_rates
-from controllers.nodes.estimator_report import EstimatorReport
 from controllers.nodes.sample_topics import SampleTopics, declare_ages
 from controllers.stack import ControlStack
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.parameters import declare_config, declare_lockstep, describe
+from models.nodes.parameters import declare, declare_config, declare_lockstep
 from models.nodes.qos import EVENT, LATCHED
-from models.nodes.spin import run
-from models.types import RobotState, SensorData
+from models.nodes.spin import program
+from models.status import EstimatorStatus
+from models.types import RobotState, SensorData, Vector
+
+COASTING_REPORTED = 0.01  #: Time without usable samples after which diagnostics are published at once [s]
 
 
 class StateEstimatorNode(PoiseNode):
@@ -45,8 +48,8 @@ class StateEstimatorNode(PoiseNode):
         self._lockstep = declare_lockstep(self)
         self._rates = declare_rates(self, shared=hand_over is not None, lockstep=self._lockstep)
         self._ages = declare_ages(self)
-        count = describe("Samples averaged for the start, at rest (lockstep: 1)", integer=(1, 10000))
-        self._start_samples = 1 if self._lockstep else int(self.declare_parameter("start_samples", 100, count).value)
+        text = "Samples averaged for the start, at rest (lockstep: 1)"
+        self._start_samples = 1 if self._lockstep else declare(self, "start_samples", 100, text, integer=(1, 10000))
         self._first: list[SensorData] = []
         self._state: RobotState | None = None
         self._last_stamp = 0
@@ -56,7 +59,7 @@ class StateEstimatorNode(PoiseNode):
         law = self._stack.build_estimator(self.model, self._config)
         self._estimates = EstimateTopics(self, law, self._rates, lockstep=self._lockstep)
         self._samples = SampleTopics(self, self._ages, self._step, self._again, lockstep=self._lockstep)
-        self._report = EstimatorReport(self)
+        self._publish_status = self.announce_status(topics.ESTIMATOR_STATUS)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         self._calibration = CalibrationServices(self, self.activate)
         if self._stack.log is not None:
@@ -68,13 +71,25 @@ class StateEstimatorNode(PoiseNode):
         self._first.clear()
         self._state = None
         self._samples.reset()
-        self._report.reset()
+        self._coasting_since: int | None = None
 
     def before_diagnostics(self) -> None:
-        """Report the estimator's health."""
-        if self.active:
-            self.message = "waiting for a complete sample" if self._state is None else "estimating"
-            self._report.fill(self._stack.estimator, self._samples.assembler)
+        """Report the estimator's health, each counter by name, and the estimated push."""
+        if not self.active:
+            return
+        self.message = "waiting for a complete sample" if self._state is None else "estimating"
+        self._publish_status(EstimatorStatus(self._coasting_since))
+        law, assembler, values = self._stack.estimator, self._samples.assembler, self.values
+        values["coasting since [ns]"] = "" if self._coasting_since is None else str(self._coasting_since)
+        values["samples with mixed stamps"] = str(assembler.incomplete)
+        values["ticks without a usable sample"] = str(assembler.dropped)
+        values["ticks with a silent sensor"] = str(assembler.silent)
+        push = law.push
+        values["push [N]"] = _numbers(push.force) if push.active else "none"
+        values["impulse of the push [N.s]"] = _numbers(push.impulse)
+        for field in fields(law.health):
+            value = getattr(law.health, field.name)
+            values[field.name.replace("_", " ")] = f"{value:.3f}" if isinstance(value, float) else str(value)
 
     def _step(self, sensors: SensorData, stamp: int) -> None:
         """Estimate the state of a tick; the law starts from the mean of the first ones."""
@@ -95,8 +110,25 @@ class StateEstimatorNode(PoiseNode):
         if self._hand_over is not None:
             self._hand_over(self._state, stamp)
         self._estimates.publish(self._state, stamp, stack.sensors)
-        self._report.update(stack.estimator.health, stamp)
+        self._report(stack.estimator.health, stamp)
         self._publish_inputs(stamp)
+
+    def _report(self, health: EstimatorHealth, stamp: int) -> None:
+        """Report the beginning and the end of a drop-out from the health after the step at a stamp [ns].
+
+        The supervisor receives the stamp at which it began, so two messages give its length at any time, independent of
+        the rate of the diagnostics.
+        """
+        if self._coasting_since is None:
+            if health.coasting < COASTING_REPORTED:
+                return
+            self._coasting_since = stamp - round(health.coasting * NANOSECONDS)
+            self.counters["drop-outs"] += 1
+        elif health.coasting > 0.0:
+            return
+        else:
+            self._coasting_since = None
+        self.publish_diagnostics()
 
     def _publish_inputs(self, stamp: int, *, again: bool = False) -> None:
         """Publish the inputs of a tick, once the command is out."""
@@ -129,9 +161,11 @@ class StateEstimatorNode(PoiseNode):
             self.activate()
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([StateEstimatorNode], args))
+def _numbers(values: Vector) -> str:
+    return " ".join(f"{value:.1f}" for value in values)
+
+
+main = program(StateEstimatorNode)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,26 +13,25 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from controllers.commands.arbitration import PLAIN, ArbitrationConfig
-from controllers.commands.command_key import read_key
-from controllers.commands.command_signature import Verifier
+from controllers.commands.command_signature import Verifier, read_key
 from controllers.commands.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
-from controllers.safety.health import second_publisher
+from controllers.safety.health import SupervisorConfig, second_publisher
 from controllers.safety.preflight import attitude, preflight
 from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
-from controllers.safety.supervisor_config import SupervisorConfig
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import declare_config, declare_lockstep, describe
+from models.nodes.parameters import declare, declare_config, declare_lockstep
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.services import offer_own
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.status import MotionState, MotionStatus, SupervisorStatus
 from models.types import CommandReply, Mode
 
+SET_MODE, COMMAND = "set_mode", "command"  #: Services with types of this package, offered where these are built
 #: Modes that can be requested by name
 _SERVED = tuple(mode.value for mode in (Mode.OFF, Mode.DAMP, Mode.STAND, Mode.WALK))
 _ACTIVE_NAMES = frozenset(mode.value for mode in ACTIVE_MODES)
@@ -50,28 +49,24 @@ class SupervisorNode(PoiseNode):
             self, default_config(ObstacleStopConfig, "controllers", "obstacle_stop"), "obstacle_stop."
         )
         self._lockstep = declare_lockstep(self)
-        get = self.declare_parameter
-        text = describe("Whether to stand up by itself once the preflight checks pass and the robot is held")
-        self._auto_stand = bool(get("auto_stand", True, text).value)
-        text = describe("Time between two looks at the robot's health [s]", low=0.001, high=1.0)
-        self._period = float(get("period", 0.02, text).value)
-        text = describe("How long a preflight check listens [s]", low=0.05, high=10.0)
-        self._listen_time = float(get("preflight_time", 0.5, text).value)
-        text = describe("Rate of each sensor topic [Hz]", low=1.0, high=10000.0)
-        self._sensor_rate = float(get("sensor_rate", 1000.0, text).value)
-        text = describe("Silence of /clock after which the robot is damped [s]", low=0.01, high=60.0)
-        self._clock_timeout = float(get("clock_timeout", 0.5, text).value)
-        text = describe(
-            "How long a supervisor that starts beside a standing robot waits for its reports [s]", low=0.1, high=10.0
-        )
-        self._adoption_time = float(get("adoption_time", 1.0, text).value)
-
-        text = describe("Whether to look at the scan before each step, where the robot has a scanner")
-        self._look_ahead = bool(get("look_ahead", True, text).value)
-        text = describe("File with the key of signed commands; empty: unsigned ones are taken")
-        self._key_file = str(get("command_key", "", text).value)
-        text = describe("How far the stamp of a signed command may be from the wall time [s]", low=0.1, high=60.0)
-        self._key_window = float(get("command_window", 2.0, text).value)
+        text = "Whether to stand up by itself once the preflight checks pass and the robot is held"
+        self._auto_stand = declare(self, "auto_stand", True, text)
+        text = "Time between two looks at the robot's health [s]"
+        self._period = declare(self, "period", 0.02, text, low=0.001, high=1.0)
+        text = "How long a preflight check listens [s]"
+        self._listen_time = declare(self, "preflight_time", 0.5, text, low=0.05, high=10.0)
+        text = "Rate of each sensor topic [Hz]"
+        self._sensor_rate = declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
+        text = "Silence of /clock after which the robot is damped [s]"
+        self._clock_timeout = declare(self, "clock_timeout", 0.5, text, low=0.01, high=60.0)
+        text = "How long a supervisor that starts beside a standing robot waits for its reports [s]"
+        self._adoption_time = declare(self, "adoption_time", 1.0, text, low=0.1, high=10.0)
+        text = "Whether to look at the scan before each step, where the robot has a scanner"
+        self._look_ahead = declare(self, "look_ahead", True, text)
+        text = "File with the key of signed commands; empty: unsigned ones are taken"
+        self._key_file = declare(self, "command_key", "", text)
+        text = "How far the stamp of a signed command may be from the wall time [s]"
+        self._key_window = declare(self, "command_window", 2.0, text, low=0.1, high=60.0)
 
     def configure(self) -> None:
         """Build the law and the topics."""
@@ -92,10 +87,11 @@ class SupervisorNode(PoiseNode):
         self.listen_status(MotionStatus, topics.MOTION_STATUS, self._on_motion)
         self._publish_status = self.announce_status(topics.SUPERVISOR_STATUS, LATCHED)
         for name in _SERVED:
-            self._offer(f"mode/{name}", lambda name=name: self._request_mode(Mode(name)))
+            self._offer(f"mode/{name}", partial(self._request_mode, Mode(name)))
         self._offer("estop", lambda: self._law.estop())
         self._offer("reset_faults", lambda: self._law.reset_faults())
-        offer_own_types(self, self._set_mode, lambda text: self._commands.reply(PLAIN, COMMAND, text))
+        offer_own(self, "SetMode", SET_MODE, lambda call, reply: self._answer(reply, self._set_mode, call.mode))
+        offer_own(self, "Command", COMMAND, lambda call, reply: self._answer(reply, self._command, call.text))
         self.own(PreflightProbe.stop, self._probe)
         self.own(self.destroy_timer, self.every(self._period, self._update))
 
@@ -208,17 +204,22 @@ class SupervisorNode(PoiseNode):
         self._act_on(SET_MODE, reply)
         return reply
 
-    def _offer(self, name: str, act: Any) -> None:
-        def on_call(request: Any, response: Any) -> Any:
-            if not self.active:
-                response.success, response.message = False, "the supervisor is not active"
-                return response
-            reply = act()
-            response.success, response.message = reply.accepted, reply.reason
-            self._act_on(name, reply)
-            return response
+    def _command(self, text: str) -> CommandReply:
+        return self._commands.reply(PLAIN, COMMAND, text)
 
-        self.serve(Trigger, name, on_call)
+    def _offer(self, name: str, act: Callable[[], CommandReply]) -> None:
+        def acted() -> CommandReply:
+            reply = act()
+            self._act_on(name, reply)
+            return reply
+
+        self.serve(Trigger, name, lambda request, response: self._answer(response, acted))
+
+    def _answer(self, response: Any, act: Callable[..., CommandReply], *arguments: str) -> Any:
+        """The response of a service that the active node carries out."""
+        reply = act(*arguments) if self.active else CommandReply(False, "the supervisor is not active")
+        response.success, response.message = reply.accepted, reply.reason
+        return response
 
     def _on_motion(self, status: MotionStatus) -> None:
         refused = status.state is MotionState.REFUSED and status.request == self._requested
@@ -245,26 +246,7 @@ class SupervisorNode(PoiseNode):
             self._law.fault("the drivers were damped when the supervisor started")
 
 
-SET_MODE, COMMAND = "set_mode", "command"  #: Names of the services
-
-
-def offer_own_types(
-    node: PoiseNode, set_mode: Callable[[str], CommandReply], say: Callable[[str], CommandReply]
-) -> None:
-    """Offer ``set_mode`` and ``command`` until ``cleanup``; where their types are absent, the diagnostics say so."""
-
-    def answer(response: Any, act: Callable[[], CommandReply]) -> Any:
-        reply = act() if node.active else CommandReply(False, f"{node.get_name()} is not active")
-        response.success, response.message = reply.accepted, reply.reason
-        return response
-
-    offer_own(node, "SetMode", SET_MODE, lambda request, response: answer(response, lambda: set_mode(request.mode)))
-    offer_own(node, "Command", COMMAND, lambda request, response: answer(response, lambda: say(request.text)))
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([SupervisorNode], args))
+main = program(SupervisorNode)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Vector3Stamped
@@ -13,22 +11,19 @@ from std_msgs.msg import Bool
 
 from controllers.joints.angle_history import AngleHistory
 from controllers.vision.gaze import Gaze
-from controllers.vision.target_config import TargetConfig
+from controllers.vision.target_finder import TargetConfig, TargetFinder
 from models.camera import Pinhole, azimuth_elevation
 from models.config import default_config
-from models.errors import ConfigError, MessageError
+from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import head_from_message, head_message, stamp_ns
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare, declare_config, declare_ns
 from models.nodes.perception import picture_of, pinhole_of
 from models.nodes.qos import EVENT, SENSOR
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.types import Vector
-
-if TYPE_CHECKING:
-    from controllers.vision.target_finder import TargetFinder
 
 
 class VisionNode(PoiseNode):
@@ -40,18 +35,13 @@ class VisionNode(PoiseNode):
         super().__init__("vision_node", **kwargs)
         config = default_config(TargetConfig, "controllers", "vision")
         self._config = declare_config(self, config, "target.")
-        text = describe("Turn the head after the target, by head/pan_tilt; the robot must have a head")
-        self._follow = bool(self.declare_parameter("follow", False, text).value)
-        text = describe("Largest time between a picture and an angle of the head that goes with it [s]", low=0.0)
-        self._tolerance = round(NANOSECONDS * float(self.declare_parameter("head_tolerance", 0.1, text).value))
-        self._finder: TargetFinder | None = None
+        text = "Turn the head after the target, by head/pan_tilt; the robot must have a head"
+        self._follow = declare(self, "follow", False, text)
+        text = "Largest time between a picture and an angle of the head that goes with it [s]"
+        self._tolerance = declare_ns(self, "head_tolerance", 0.1, text, low=0.0)
 
     def configure(self) -> None:
         """Build the laws and the topics."""
-        if find_spec("cv2") is None:
-            raise ConfigError("OpenCV is not installed: pip install 'poise[vision]'")
-        from controllers.vision.target_finder import TargetFinder
-
         self._finder = TargetFinder(self._config)
         self._gaze = Gaze(self.model) if self._follow else None
         self._angles = AngleHistory()
@@ -59,40 +49,28 @@ class VisionNode(PoiseNode):
         self._bearings = self.announce(Vector3Stamped, topics.VISION_BEARING, SENSOR)
         self._detected = self.announce(Bool, topics.VISION_DETECTED, SENSOR)
         self.listen(CameraInfo, topics.CAMERA_INFO, self._on_info, SENSOR)
-        self.listen(Image, topics.CAMERA_IMAGE, self._on_image, SENSOR)
+        self.listen(Image, topics.CAMERA_IMAGE, self._on_image, SENSOR, while_active=True)
         if self._gaze is not None:
             self._head = self.announce(JointState, topics.HEAD_COMMAND, EVENT)
             self.listen(JointState, topics.HEAD_STATE, self._on_head, SENSOR)
 
     def _on_info(self, message: Any) -> None:
-        try:
-            self._camera = pinhole_of(message)
-        except MessageError as error:
-            self.refuse(topics.CAMERA_INFO, error)
+        self._camera = pinhole_of(message)
 
     def _on_head(self, message: Any) -> None:
-        try:
-            self._angles.add(stamp_ns(message.header.stamp), *head_from_message(message))
-        except MessageError as error:
-            self.refuse(topics.HEAD_STATE, error)
+        self._angles.add(stamp_ns(message.header.stamp), *head_from_message(message))
 
     def _on_image(self, message: Any) -> None:
-        if not self.active or self._finder is None:
-            return
-        try:
-            picture, camera = picture_of(message), self._camera
-            if camera is None:
-                raise MessageError(f"no message on {topics.CAMERA_INFO} yet")
-            if picture.shape[:2] != (camera.height, camera.width):
-                raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
-        except MessageError as error:
-            self.refuse(topics.CAMERA_IMAGE, error)
-            return
+        picture, camera = picture_of(message), self._camera
+        if camera is None:
+            raise MessageError(f"no message on {topics.CAMERA_INFO} yet")
+        if picture.shape[:2] != (camera.height, camera.width):
+            raise MessageError(f"height, width: {picture.shape[:2]}, {(camera.height, camera.width)} by its info")
         seen = self._finder.find(picture)
         self._detected.publish(Bool(data=seen is not None))
-        self._tell(message, None if seen is None else camera.bearing(seen.pixel))
+        self._publish_bearing(message, None if seen is None else camera.bearing(seen.pixel))
 
-    def _tell(self, image: Any, bearing: Vector | None) -> None:
+    def _publish_bearing(self, image: Any, bearing: Vector | None) -> None:
         """Publish a bearing (3,), and turn the head there."""
         if bearing is None:
             self.message = "no target in the picture"
@@ -114,9 +92,7 @@ class VisionNode(PoiseNode):
         self._head.publish(head_message(stamp, *self._gaze.aim(float(angles[0]), float(angles[1]), bearing)))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([VisionNode], args))
+main = program(VisionNode)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatu
 _MODES = {mode: index for index, mode in enumerate(Mode)}
 _STATUSES = {status: index for index, status in enumerate(SolveStatus)}
 
+#: Arrays without a value for a tick without a result
+_RESULTS = ("command_q", "command_v", "command_tau", "planned_wrenches", "dcm", "zmp", "residual")
 _EVENTS = 256  #: Events that are kept
 
 
@@ -54,19 +56,21 @@ class BlackBox:
         self._model = model
         self._rows = round((self.config.duration + self.config.after) / self.config.period)
         nq, nv, nj = model.nq, model.nv, model.nj
-        self._t = np.zeros(self._rows)
-        self._q, self._v = self._column(nq), self._column(nv)
-        self._stamp, self._number = np.zeros(self._rows, np.int64), np.zeros(self._rows, np.int64)
-        self._sample_t = self._exact()
-        self._joint_q, self._joint_v, self._joint_tau = self._exact(nj), self._exact(nj), self._exact(nj)
-        self._gyro, self._accel, self._wrenches = self._exact(3), self._exact(3), self._exact(2, 6)
-        self._command_q, self._command_v, self._command_tau = self._exact(nj), self._exact(nj), self._exact(nj)
-        self._planned, self._dcm, self._zmp = self._column(2, 6), self._column(2), self._column(2)
-        self._residual = self._column()
-        self._mode, self._status = np.full(self._rows, -1, np.int8), np.full(self._rows, -1, np.int8)
-        self._results = (
-            self._command_q, self._command_v, self._command_tau, self._planned, self._dcm, self._zmp, self._residual,
-        )  # fmt: skip
+        single, double = np.float32, np.float64  # inputs and outputs of the laws are kept to the last bit
+        kinds: dict[str, tuple[Any, ...]] = {
+            "t": (double,), "sample_t": (double,), "stamp": (np.int64,), "number": (np.int64,),
+            "q": (single, nq), "v": (single, nv),
+            "joint_q": (double, nj), "joint_v": (double, nj), "joint_tau": (double, nj),
+            "gyro": (double, 3), "accel": (double, 3), "wrenches": (double, 2, 6),
+            "command_q": (double, nj), "command_v": (double, nj), "command_tau": (double, nj),
+            "planned_wrenches": (single, 2, 6), "dcm": (single, 2), "zmp": (single, 2), "residual": (single,),
+            "mode": (np.int8,), "status": (np.int8,),
+        }  # fmt: skip
+        #: Arrays by their name in the record; written to at once, so that no page is missing when the robot stands
+        self._columns: dict[str, NDArray[Any]] = {
+            name: np.full((self._rows, *shape), np.nan if issubclass(kind, np.floating) else -1, dtype=kind)
+            for name, (kind, *shape) in kinds.items()
+        }
         self._events: deque[tuple[float, str]] = deque(maxlen=_EVENTS)
         self._next = self._count = 0
         self._ticks = 0
@@ -75,14 +79,6 @@ class BlackBox:
         self._sealed = self._added = False
         log, duration = None if stack is None else stack.log, self.config.duration + self.config.after
         self._checkpoints = None if stack is None or log is None else Checkpoints(stack, log, duration)
-
-    def _column(self, *shape: int) -> NDArray[np.float32]:
-        """Values of every row; written to at once, so that no page is missing when the robot stands."""
-        return np.full((self._rows, *shape), np.nan, dtype=np.float32)
-
-    def _exact(self, *shape: int) -> NDArray[np.float64]:
-        """The same in double precision: inputs and outputs of the laws, to the last bit."""
-        return np.full((self._rows, *shape), np.nan)
 
     def __len__(self) -> int:
         return self._count
@@ -107,28 +103,27 @@ class BlackBox:
         self._added = not self._sealed and abs(t - self._last) >= self._least
         if not self._added:
             return
-        i = self._next
-        self._t[i] = self._last = t
-        self._stamp[i], self._number[i] = round(t * NANOSECONDS) if stamp is None else stamp, self._ticks
-        self._q[i], self._v[i] = state.q, state.v
+        i, row = self._next, self._columns
+        row["t"][i] = self._last = t
+        row["stamp"][i], row["number"][i] = round(t * NANOSECONDS) if stamp is None else stamp, self._ticks
+        row["q"][i], row["v"][i], row["mode"][i] = state.q, state.v, _MODES[mode]
         if sensors is not None:
-            self._sample_t[i] = sensors.t
-            self._joint_q[i], self._joint_v[i], self._joint_tau[i] = sensors.q, sensors.v, sensors.tau
-            self._gyro[i], self._accel[i], self._wrenches[i] = sensors.gyro, sensors.accel, sensors.wrenches
+            row["sample_t"][i] = sensors.t
+            row["joint_q"][i], row["joint_v"][i], row["joint_tau"][i] = sensors.q, sensors.v, sensors.tau
+            row["gyro"][i], row["accel"][i], row["wrenches"][i] = sensors.gyro, sensors.accel, sensors.wrenches
         else:
-            self._joint_q[i], self._joint_v[i], self._joint_tau[i] = state.q[7:], state.v[6:], state.tau
-            self._gyro[i] = self._accel[i] = self._sample_t[i] = np.nan
-            self._wrenches[i, 0], self._wrenches[i, 1] = state.contacts[0].wrench, state.contacts[1].wrench
-        self._mode[i] = _MODES[mode]
+            row["joint_q"][i], row["joint_v"][i], row["joint_tau"][i] = state.q[7:], state.v[6:], state.tau
+            row["gyro"][i] = row["accel"][i] = row["sample_t"][i] = np.nan
+            row["wrenches"][i, 0], row["wrenches"][i, 1] = state.contacts[0].wrench, state.contacts[1].wrench
         if result is not None:
             command = result.command
-            self._command_q[i], self._command_v[i], self._command_tau[i] = command.q, command.v, command.tau
-            self._planned[i], self._dcm[i], self._zmp[i] = result.wrenches, result.dcm, result.zmp
-            self._residual[i], self._status[i] = result.residual, _STATUSES[result.status]
+            row["command_q"][i], row["command_v"][i], row["command_tau"][i] = command.q, command.v, command.tau
+            row["planned_wrenches"][i], row["dcm"][i], row["zmp"][i] = result.wrenches, result.dcm, result.zmp
+            row["residual"][i], row["status"][i] = result.residual, _STATUSES[result.status]
         else:
-            for column in self._results:
-                column[i] = np.nan
-            self._status[i] = -1
+            for name in _RESULTS:
+                row[name][i] = np.nan
+            row["status"][i] = -1
         self._next = i + 1 if i + 1 < self._rows else 0
         self._count = min(self._count + 1, self._rows)
 
@@ -140,7 +135,7 @@ class BlackBox:
         if self._checkpoints is None or not self._added:
             return
         last = self._next - 1
-        self._checkpoints.tick(int(self._stamp[last]), int(self._number[last]))
+        self._checkpoints.tick(int(self._columns["stamp"][last]), int(self._columns["number"][last]))
 
     def event(self, t: float, text: str) -> None:
         """Add an event at time t [s]."""
@@ -172,35 +167,15 @@ class BlackBox:
         """A copy of the ring, the oldest row first."""
         first = self._next if self._count == self._rows else 0
         order = (np.arange(self._count) + first) % self._rows
-        t = self._t[order]
-        oldest = t.min() if len(t) else 0.0
+        arrays: dict[str, Any] = {name: column[order] for name, column in self._columns.items()}
+        oldest = arrays["t"].min() if self._count else 0.0
         return BlackBoxRecord(
             robot=self._model.name,
             reason=reason,
             joint_names=self._model.joint_names,
             events=tuple(event for event in self._events if event[0] >= oldest),
-            replay=None if self._checkpoints is None else self._checkpoints.start(self._number[order]),
-            t=t,
-            stamp=self._stamp[order],
-            number=self._number[order],
-            sample_t=self._sample_t[order],
-            q=self._q[order],
-            v=self._v[order],
-            joint_q=self._joint_q[order],
-            joint_v=self._joint_v[order],
-            joint_tau=self._joint_tau[order],
-            gyro=self._gyro[order],
-            accel=self._accel[order],
-            wrenches=self._wrenches[order],
-            command_q=self._command_q[order],
-            command_v=self._command_v[order],
-            command_tau=self._command_tau[order],
-            planned_wrenches=self._planned[order],
-            dcm=self._dcm[order],
-            zmp=self._zmp[order],
-            residual=self._residual[order],
-            status=self._status[order],
-            mode=self._mode[order],
+            replay=None if self._checkpoints is None else self._checkpoints.start(arrays["number"]),
+            **arrays,
         )
 
     def write(self, path: Path, reason: str) -> None:

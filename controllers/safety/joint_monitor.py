@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from controllers.safety.kernels_joint_monitor import watch_joints
 from models.config import STRICT, default_config
+from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
+
+Array = NDArray[np.float64]
 
 Positive = Annotated[float, Field(gt=0.0)]
 
@@ -22,8 +25,8 @@ class JointMonitorConfig:
 
     window: Annotated[float, Field(gt=0.0, le=1.0)]  # of the mean torques, and of a stuck encoder [s]
     error: Positive  # of the mean torque at a fault, over the motor's largest one [-]
-    told: Positive  # mean commanded torque of a motor without output, likewise [-]
-    nothing: Positive  # mean torque that counts as none, likewise [-]
+    commanded: Positive  # mean commanded torque of a motor without output, likewise [-]
+    no_output: Positive  # mean torque that counts as none, likewise [-]
     offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
     margin: Annotated[float, Field(ge=0.0)]  # distance from a joint's limit within which no torque is judged [rad]
     grace: Annotated[float, Field(ge=0.0)]  # time after a start without a judgement [s]
@@ -33,8 +36,8 @@ class JointMonitor:
     r"""Compares the measurements of the drivers with their commands.
 
     .. math::
-        \tau_{told} = \tau_{ff} + k_p (q_{set} - q) + k_d (v_{set} - v), \quad
-        \tau_{exp} \mathrel{+}= [\tau_{told} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
+        \tau_{cmd} = \tau_{ff} + k_p (q_{set} - q) + k_d (v_{set} - v), \quad
+        \tau_{exp} \mathrel{+}= [\tau_{cmd} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
         |\overline{\tau} - \overline{\tau_{exp}}| > error\;\tau_{max} + offset
 
     is a motor at fault, and sooner one that gives no torque at a command. The limits of torque and of its rate are
@@ -59,7 +62,7 @@ class JointMonitor:
         self._noisy = model.profile.sensors.encoders.velocity_noise > 0.0
         rows = max(round(self.config.window / period), 1)
         given, largest = self.config, model.tau_max
-        bounds = given.error * largest, given.told * largest, given.nothing * largest
+        bounds = given.error * largest, given.commanded * largest, given.no_output * largest
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
         rate = period * model.tau_rate_max
@@ -91,19 +94,10 @@ class JointMonitor:
         self._command[0], self._command[1], self._command[2] = command.q, command.v, command.tau
 
     def _watch(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> int:
-        found: int = watch_joints(
-            q,
-            v,
-            tau,
-            self._command,
-            self._gains,
-            self._tick,
-            self._expected,
-            self._torques,
-            self._last,
-            self._still,
-            self._mean,
-        )
+        found: int = _watch_joints(
+            q, v, tau, self._command, self._gains, self._tick,
+            self._expected, self._torques, self._last, self._still, self._mean,
+        )  # fmt: skip
         return found
 
     def _describe(self, found: int, state: RobotState) -> str:
@@ -111,5 +105,51 @@ class JointMonitor:
         name = self.model.joint_names[joint]
         if found < 0:
             return f"encoder of '{name}' stuck at {state.q[7 + joint]:.4f} rad for {self.config.window:g} s"
-        told, given, _ = self._mean[:, joint]
-        return f"motor of '{name}' gives {given:.1f} N.m instead of {told:.1f} N.m (means of {self.config.window:g} s)"
+        expected, given, _ = self._mean[:, joint]
+        figures = f"{given:.1f} N.m instead of {expected:.1f} N.m (means of {self.config.window:g} s)"
+        return f"motor of '{name}' gives {figures}"
+
+
+@njit(cache=True)
+def _watch_joints(
+    q: Array, v: Array, tau: Array, command: Array, gains: Array, tick: int,
+    expected: Array, torques: Array, last: Array, still: NDArray[np.int64], mean: Array,
+) -> int:  # fmt: skip
+    """One tick of every joint: 0 when all is well, 1 + the index of a motor at fault, or -1 - that of an encoder.
+
+    ``q`` [rad], ``v`` [rad/s] and ``tau`` [N.m] are measured (nj,); ``command`` are the setpoints of position, velocity
+    and torque that the drivers have (3, nj). Rows of ``gains`` (10, nj): kp, kd, largest torque, allowed error of the
+    mean torque; of a motor without output: least commanded torque, largest torque given; lowest and highest position
+    and fastest velocity at which the drivers follow commands; largest change of a torque in a tick.
+
+    In and out: ``expected`` torques (nj,) [N.m]; ``torques`` expected and given in the last ticks (rows, 2, nj) [N.m];
+    ``last`` positions and velocities (2, nj); ``still`` ticks for which both have been the same (nj,). Out: ``mean`` of
+    the torques expected and given, and of the size of the latter (3, nj) [N.m].
+    """
+    rows, nj = torques.shape[0], torques.shape[2]
+    row, found = tick % rows, 0
+    for j in range(nj):
+        commanded = command[2, j] + gains[0, j] * (command[0, j] - q[j]) + gains[1, j] * (command[1, j] - v[j])
+        commanded = min(max(commanded, -gains[2, j]), gains[2, j])
+        known = np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
+        known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
+        if known:
+            expected[j] += min(max(commanded - expected[j], -gains[9, j]), gains[9, j])
+            torques[row, 0, j], torques[row, 1, j] = expected[j], tau[j]
+        else:  # the drivers' torque is unknown there: begin again from the measured one
+            expected[j] = tau[j] if np.isfinite(tau[j]) else 0.0
+            torques[row, 0, j] = torques[row, 1, j] = 0.0
+        still[j] = still[j] + 1 if q[j] == last[0, j] and v[j] == last[1, j] else 0
+        last[0, j], last[1, j] = q[j], v[j]
+        if still[j] >= rows:
+            found = -1 - j
+        mean[:, j] = 0.0
+        for i in range(rows):
+            mean[0, j] += torques[i, 0, j] / rows
+            mean[1, j] += torques[i, 1, j] / rows
+            mean[2, j] += abs(torques[i, 1, j]) / rows
+        wrong = abs(mean[1, j] - mean[0, j]) > gains[3, j]
+        dead = abs(mean[0, j]) > gains[4, j] and mean[2, j] < gains[5, j]
+        if (wrong or dead) and found == 0:
+            found = 1 + j
+    return found

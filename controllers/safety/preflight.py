@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.safety.health import tilt
-from controllers.safety.supervisor_config import SupervisorConfig
+from controllers.safety.health import SupervisorConfig, tilt
 from models.errors import RobotModelError
 from models.robot_model import RobotModel
 from models.types import Vector

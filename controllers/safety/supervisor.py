@@ -17,8 +17,7 @@ from ``take_motion`` to the motion planner, and answers services with the ``Comm
 from __future__ import annotations
 
 from controllers.commands.arbitration import Velocity
-from controllers.safety.health import Health, Severity
-from controllers.safety.supervisor_config import SupervisorConfig
+from controllers.safety.health import Health, Severity, SupervisorConfig
 from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import CommandReply, Mode

@@ -2,21 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
+from typing import Annotated
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from controllers.vision.target_config import TargetConfig
-from models.config import default_config
+from models.config import STRICT, default_config
+from models.errors import ConfigError
 from models.types import Vector
 
 _DEGREES_PER_HUE = 2.0  #: OpenCV counts hues of 8 bits in steps of two degrees
 _NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not hold a square of this size are noise [pixel]
 
 
-@dataclass(frozen=True, slots=True)
+Degrees = Annotated[float, Field(ge=0.0, le=360.0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class TargetConfig:
+    """Schema of ``controllers/config/vision.yaml``: colour and size of the target.
+
+    Attributes:
+        hue_from: First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg].
+        hue_to: Last hue; less than the first for a range that goes through 0 [deg].
+        saturation_min: Least saturation: 0 is grey, 1 is pure colour [-].
+        value_min: Least value: 0 is black, 1 is bright [-].
+        pixels_min: Least size of the target [pixel].
+    """
+
+    hue_from: Degrees
+    hue_to: Degrees
+    saturation_min: Share
+    value_min: Share
+    pixels_min: Annotated[int, Field(ge=1)]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Sighting:
     """A target in a picture."""
 
@@ -30,9 +55,17 @@ class TargetFinder:
 
     Hue, saturation and value of each pixel are compared with their ranges, single pixels are removed, and the largest
     patch of connected pixels is the target; its middle is the mean of its pixels.
+
+    Raises:
+        ConfigError: OpenCV is not installed.
     """
 
     def __init__(self, config: TargetConfig | None = None) -> None:
+        try:
+            import cv2
+        except ImportError as error:
+            raise ConfigError("OpenCV is not installed: pip install 'poise[vision]'") from error
+        self._cv2 = cv2
         self.config = config or default_config(TargetConfig, "controllers", "vision")
         low, high = self.config.hue_from / _DEGREES_PER_HUE, self.config.hue_to / _DEGREES_PER_HUE
         hues = [(low, high)] if low <= high else [(low, 180.0), (0.0, high)]
@@ -41,6 +74,7 @@ class TargetFinder:
 
     def find(self, picture: NDArray[np.uint8]) -> Sighting | None:
         """The target in rows of red, green, blue (height, width, 3); None when it is not in the picture."""
+        cv2 = self._cv2
         hsv = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2HSV)
         mask = np.zeros(hsv.shape[:2], dtype=np.uint8)
         for low, high in self._ranges:

@@ -97,10 +97,30 @@ class PoiseNode(LifecycleNode):
             destroy, entity = self._owned.pop()
             destroy(entity)
 
-    def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, *, raw: bool = False) -> None:
-        """Subscribe until ``cleanup``; see ``Node.create_subscription``."""
+    def listen(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: Any,
+        *,
+        raw: bool = False,
+        while_active: bool = False,
+    ) -> None:
+        """Subscribe until ``cleanup``; see ``Node.create_subscription``. A callback refuses a message by PoiseError.
+
+        With ``while_active`` an inactive node drops its messages.
+        """
+
+        def on_message(message: Any) -> None:
+            if self.active or not while_active:
+                try:
+                    callback(message)
+                except PoiseError as error:
+                    self.refuse(topic, error)
+
         watched = self._qos.subscription(topic, qos)
-        subscription = self.create_subscription(kind, topic, callback, qos, raw=raw, event_callbacks=watched)
+        subscription = self.create_subscription(kind, topic, on_message, qos, raw=raw, event_callbacks=watched)
         self._owned += [(self._qos.forget, topic), (self.destroy_subscription, subscription)]
 
     def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
@@ -131,11 +151,10 @@ class PoiseNode(LifecycleNode):
         def on_message(message: Any) -> None:
             try:
                 record = status_from_message(message, kind)
-            except MessageError as error:
-                self.refuse(topic, error)
+            except MessageError:
                 if on_malformed is not None:
                     on_malformed()
-                return
+                raise
             callback(record)
 
         self.listen(StatusMessage, topic, on_message, qos)

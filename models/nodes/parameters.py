@@ -16,8 +16,10 @@ from pydantic import Field
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from models.config import parse_config
+from models.constants import NANOSECONDS
 
 T = TypeVar("T")
+S = TypeVar("S", bool, int, float, str)
 
 _SCALARS = (bool, int, float, str)
 
@@ -60,10 +62,26 @@ def describe(
     return descriptor
 
 
+def declare(node: Any, name: str, default: S, description: str, **bounds: Any) -> S:
+    """Declare one read-only parameter and return its value; ``bounds`` are those of ``describe``."""
+    value: S = node.declare_parameter(name, default, describe(description, **bounds)).value
+    return value
+
+
+def declare_ns(node: Any, name: str, default: float, description: str, **bounds: Any) -> int:
+    """Declare a time [s] and return it in nanoseconds."""
+    return round(NANOSECONDS * declare(node, name, default, description, **bounds))
+
+
+def declare_period(node: Any, name: str, default: float, of: str, *, high: float = 1000.0) -> int:
+    """Declare a rate of at least 1 Hz, described as ``Rate of ...``, and return its period [ns]."""
+    return round(NANOSECONDS / declare(node, name, default, f"Rate of {of} [Hz]", low=1.0, high=high))
+
+
 def declare_lockstep(node: Any) -> bool:
     """Declare the parameter ``lockstep`` that all nodes of the tick share."""
     text = "The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)"
-    return bool(node.declare_parameter("lockstep", False, describe(text)).value)
+    return declare(node, "lockstep", False, text)
 
 
 def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:

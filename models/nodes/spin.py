@@ -118,6 +118,15 @@ def run(
     return code
 
 
+def program(*nodes: Callable[[], Any]) -> Callable[..., None]:
+    """Entry point of a process that runs nodes until a signal and exits with the code of ``run``."""
+
+    def main(args: list[str] | None = None) -> None:
+        sys.exit(run(list(nodes), args))
+
+    return main
+
+
 def _end(executor: Any, node: Any) -> None:
     node.trigger_shutdown()
     executor.remove_node(node)

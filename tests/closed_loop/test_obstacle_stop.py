@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bridge.closed_loop import ClosedLoop
-from controllers.commands.body_outline import BodyOutline
+from controllers.commands.obstacle_stop import BodyOutline
 from models.types import Mode
 
 FACE = 1.0

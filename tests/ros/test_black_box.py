@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from msgspec.structs import replace
+from msgspec import structs
 from std_msgs.msg import String
 from typer.testing import CliRunner
 
@@ -21,9 +20,11 @@ from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.recording.black_box_file import BlackBoxRecord
 from controllers.stack import ControlStack
 from models.nodes import topics
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import LATCHED
 from models.robot_model import RobotModel
+from models.status import SupervisorStatus
 from models.types import Mode, SensorData
+from tests.ros.conftest import StatusTopic
 from tests.ros.parameters import set_parameter
 from tests.support import standing
 
@@ -51,7 +52,7 @@ class Ticking:
     def tick(self, count: int = 20) -> None:
         for _ in range(count):
             self.stamp += 1_000_000
-            state = replace(self.state, t=1e-9 * self.stamp)
+            state = structs.replace(self.state, t=1e-9 * self.stamp)
             self.stack.raw = self.sensors
             self.node.on_state(state, self.stamp)
 
@@ -101,23 +102,20 @@ def test_drivers_that_damp_by_themselves_are_enough(bench: Any, g1: RobotModel, 
 
 def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
     robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "boxes", "black_box.after": 1.0})
-    says = bench.world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
-
-    def say(*names: str) -> None:
-        says.publish(DiagnosticArray(status=[DiagnosticStatus(name=name, message=f"said by {name}") for name in names]))
-
+    status = StatusTopic(bench.world, topics.SUPERVISOR_STATUS, LATCHED)
+    record = SupervisorStatus("g1", Mode.DAMP, refused=0, refusal="", faults=())
     robot.set_mode("stand")
-    assert says.get_subscription_count() == 0  # while it stands they cost nothing
+    assert status.get_subscription_count() == 0  # while it stands the status costs nothing
     robot.set_mode("damp")
-    bench.wait(lambda: says.get_subscription_count() == 1)
-    say("/cell/supervisor", "/robot_driver")  # another robot's, another node's
-    say("/robot_driver", "/supervisor")
-    say("/supervisor")
+    bench.wait(lambda: status.get_subscription_count() == 1)
+    status.publish(record)
+    status.publish(structs.replace(record, faults=("fallen", "emergency stop")))
+    status.publish(structs.replace(record, faults=("later",)))
     file = Path(robot.wait_outcome())
-    bench.wait(lambda: says.get_subscription_count() == 0)
-    record = BlackBoxRecord.load(file)
-    assert record.reason == "mode damp; supervisor: said by /supervisor"
-    assert [text for _, text in record.events].count("supervisor: said by /supervisor") == 1
+    bench.wait(lambda: status.get_subscription_count() == 0)
+    box = BlackBoxRecord.load(file)
+    assert box.reason == "mode damp; supervisor: fallen; emergency stop"
+    assert [text for _, text in box.events].count("supervisor: fallen; emergency stop") == 1
 
 
 def test_a_folder_that_refuses_is_counted_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
@@ -163,7 +161,7 @@ def test_a_fall_of_the_graph_is_run_again(tmp_path: Path) -> None:
         graph.wait_for(lambda: bool(list(folder.glob("*.npz"))), 60.0, "writing its black box")
     (file,) = folder.glob("*.npz")
     record = BlackBoxRecord.load(file)
-    assert record.replay is not None and len(record.replay.told["notes"]) > 2
+    assert record.replay is not None and len(record.replay.record["inputs"]) > 2
     result = CliRunner().invoke(app, ["replay", str(file)])
     assert result.exit_code == 0 and "identical" in result.output, result.output
     report = replay_box(record)

@@ -23,6 +23,7 @@ from models.nodes.messages import JointStateCodec
 from models.nodes.qos import LATCHED
 from models.robot_model import RobotModel
 from models.types import SensorData
+from tests.ros.delivery import deliver
 
 pytestmark = pytest.mark.ros
 
@@ -196,7 +197,7 @@ def test_new_encoder_offsets_have_the_estimator_start_over(
     assert not starts  # the first word is no news
     services.tell(zero + 0.01)
     assert starts == [True]
-    services.calibration._on_encoder_offsets(b"nonsense")
+    deliver(services.node, topics.ENCODER_OFFSETS, b"nonsense")
     assert services.node.counters[f"refused {topics.ENCODER_OFFSETS}"] == 1
     np.testing.assert_array_equal(services.calibration._encoder_offsets, zero + 0.01)
 

@@ -25,6 +25,7 @@ from models.nodes.qos import EVENT, LATCHED, SENSOR_RELIABLE
 from models.robot_model import RobotModel
 from models.types import ControlResult, RobotState, SolveStatus
 from models.types import JointTrajectory as Trajectory
+from tests.ros.delivery import deliver
 from tests.support import standing
 
 pytestmark = pytest.mark.ros
@@ -44,7 +45,7 @@ def test_a_sample_before_activation_is_passed_over(bench: Any, g1: RobotModel) -
     bench.spin(0.3)
     node.trigger_activate()
     for size in (0, 6, 11):  # shorter than a stamp: refused, and the process lives
-        node._samples.on_joints(codec.encode(0, zero, zero, zero)[:size])
+        deliver(node, topics.JOINT_STATES, codec.encode(0, zero, zero, zero)[:size])
     assert node.counters[f"refused {topics.JOINT_STATES}"] == 3
     assert states == []
 
@@ -144,16 +145,15 @@ def test_a_trajectory_that_takes_too_long_to_read_is_refused_unread(
 ) -> None:
     robot = Controlled(bench, g1)
     robot.set_mode("stand")
-    motions = robot.node._motions
 
     def read(*_: object) -> None:
         raise AssertionError("was read")
 
     with monkeypatch.context() as patch:
         patch.setattr(motion_topics, "decode", read)
-        motions._on_trajectory(bytes(motion_topics.TRAJECTORY_BYTES_MAX + 1))
+        deliver(robot.node, topics.MOTION_TRAJECTORY, bytes(motion_topics.TRAJECTORY_BYTES_MAX + 1))
     assert "bytes, at most" in robot.node.values["last refusal"]
-    motions._on_trajectory(bytes(motion_topics.TRAJECTORY_BYTES_MAX))
+    deliver(robot.node, topics.MOTION_TRAJECTORY, bytes(motion_topics.TRAJECTORY_BYTES_MAX))
     assert "bytes, at most" not in robot.node.values["last refusal"]
 
 

@@ -26,6 +26,7 @@ from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec, set_st
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import PushEstimate, RobotState
+from tests.ros.delivery import deliver
 
 TFMessage = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not built").TFMessage
 
@@ -63,15 +64,17 @@ class Estimated:
 
     def tick(self, count: int = 1, *, imu: bool = True, feet: bool = True) -> None:
         """Feed the samples of so many ticks, with or without the inertial unit and the feet."""
-        samples, zero = self.node._samples, np.zeros(self.model.nj)
+        node, zero = self.node, np.zeros(self.model.nj)
         for _ in range(count):
             self.stamp += MS
             if imu:
-                samples._on_imu(self._imu.encode(self.stamp, np.zeros(3), self.imu.T @ [0.0, 0.0, GRAVITY]))
+                force = self.imu.T @ [0.0, 0.0, GRAVITY]
+                deliver(node, topics.IMU_RAW, self._imu.encode(self.stamp, np.zeros(3), force))
             for foot, codec in enumerate(self._feet if feet else ()):
                 wrench = np.array([0.0, 0.0, 0.5 * self.model.mass * GRAVITY, 0.0, 0.0, 0.0])
-                samples._foot_callback(foot)(codec.encode(self.stamp, wrench))
-            samples.on_joints(self._joints.encode(self.stamp, self.configuration[7:], zero, zero))
+                deliver(node, topics.FOOT_WRENCHES[foot], codec.encode(self.stamp, wrench))
+            joints = self._joints.encode(self.stamp, self.configuration[7:], zero, zero)
+            deliver(node, topics.JOINT_STATES, joints)
 
 
 def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> None:
@@ -175,7 +178,7 @@ def test_the_plant_that_asks_again_gets_the_same_state(bench: Any, g1: RobotMode
     robot.tick(3)
     zero = np.zeros(g1.nj)
     again = JointStateCodec(g1).encode(robot.stamp, robot.configuration[7:], zero, zero)
-    robot.node._samples.on_joints(again)
+    deliver(robot.node, topics.JOINT_STATES, again)
     (*_, before, last) = robot.states
     assert len(robot.states) == 4
     assert last[1] == before[1] == robot.stamp

@@ -16,6 +16,7 @@ from models.nodes import topics
 from models.nodes.messages import WrenchCodec
 from models.nodes.qos import SENSOR_QUEUE
 from models.robot_model import SOLE_FRAMES, RobotModel
+from tests.ros.delivery import deliver
 
 pytestmark = pytest.mark.ros
 
@@ -39,7 +40,6 @@ class Feet:
         publishers = [*self.node._contacts, *self.node._cops]
         bench.wait(lambda: all(each.get_subscription_count() == 1 for each in publishers))
         self._codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
-        self._takers = [self.node.foot_callback(foot) for foot in range(2)]
 
     def tick(self, *shares: float, count: int = 1, cop: tuple[float, float] = (0.0, 0.0), feet: int = 2) -> None:
         """Loads as shares of the weight, at a centre of pressure, of the first so many feet."""
@@ -48,7 +48,7 @@ class Feet:
             for foot in range(feet):
                 load = shares[foot] * self.weight
                 wrench = [0.0, 0.0, load, cop[1] * load, -cop[0] * load, 0.0]
-                self._takers[foot](self._codecs[foot].encode(self.stamp, wrench))
+                deliver(self.node, topics.FOOT_WRENCHES[foot], self._codecs[foot].encode(self.stamp, wrench))
 
     def heard(self) -> list[list[bool]]:
         """Contacts since the last call."""

@@ -18,6 +18,7 @@ from models.nodes import topics
 from models.nodes.imu import COLUMNS, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.qos import SENSOR
+from tests.ros.delivery import deliver
 from tests.ros.test_imu_log import table
 
 pytestmark = pytest.mark.ros
@@ -42,7 +43,7 @@ class Filtered:
             self.send(self.stamp, gyro)
 
     def send(self, stamp: int, gyro: np.ndarray = BIAS) -> None:
-        self.node.on_imu(self._codec.encode(stamp, gyro, FORCE))
+        deliver(self.node, topics.IMU_RAW, self._codec.encode(stamp, gyro, FORCE))
 
 
 def test_orientation_rate_and_table(bench: Any, tmp_path: Path) -> None:
@@ -77,7 +78,7 @@ def test_it_waits_for_a_robot_at_rest(bench: Any) -> None:
     filtered.tick(START)
     filtered.node.before_diagnostics()
     assert filtered.node.message == "filtering"
-    filtered.node._on_driver_state(String(data=topics.HELD))  # put back to its start
+    deliver(filtered.node, topics.DRIVER_STATE, String(data=topics.HELD))  # put back to its start
     filtered.node.before_diagnostics()
     assert filtered.node.message == "waiting for a robot at rest"
 

@@ -19,6 +19,7 @@ from models.nodes.messages import JointCommandCodec, JointStateCodec, TorqueCode
 from models.nodes.qos import COMMAND, LATCHED
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory
+from tests.ros.delivery import deliver
 from tests.servos import torque_of
 
 pytestmark = pytest.mark.ros
@@ -47,16 +48,16 @@ class Motors:
 
     def arm(self) -> None:
         for word in ("damp", "stand"):
-            self.node.on_mode(String(data=word))
+            deliver(self.node, topics.MODE, String(data=word))
 
     def tick(self, q: np.ndarray | None = None, v: np.ndarray | None = None, *, ahead: int = MS) -> None:
         self.stamp += ahead
         data = self._joints.encode(self.stamp, self.q if q is None else q, self.v if v is None else v, self.v)
-        self.node.on_joints(data)
+        deliver(self.node, topics.JOINT_STATES, data)
 
     def command(self, q: np.ndarray, *, tau: float = 0.0, stamp: int | None = None) -> None:
         command = JointCommand(q, np.zeros(self.model.nj), np.full(self.model.nj, tau))
-        self.node.on_command(self._commands.encode(self.stamp if stamp is None else stamp, command))
+        deliver(self.node, topics.JOINT_COMMAND, self._commands.encode(self.stamp if stamp is None else stamp, command))
 
     @property
     def last_refusal(self) -> str:
@@ -95,7 +96,7 @@ def test_nothing_that_is_commanded_jerks(bench: Any, g1: RobotModel) -> None:
         motors.tick(q, 20.0 * rng.normal(size=g1.nj), ahead=MS * int(rng.choice([1, 2, 7, 30])))
         motors.command(rng.uniform(-10.0, 10.0, g1.nj), tau=float(rng.uniform(-1e4, 1e4)))
         if k % 100 == 50:
-            motors.node.on_mode(String(data=str(rng.choice(["damp", "stand", "walk", "off"]))))
+            deliver(motors.node, topics.MODE, String(data=str(rng.choice(["damp", "stand", "walk", "off"]))))
     torques = np.array(motors.torques)
     assert np.abs(torques).max() > 50.0
     assert (np.abs(torques) <= g1.tau_max).all()
@@ -135,7 +136,7 @@ def test_stale_and_wrong_commands_are_refused(bench: Any, g1: RobotModel) -> Non
     jump = JointTrajectory(g1.joint_names, np.array([0.001]), motors.q[None].copy(), None, None)
     jump.positions[0, g1.joint_index("left_knee_joint")] += 0.5
     before = motors.node.law.servo.setpoint.q
-    motors.node.on_command(serialize_message(trajectory_to_message(jump)))
+    deliver(motors.node, topics.JOINT_COMMAND, serialize_message(trajectory_to_message(jump)))
     assert "start jump" in motors.last_refusal
     np.testing.assert_array_equal(motors.node.law.servo.setpoint.q, before)
 
@@ -167,7 +168,7 @@ def test_without_commands_it_damps_and_stays_so_until_it_is_armed(bench: Any, g1
     motors.command(motors.q)
     motors.tick()
     bench.wait(lambda: heard[-1] == "damped")
-    motors.node.on_mode(String(data="walk"))  # from stand: nobody has armed them
+    deliver(motors.node, topics.MODE, String(data="walk"))  # from stand: nobody has armed them
     motors.tick()
     assert motors.node.law.servo.state.value == "damped"
     motors.arm()
@@ -187,16 +188,16 @@ def test_silent_joints_damp(bench: Any, g1: RobotModel) -> None:
 
 def test_a_mode_that_was_there_before_does_not_arm(bench: Any, g1: RobotModel) -> None:
     motors = Motors(bench, g1)
-    motors.node.on_mode(String(data="stand"))
+    deliver(motors.node, topics.MODE, String(data="stand"))
     assert "was there before the drivers" in motors.last_refusal
-    motors.node.on_mode(String(data="stand"))
+    deliver(motors.node, topics.MODE, String(data="stand"))
     motors.tick()
     assert motors.node.law.servo.state.value == "off"
-    motors.node.on_mode(String(data="fly"))
+    deliver(motors.node, topics.MODE, String(data="fly"))
     assert "unknown mode 'fly'" in motors.last_refusal
     motors.arm()
     assert motors.node.law.servo.state.value == "active"
-    motors.node.on_mode(String(data="off"))
+    deliver(motors.node, topics.MODE, String(data="off"))
     assert "'damp' comes first" in motors.last_refusal
 
 

@@ -16,8 +16,7 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
-from controllers.commands.command_key import read_key, write_key
-from controllers.commands.command_signature import Signer
+from controllers.commands.command_signature import Signer, read_key, write_key
 from controllers.nodes.supervisor import SupervisorNode
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, set_stamp

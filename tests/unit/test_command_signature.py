@@ -9,8 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bridge.cli import app
-from controllers.commands.command_key import read_key, write_key
-from controllers.commands.command_signature import MAX_TEXT, Signer, Verifier
+from controllers.commands.command_signature import MAX_TEXT, Signer, Verifier, read_key, write_key
 from models.errors import CommandError, ConfigError
 
 KEY = bytes(range(32))

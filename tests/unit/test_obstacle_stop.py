@@ -13,8 +13,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.commands.body_outline import BodyOutline
-from controllers.commands.obstacle_stop import ObstacleStop, ObstacleStopConfig
+from controllers.commands.obstacle_stop import BodyOutline, ObstacleStop, ObstacleStopConfig
 from models.config import parse_config
 from models.errors import ConfigError, MessageError
 from models.robot_model import RobotModel
