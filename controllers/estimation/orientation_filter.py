@@ -13,8 +13,6 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, default_config
 from models.constants import GRAVITY
 from models.errors import MessageError
-from models.numerics.compiled import njit
-from models.numerics.so3 import exponential, multiply, orthonormalise, rotate_transposed, to_quaternion
 from models.types import Matrix, Vector
 
 
@@ -49,9 +47,7 @@ class OrientationFilter:
     ``rest_time_constant``, about the vertical too: then yaw stands still as well.
 
     Attributes:
-        rotation: R (3, 3).
         bias: b (3,) [rad/s].
-        resting: Whether the bias is being learnt at rest.
 
     Assumptions:
         Forces average to gravity over 1 / kp. A steady turn slower than ``rest_gyro`` looks like a bias.
@@ -62,25 +58,25 @@ class OrientationFilter:
     """
 
     def __init__(self, config: OrientationFilterConfig | None = None) -> None:
-        self.config = c = config or default_config(OrientationFilterConfig, "controllers", "orientation_filter")
-        self._gains = np.array([c.kp, c.ki, c.accel_band, c.bias_max])
-        self._rest = np.array([c.rest_gyro, c.rest_accel, c.rest_time, c.rest_time_constant])
-        self._quiet = np.zeros(1)
-        self._quaternion = np.array([0.0, 0.0, 0.0, 1.0])
-        self.rotation: Matrix = np.eye(3)
+        self.config = config or default_config(OrientationFilterConfig, "controllers", "orientation_filter")
+        self._quiet = 0.0  # time since the unit last moved [s]
+        self._orientation = pin.Quaternion.Identity()
         self.bias: Vector = np.zeros(3)
-        self.step(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), 0.0)  # compile here, not at the first sample
 
     @property
     def resting(self) -> bool:
         """Whether the bias is being learnt at rest."""
-        return bool(self._quiet[0] > self.config.rest_time)
+        return self._quiet > self.config.rest_time
+
+    @property
+    def rotation(self) -> Matrix:
+        """Orientation as a matrix (3, 3)."""
+        return np.asarray(self._orientation.matrix())
 
     @property
     def quaternion(self) -> Vector:
         """Orientation as a unit quaternion xyzw (4,), a copy."""
-        to_quaternion(self.rotation, self._quaternion)
-        return self._quaternion.copy()
+        return np.array(self._orientation.coeffs())
 
     def reset(self, gyro: Vector, accel: Vector, yaw: float = 0.0) -> None:
         """Start at rest with a yaw [rad].
@@ -98,40 +94,20 @@ class OrientationFilter:
             raise MessageError(f"not at rest: the specific force is {share:.3g} g, within {bound:g} of 1 expected")
         roll = math.atan2(accel[1], accel[2])
         pitch = math.atan2(-accel[0], math.hypot(accel[1], accel[2]))
-        self.rotation = np.ascontiguousarray(pin.rpy.rpyToMatrix(roll, pitch, yaw))
+        self._orientation = pin.Quaternion(pin.rpy.rpyToMatrix(roll, pitch, yaw))
         self.bias = np.array(gyro, dtype=np.float64)
-        self._quiet[:] = 0.0
+        self._quiet = 0.0
 
     def step(self, gyro: Vector, accel: Vector, dt: float) -> None:
         """Add a finite sample of rate (3,) [rad/s] and specific force (3,) [m/s^2], ``dt`` [s] after the last one."""
-        _step(gyro, accel, dt, self._gains, self._rest, self.rotation, self.bias, self._quiet)
-
-
-@njit(cache=True)
-def _step(
-    gyro: Vector, accel: Vector, dt: float, gains: Vector, rest: Vector, rotation: Matrix, bias: Vector, quiet: Vector
-) -> None:
-    """One step of ``OrientationFilter``; ``gains``: kp, ki, accel_band, bias_max; ``rest``: as the schema orders it."""
-    norm = math.sqrt(accel[0] ** 2 + accel[1] ** 2 + accel[2] ** 2)
-    deviation = abs(norm / GRAVITY - 1.0)
-    error = np.zeros(3)
-    trust = max(0.0, 1.0 - deviation / gains[2])
-    if trust > 0.0:
-        up = np.empty(3)
-        rotate_transposed(rotation, np.array([0.0, 0.0, 1.0]), up)
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            error[i] = trust * (accel[j] * up[k] - accel[k] * up[j]) / norm
-    fastest = 0.0
-    for i in range(3):
-        fastest = max(fastest, abs(gyro[i] - bias[i]))
-    quiet[0] = quiet[0] + dt if fastest < rest[0] and deviation < rest[1] else 0.0
-    learn = min(dt / rest[3], 1.0) if quiet[0] > rest[2] else 0.0
-    turn, increment, before = np.empty(3), np.empty((3, 3)), rotation.copy()
-    for i in range(3):
-        turn[i] = dt * (gyro[i] - bias[i] + gains[0] * error[i])
-        bias[i] += learn * (gyro[i] - bias[i]) - dt * gains[1] * error[i]
-        bias[i] = min(max(bias[i], -gains[3]), gains[3])
-    exponential(turn, increment)
-    multiply(before, increment, rotation)
-    orthonormalise(rotation)
+        config, rate = self.config, gyro - self.bias
+        norm = float(np.linalg.norm(accel))
+        deviation = abs(norm / GRAVITY - 1.0)
+        trust = max(0.0, 1.0 - deviation / config.accel_band)
+        error = trust / norm * np.cross(accel, self.rotation[2]) if trust > 0.0 else np.zeros(3)
+        quiet = bool(np.abs(rate).max() < config.rest_gyro) and deviation < config.rest_accel
+        self._quiet = self._quiet + dt if quiet else 0.0
+        learn = min(dt / config.rest_time_constant, 1.0) if self.resting else 0.0
+        self._orientation = self._orientation * pin.Quaternion(pin.exp3(dt * (rate + config.kp * error)))
+        self._orientation.normalize()
+        self.bias = np.clip(self.bias + learn * rate - dt * config.ki * error, -config.bias_max, config.bias_max)

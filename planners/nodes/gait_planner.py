@@ -10,7 +10,7 @@ from models.config import default_config
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare, declare_config
 from models.nodes.realtime import TickTimer
 from models.types import RobotState
 from planners.gait.commands import STILL, VelocityCommand
@@ -30,8 +30,8 @@ class GaitPlannerNode(PoiseNode):
         super().__init__("gait_planner", **kwargs)
         self._stack = stack
         self._config = declare_config(self, self._default())
-        text = describe("Silence of the supervisor after which the robot stops [s]", low=0.01, high=10.0)
-        timeout = float(self.declare_parameter("command_timeout", 0.5, text).value)
+        text = "Silence of the supervisor after which the robot stops [s]"
+        timeout = declare(self, "command_timeout", 0.5, text, low=0.01, high=10.0)
         self._periods = declare_rates(self)
         self._command = VelocityCommand(timeout)
         self._timer = TickTimer()

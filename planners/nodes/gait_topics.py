@@ -12,7 +12,7 @@ from std_msgs.msg import Float64, String
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare_period
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.status import GaitStatus
 from models.types import FOOT_NAMES
@@ -27,14 +27,8 @@ TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
 def declare_rates(node: PoiseNode) -> tuple[int, int]:
     """Declare the rates of footsteps and margin; returns the times between [ns]."""
-
-    def period(name: str, text: str, default: float) -> int:
-        return round(
-            NANOSECONDS / float(node.declare_parameter(name, default, describe(text, low=1.0, high=100.0)).value)
-        )
-
-    footsteps = period("footstep_rate", "Rate of the planned footsteps while walking [Hz]", 10.0)
-    return footsteps, period("margin_rate", "Rate of the capturability margin in mode walk [Hz]", 50.0)
+    footsteps = declare_period(node, "footstep_rate", 10.0, "the planned footsteps while walking", high=100.0)
+    return footsteps, declare_period(node, "margin_rate", 50.0, "the capturability margin in mode walk", high=100.0)
 
 
 class GaitTopics:

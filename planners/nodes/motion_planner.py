@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,10 +20,10 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import JointStateCodec, head_from_message, trajectory_to_message
 from models.nodes.odometry import OdometryCodec
-from models.nodes.parameters import declare_config, describe
+from models.nodes.parameters import declare, declare_config
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.services import Owed, offer_own, serve_later
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.status import MotionState, MotionStatus
 from models.trajectory import thin
 from models.types import JointTrajectory, Mode, Vector
@@ -118,10 +117,7 @@ class MotionService:
         return seen
 
     def _on_head(self, message: Any) -> None:
-        try:
-            self._head = head_from_message(message)
-        except PoiseError as error:
-            self._node.refuse(topics.HEAD_STATE, error)
+        self._head = head_from_message(message)
 
     def _on_mode(self, message: String) -> None:
         self._mode = message.data
@@ -157,10 +153,9 @@ class MotionPlannerNode(PoiseNode):
         super().__init__("motion_planner", **kwargs)
         self._config = declare_config(self, default_config(MotionConfig, "planners", "motion"))
         text = "Points of a published trajectory, whose reader has a tick to keep; a longer one is thinned"
-        points = self.declare_parameter("points_max", 600, describe(text, integer=(2, 100000)))
-        self._points_max = int(points.value)
-        text = "Folder of motion files (*.yaml) of the user's own, beside the packaged ones; empty: none"
-        self._folder = str(self.declare_parameter("motions_folder", "", describe(text)).value)
+        self._points_max = declare(self, "points_max", 600, text, integer=(2, 100000))
+        text = "Folder of motion files (*.yaml) of the user, beside the packaged ones; empty: none"
+        self._folder = declare(self, "motions_folder", "", text)
 
     def configure(self) -> None:
         """Build the law and the topics."""
@@ -171,7 +166,7 @@ class MotionPlannerNode(PoiseNode):
         self._trajectory = self.announce(JointTrajectoryMsg, topics.MOTION_TRAJECTORY, EVENT)
         self._plan_state = self.announce(String, topics.MOTION_PLAN_STATE, EVENT)
         self._publish_status = self.announce_status(topics.MOTION_STATUS)
-        self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
+        self.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT, while_active=True)
         self.listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
         MotionService(self, self._law, self._start, self._trajectory.publish, self._points_max)
 
@@ -181,10 +176,7 @@ class MotionPlannerNode(PoiseNode):
             self.message = f"motions: {', '.join(self._law.names)}"
 
     def _on_posture(self, data: bytes) -> None:
-        try:
-            self._posture = self._codec.decode(data)[1]
-        except PoiseError as error:
-            self.refuse(topics.POSTURE, error)
+        self._posture = self._codec.decode(data)[1]
 
     def _start(self) -> Vector:
         """Posture that plans start from (nj,) [rad]; raises ``MessageError`` before the first."""
@@ -194,17 +186,16 @@ class MotionPlannerNode(PoiseNode):
 
     def _on_request(self, message: String) -> None:
         """Plan; answers repeat the request, so that the sender recognises an overtaken one."""
-        if not self.active or message.data == topics.STOP_MOTION:
+        if message.data == topics.STOP_MOTION:
             return
         try:
             motion = variant(message.data.partition(" ")[0], self.model.name, self._law.names)
             trajectory = self._law.plan(motion, start_q=self._start())
         except PoiseError as error:
-            self.refuse(topics.MOTION_REQUEST, error)
             refusal = MotionStatus(MotionState.REFUSED, message.data, str(error))
             self._publish_status(refusal)
             self._plan_state.publish(String(data=str(refusal)))
-            return
+            raise
         self.values["last plan"] = message.data
         self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
         answer = trajectory_to_message(thin(trajectory, self._points_max))
@@ -212,9 +203,7 @@ class MotionPlannerNode(PoiseNode):
         self._trajectory.publish(answer)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([MotionPlannerNode], args))
+main = program(MotionPlannerNode)
 
 
 if __name__ == "__main__":

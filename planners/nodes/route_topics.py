@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -47,15 +48,8 @@ class RouteTopics:
         self._running = False
         self._words = node.announce(String, topics.GAIT_ROUTE, EVENT)
         self._publish_status = node.announce_status(topics.ROUTE_STATUS)
-        node.listen(
-            PoseStamped, topics.GOAL_POSE, lambda message: self._try(topics.GOAL_POSE, self._go, message), EVENT
-        )
-        node.listen(
-            Path,
-            topics.FOOTSTEPS_COMMAND,
-            lambda message: self._try(topics.FOOTSTEPS_COMMAND, self._take, message),
-            EVENT,
-        )
+        node.listen(PoseStamped, topics.GOAL_POSE, partial(self._try, self._go), EVENT, while_active=True)
+        node.listen(Path, topics.FOOTSTEPS_COMMAND, partial(self._try, self._take), EVENT, while_active=True)
         node.serve(GetPlan, topics.PLAN_FOOTSTEPS, self._on_plan)
         offer_own(node, "PlanFootsteps", topics.PLAN_TIMED_FOOTSTEPS, self._on_timed_plan)
 
@@ -71,17 +65,14 @@ class RouteTopics:
         self._publish_status(status)
         self._words.publish(String(data=str(status)))
 
-    def _try(self, topic: str, act: Callable[[Any], None], message: Any) -> None:
-        if not self._node.active:
-            return
+    def _try(self, act: Callable[[Any], None], message: Any) -> None:
         try:
             if reason := self._ready():
                 raise CommandError(reason)
             act(message)
         except PoiseError as error:
-            self._node.refuse(topic, error)
             self._publish(RouteStatus(RouteState.REFUSED, reason=str(error)))
-            return
+            raise
         self._command.supersede()
         self._running = True
         self._publish(RouteStatus(RouteState.RUNNING, self._law.route.left))

@@ -8,7 +8,6 @@ from typing import Any
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Empty, String
 
-from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
@@ -34,10 +33,10 @@ class VelocityTopics:
         stop: Callable[[], None],
         left: Callable[[], None],
     ) -> None:
-        self._node, self._command, self._now = node, command, now
+        self._command, self._now = command, now
         self._stop, self._left = stop, left
         self.mode = ""
-        node.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND)
+        node.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND, while_active=True)
         node.listen(Empty, topics.GAIT_STOP, lambda message: self._stop(), EVENT)
         node.listen(String, topics.MODE, self._on_mode, LATCHED)
 
@@ -47,12 +46,7 @@ class VelocityTopics:
         return self.mode == Mode.WALK.value
 
     def _on_velocity(self, message: Any) -> None:
-        if not self._node.active:
-            return
-        try:
-            self._command.repeat(velocity_from_twist(message), self._now() / NANOSECONDS)
-        except MessageError as error:
-            self._node.refuse(topics.GAIT_VELOCITY, error)
+        self._command.repeat(velocity_from_twist(message), self._now() / NANOSECONDS)
 
     def _on_mode(self, message: Any) -> None:
         if self.walking and message.data != self.mode:

@@ -108,9 +108,9 @@ def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> 
     assert status.get_subscription_count() == 0  # while it stands the status costs nothing
     robot.set_mode("damp")
     bench.wait(lambda: status.get_subscription_count() == 1)
-    status.publish(record)
-    status.publish(structs.replace(record, faults=("fallen", "emergency stop")))
-    status.publish(structs.replace(record, faults=("later",)))
+    for faults in ((), ("fallen", "emergency stop"), ("later",)):
+        status.publish(structs.replace(record, faults=faults))
+        bench.spin(0.1)
     file = Path(robot.wait_outcome())
     bench.wait(lambda: status.get_subscription_count() == 0)
     box = BlackBoxRecord.load(file)
