@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import mujoco
 
 from bridge.calibrating import Calibrator
 from bridge.loop.lockstep import Lockstep
-from bridge.loop.log import LoopBlackBox, LoopLog
+from bridge.loop.log import LoopBlackBox, LoopLog, make_recorder
 from bridge.loop.obstacle_guard import ObstacleGuard
 from bridge.plants.config import LoopConfig
 from bridge.plants.fault_plan import Faults
@@ -29,9 +29,6 @@ from models.terrain import FLAT, Terrain
 from models.types import CommandReply, ControlResult, Mode, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.planner import GaitPlanner
-
-if TYPE_CHECKING:
-    from bridge.loop.recorder import LoopRecorder
 
 
 class ClosedLoop:
@@ -54,13 +51,12 @@ class ClosedLoop:
         seed: Of the sensor noise.
         terrain: The ground, or its name in ``models/config/terrain.yaml``.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
-        payload_kg: Mass at the torso that no law knows of [kg].
+        payload_kg: Mass at the torso that is not in the laws' model [kg].
         sensor_noise: True for the noise of the robot's profile, False for exact sensors, or a factor on the noise.
         delay_s: From measurement to the arrival of its command in the drivers [s]; the profile's when None (2 ms).
         timestep: Physics and driver tick [s].
         control_period_s: Tick of estimator and controller [s], a multiple of ``timestep``.
-        estimate: 'sensors', or 'truth' to replace the estimator by the true state: for tuning and for telling whose
-            fault it is, never for a figure.
+        estimate: 'sensors', or 'truth' to replace the estimator by the true state, for tuning and diagnosis only.
         record: Keep a log.
         record_period_s: Time between two rows of it [s]; that of ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
@@ -82,9 +78,9 @@ class ClosedLoop:
 
     Attributes:
         robot: The robot.
-        plant: The simulated robot; no law may see it.
+        plant: The simulated robot; no law may read it.
         stack: The control stack, with its stages and inputs.
-        log: What was recorded.
+        log: Log of the run.
         events: Stamp [s] and text of commands, pushes and changes of mode.
         black_box: The black box and the files that it has written; None without.
 
@@ -145,17 +141,16 @@ class ClosedLoop:
             world=world,
             name=name,
         )
-        timestep = self.plant.period
         self.plant.faults.note = self._note
         latency = self.robot.profile.sensors.latency
         delay_ticks = self._ticks("delay_s", latency.sensors + latency.commands if delay_s is None else delay_s)
-        control_ticks = self._ticks("control_period_s", control_period_s)
-        if control_ticks < 1 or abs(control_ticks * timestep - control_period_s) > 1e-3 * timestep:
-            raise ConfigError(f"control_period_s: {control_period_s} s is not a multiple of the timestep {timestep} s")
+        control_ticks, tick = self._ticks("control_period_s", control_period_s), self.plant.period
+        if control_ticks < 1 or abs(control_ticks * tick - control_period_s) > 1e-3 * tick:
+            raise ConfigError(f"control_period_s: {control_period_s} s is not a multiple of the timestep {tick} s")
         period = self.config.record_period if record_period_s is None else record_period_s
         self._record_ticks = max(self._ticks("record_period_s", period), 1) if record else 0
-        self._recorder = None if mcap is None else _make_recorder(self.robot, mcap, controller, estimate)
         replayable = estimate == "sensors" and controller is None
+        self._recorder = None if mcap is None else make_recorder(self.robot, mcap, replayable=replayable)
         self.stack = stack or ControlStack(
             self.robot,
             StackConfig(gait=gait),
@@ -182,8 +177,9 @@ class ClosedLoop:
         self.events: list[tuple[float, str]] = []
         self.black_box = None if black_box is None else LoopBlackBox(self.stack, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
-        self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note) if obstacle_stop else None
-        if self._guard is not None:
+        self._guard: ObstacleGuard | None = None
+        if obstacle_stop:
+            self._guard = ObstacleGuard(self._lockstep, seed, float(sensor_noise), self._note)
             self.stack.velocity_input = self._guard
         try:
             (self.hang if start == "hang" else self.reset)()
@@ -205,7 +201,7 @@ class ClosedLoop:
 
     @property
     def mode(self) -> Mode:
-        """What the supervisor has the robot do."""
+        """Mode of the supervisor."""
         return self.stack.mode
 
     @property
@@ -215,17 +211,17 @@ class ClosedLoop:
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot has fallen, by the true state; ``fall_reason`` says how."""
+        """Whether the robot has fallen, by the true state; ``fall_reason`` is the kind of fall."""
         return self._lockstep.monitor.fallen
 
     @property
     def fall_reason(self) -> str:
-        """How it fell; empty while it has not."""
+        """Kind of fall; empty before one."""
         return self._lockstep.monitor.reason
 
     @property
     def foot_slip(self) -> Vector:
-        """Largest slide of each foot on the floor while it stood (2,) [m]."""
+        """Largest slip of each stance foot (2,) [m]."""
         return self._lockstep.monitor.foot_slip
 
     @property
@@ -255,7 +251,7 @@ class ClosedLoop:
 
     @property
     def estimator(self) -> StateEstimator:
-        """The state estimator: its health, the push it feels, and how sure it is of ``state``."""
+        """The state estimator, with its health, the estimated push, and the covariance of ``state``."""
         return self.stack.estimator
 
     @property
@@ -284,7 +280,7 @@ class ClosedLoop:
         self._lockstep.hang(seed)
 
     def _clear(self, seed: int | None) -> None:
-        """Forget what was recorded and seen."""
+        """Clear the records."""
         self.log.clear()
         self.events.clear()
         if self._guard is not None:
@@ -314,17 +310,13 @@ class ClosedLoop:
             self.step()
 
     def command(self, text: str) -> CommandReply:
-        """Carry out a text command (wave, squat, walk, forward, stop, ...), or say why not."""
+        """Execute a text command (wave, squat, walk, forward, stop, ...); a refusal has the reason."""
         reply = self.stack.command(text)
         self._note(f"{text[:32]}: {reply.reason}")
         return reply
 
     def wait_motion(self) -> bool:
-        """Run until the motion has ended; returns whether the robot still stands.
-
-        Raises:
-            PoiseError: It did not end within ``motion_limit``.
-        """
+        """Run until the motion has ended; returns whether the robot stands. ``PoiseError`` after ``motion_limit``."""
         end = self.t + self.config.motion_limit
         while self.mode is Mode.MOTION:
             if self.t > end:
@@ -333,10 +325,9 @@ class ClosedLoop:
         return self.mode is Mode.STAND and not self.fallen
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walking velocity of the body [m/s, m/s, rad/s], brought into the gait's limits; zero stands still.
+        """Walking velocity of the body [m/s, m/s, rad/s], clamped to the gait's limits; zero stands still.
 
-        Raises:
-            CommandError: The robot is not in mode 'walk', or a value is not finite.
+        Raises ``CommandError`` outside mode 'walk', or when a value is not finite.
         """
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
@@ -344,10 +335,9 @@ class ClosedLoop:
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def look(self, pan: float, tilt: float) -> None:
-        """Turn the head to joint angles [rad], brought within their limits; smoothly, and while it walks, too.
+        """Turn the head smoothly to joint angles [rad], clamped to their limits; possible while walking.
 
-        Raises:
-            CommandError: The robot has no head, or moves nothing in this mode, or a value is not finite.
+        Raises ``CommandError`` without a head, in a mode without motion, or when a value is not finite.
         """
         if self.mode not in ACTIVE_MODES:
             raise CommandError(f"head refused in mode '{self.mode.value}'")
@@ -356,22 +346,20 @@ class ClosedLoop:
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass with a force in the world (3,) [N] for a time [s], from the next tick on.
 
-        Raises:
-            CommandError: The body is unknown, or force or duration is not usable.
+        Raises ``CommandError`` when the body is unknown, or force or duration is invalid.
         """
         self.plant.push(force, duration, body)
         self._note(f"push ({force[0]:g}, {force[1]:g}, {force[2]:g}) N for {duration:g} s on {body}")
 
     def inject(self, faults: Faults) -> str:
-        """Inject faults into sensors and motors, their times counted from the next tick; returns them in words.
+        """Inject faults into sensors and motors, their times counted from the next tick; returns a description.
 
-        Raises:
-            ConfigError: They cannot be read or do not fit the robot; nothing is injected then.
+        Raises ``ConfigError``, and injects nothing, when they cannot be read or do not fit the robot.
         """
         return self.plant.faults.inject(faults)
 
     def clear_faults(self) -> str:
-        """End every injected fault; returns which. What the supervisor has latched stays."""
+        """End every injected fault; returns their description. Faults that the supervisor has latched remain."""
         return self.plant.faults.clear()
 
     def close(self) -> None:
@@ -416,14 +404,3 @@ class ClosedLoop:
         self.events.append((self.t, text))
         if self._recorder is not None:
             self._recorder.event(text)
-
-
-def _make_recorder(robot: RobotModel, path: Path, controller: Law | None, estimate: str) -> LoopRecorder:
-    """Recorder of a loop, if what it records can be replayed."""
-    if estimate != "sensors" or controller is not None:
-        raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
-    try:
-        from bridge.loop.recorder import LoopRecorder
-    except ImportError as error:
-        raise PoiseError(f"mcap: the messages of ROS 2 cannot be imported: {error}") from error
-    return LoopRecorder(robot, path)

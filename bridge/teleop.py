@@ -238,7 +238,9 @@ def teleop(
         operator = Operator(client, say, signer)
         stack.callback(operator.drive, None)  # in any case: zero, then silence
         commander = [""]
-        client.subscribe(String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED)
+        client.node.create_subscription(
+            String, topics.COMMANDER, lambda message: commander.__setitem__(0, message.data), LATCHED
+        )
         shown: tuple[object, ...] = ()
         while not stop.requested:
             now = time.monotonic()

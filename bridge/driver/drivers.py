@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from bridge.plants.base import Plant, SimulatedPlant
+from bridge.plants.base import Plant, ReleaseGate, SimulatedPlant, hanging_command
 from bridge.plants.config import LoopConfig
-from bridge.plants.start_up import ReleaseGate, hanging_command
 from controllers.estimation.assembler import mean_sample
 from controllers.joints.joint_servo import JointServo, ServoState
 from controllers.joints.motor_driver import MotorDriverConfig, follow_mode

@@ -12,41 +12,37 @@ from numpy.typing import NDArray
 CAPACITY = 600_000  #: Recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
 
-class LatencyProbe:
-    """Stores one row per tick in preallocated arrays.
+#: Recorded of each tick by the driver, and its type
+LATENCIES = {
+    "published": np.int64,  # Start of publishing the sensors [ns]; 0 where they were not
+    "sent": np.int64,  # When the last of them was passed to the middleware [ns]; 0 where not recorded
+    "arrived": np.int64,  # When the middleware delivered the command with that tick's stamp [ns]; 0 without one
+    "received": np.int64,  # When the drivers had accepted it [ns]; 0 where they did not
+    "late": np.float64,  # Delay after the deadline [s]
+    "skipped": np.int64,  # Periods lost before the step
+    "active": np.bool_,  # Whether the drivers were executing commands
+}
 
-    Attributes:
-        published: Start of publishing the sensors of each tick (n,) [ns]; 0 where they were not.
-        sent: When the last of them was passed to the middleware (n,) [ns]; 0 where not recorded.
-        arrived: When the middleware delivered the command with that tick's stamp (n,) [ns]; 0 without one.
-        received: When the drivers had accepted it (n,) [ns]; 0 where they did not.
-        late: Delay of each tick after its deadline (n,) [s].
-        skipped: Periods lost before the step of each tick (n,).
-        active: Whether the drivers were executing commands (n,).
-    """
+
+class LatencyProbe:
+    """Stores one row per tick in preallocated arrays, by the names of ``LATENCIES``."""
 
     def __init__(self) -> None:
-        self.published = np.zeros(CAPACITY, dtype=np.int64)
-        self.sent = np.zeros(CAPACITY, dtype=np.int64)
-        self.arrived = np.zeros(CAPACITY, dtype=np.int64)
-        self.received = np.zeros(CAPACITY, dtype=np.int64)
-        self.late = np.zeros(CAPACITY)
-        self.skipped = np.zeros(CAPACITY, dtype=np.int64)
-        self.active = np.zeros(CAPACITY, dtype=np.bool_)
+        self._rows: dict[str, NDArray[Any]] = {name: np.zeros(CAPACITY, kind) for name, kind in LATENCIES.items()}
         self._count = self._arrival = 0
 
     def publish(self, tick: int, late: float, active: bool) -> None:
         """Record the start of publishing the sensors of a tick, ``late`` after its deadline [s]."""
         if tick < CAPACITY:
-            self.published[tick] = time.monotonic_ns()
-            self.late[tick] = late
-            self.active[tick] = active
+            self._rows["published"][tick] = time.monotonic_ns()
+            self._rows["late"][tick] = late
+            self._rows["active"][tick] = active
             self._count = tick + 1
 
     def send(self, tick: int) -> None:
         """Record that the sensors of a tick were passed to the middleware."""
         if tick < CAPACITY:
-            self.sent[tick] = time.monotonic_ns()
+            self._rows["sent"][tick] = time.monotonic_ns()
 
     def arrive(self) -> None:
         """Record the arrival of a command, before it is decoded."""
@@ -54,23 +50,22 @@ class LatencyProbe:
 
     def receive(self, tick: int) -> None:
         """Record that the drivers accepted the command for a tick; only the first one counts."""
-        if 0 <= tick < self._count and self.received[tick] == 0:
-            self.arrived[tick] = self._arrival
-            self.received[tick] = time.monotonic_ns()
+        if 0 <= tick < self._count and self._rows["received"][tick] == 0:
+            self._rows["arrived"][tick] = self._arrival
+            self._rows["received"][tick] = time.monotonic_ns()
 
     def skip(self, tick: int, ticks: int) -> None:
         """Record the periods lost before the step of a tick."""
         if tick < CAPACITY:
-            self.skipped[tick] = ticks
+            self._rows["skipped"][tick] = ticks
 
     def save(self, path: Path) -> None:
         """Write the rows as a NumPy archive."""
         np.savez(path, allow_pickle=False, **self.rows())
 
     def rows(self) -> dict[str, NDArray[Any]]:
-        """The filled part of every attribute by name."""
-        names = ("published", "sent", "arrived", "received", "late", "skipped", "active")
-        return {name: getattr(self, name)[: self._count] for name in names}
+        """The filled part of every array by name."""
+        return {name: values[: self._count] for name, values in self._rows.items()}
 
 
 #: Stamp of the sensors; joints received; state estimated; gait planned; whole-body tick done; command sent [ns]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from bridge.plants.base import hanging_command, release_loaded
 from bridge.plants.config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.start_up import hanging_command, release_loaded
 from controllers.estimation.assembler import mean_sample
 from controllers.joints.joint_servo import JointServo, ServoState
 from controllers.stack import ControlStack

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +15,14 @@ from controllers.recording.black_box import BlackBox
 from controllers.recording.black_box_file import BlackBoxFolder
 from controllers.safety.supervisor import ACTIVE_MODES
 from controllers.stack import ControlStack
+from models.errors import ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.types import ControlResult, Matrix, Mode, RobotState, SolveStatus, Vector
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import GaitPhase
+
+if TYPE_CHECKING:
+    from bridge.loop.recorder import LoopRecorder
 
 _FIRST_ROWS = 1024
 _STATUS = tuple(SolveStatus)
@@ -58,7 +63,7 @@ class LoopLog:
             "mode": 1,
         }
         edges = np.cumsum([0, *widths.values()]).tolist()
-        self._columns = {name: slice(edges[i], edges[i + 1]) for i, name in enumerate(widths)}
+        self._columns = {name: slice(*edges[i : i + 2]) for i, name in enumerate(widths)}
         self._robot = model.name
         self._rows = np.zeros((_FIRST_ROWS, edges[-1]))
         self._count = 0
@@ -134,15 +139,8 @@ class LoopLog:
 
     def recording(self, events: Iterable[tuple[float, str]] = ()) -> Recording:
         """The true states as a ``Recording``, for plots, pictures and the stability report."""
-        return Recording(
-            robot=self._robot,
-            t=self.t.copy(),
-            q=self.true_q.copy(),
-            v=self.true_v.copy(),
-            tau=self.tau.copy(),
-            wrenches=self.wrenches.reshape(-1, 2, 6).copy(),
-            events=tuple(events),
-        )
+        t, q, v, tau = (values.copy() for values in (self.t, self.true_q, self.true_v, self.tau))
+        return Recording(self._robot, t, q, v, tau, self.wrenches.reshape(-1, 2, 6).copy(), tuple(events))
 
 
 class LoopBlackBox:
@@ -179,3 +177,14 @@ class LoopBlackBox:
             record = self.box.record("; ".join(supervisor.faults))
             events = tuple(event for event in self._events if event[0] >= record.t[0])
             self.files.append(self._folder.save(replace(record, events=events)))
+
+
+def make_recorder(robot: RobotModel, path: Path, *, replayable: bool) -> LoopRecorder:
+    """Recorder of a loop; ``ConfigError`` unless its run can be replayed, ``PoiseError`` without ROS 2's messages."""
+    if not replayable:
+        raise ConfigError("mcap: only a run on its sensors and with the robot's own laws can be replayed")
+    try:
+        from bridge.loop.recorder import LoopRecorder
+    except ImportError as error:
+        raise PoiseError(f"mcap: the messages of ROS 2 cannot be imported: {error}") from error
+    return LoopRecorder(robot, path)

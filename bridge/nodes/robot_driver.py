@@ -14,8 +14,7 @@ from rclpy.utilities import remove_ros_args
 from bridge.driver.drivers import Drivers, SimulatedDrivers
 from bridge.driver.probes import LatencyProbe
 from bridge.driver.run_loop import run_plant
-from bridge.driver.services import SimulationServices
-from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, StatusTopics, TruthTopics
+from bridge.driver.topics import CommandInput, ScanTopic, SensorTopics, SimulationServices, StatusTopics, TruthTopics
 from bridge.driver.world import DriverWorld, robot_name
 from bridge.plants.base import Plant, SimulatedPlant, make_plant
 from bridge.plants.config import DriverConfig, LoopConfig, read_options

@@ -1,17 +1,26 @@
-"""Plants: the boundary between the driver program and a robot, simulated or real."""
+"""Plants: the boundary between the driver program and a robot, and the start of a robot that is held."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+import numpy as np
+import pinocchio as pin
+
+from bridge.plants.config import LoopConfig
 from bridge.plants.fault_proxy import FaultProxy
-from models.errors import ConfigError
+from models.constants import GRAVITY
+from models.errors import ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import JointCommand, RobotState, SensorData, Vector
+
+if TYPE_CHECKING:
+    from bridge.plants.world import Obstacle
+
 
 GROUP = "poise.plants"  #: Entry points of installed plants
 BUILT_IN: Mapping[str, str] = {"mujoco": "bridge.plants.mujoco:MujocoPlant"}  #: Plants of this package, by name
@@ -46,10 +55,11 @@ class SimulatedPlant(Plant, Protocol):
     """A plant with a world that can be reset, disturbed and inspected.
 
     Time advances with ``step`` only. Only the driver, the closed loop and scores use these methods; no law does.
-    ``faults`` injects faults into sensors and drives.
+    ``faults`` injects faults into sensors and drives; ``obstacle`` is the box of a terrain that has one.
     """
 
     faults: FaultProxy
+    obstacle: Obstacle
 
     @property
     def t(self) -> float:
@@ -67,10 +77,6 @@ class SimulatedPlant(Plant, Protocol):
     def truth(self) -> RobotState:
         """True state; for scoring only."""
 
-    @property
-    def obstacle_centre(self) -> Vector | None:
-        """Middle of the obstacle in W (3,) [m]; None for a world without one."""
-
     def reset(self, seed: int | None = None) -> None:
         """Reset the robot to its start with its base held; a seed replaces that of the sensor noise."""
 
@@ -85,12 +91,6 @@ class SimulatedPlant(Plant, Protocol):
 
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body's CoM with a force in W (3,) [N] for a time [s]; ``CommandError`` for invalid arguments."""
-
-    def place_obstacle(self, x: float, y: float) -> None:
-        """Place the obstacle on the ground at a point of W [m]; ``CommandError`` for a world without one."""
-
-    def remove_obstacle(self) -> None:
-        """Move the obstacle out of the way."""
 
     def transmit(self, sensors: SensorData) -> SensorData | None:
         """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
@@ -123,3 +123,64 @@ def make_plant(name: str, model: RobotModel, options: Mapping[str, Any]) -> Plan
         return plant(model, **options)
     except (TypeError, OSError) as error:
         raise ConfigError(f"plant '{name}': options {sorted(options)}: {error}") from error
+
+
+def hanging_command(model: RobotModel) -> JointCommand:
+    """Set-point that holds the 'stand' posture with a fixed base and no load on the feet: tau = g(q)."""
+    q = model.standing_configuration("stand")
+    gravity = pin.computeGeneralizedGravity(model.pin, model.data(), q)  # (nv,)
+    return JointCommand(q=q[7:].copy(), v=np.zeros(model.nj), tau=gravity[6:].copy())
+
+
+class ReleaseGate:
+    """Detects that the feet of a held robot bear its weight, so that a release changes nothing.
+
+    Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
+    at least ``settle_time`` has passed. The load is the true one, as a crane measures it.
+
+    Attributes:
+        load: Last averaged load on both feet [N].
+        weight: Weight of the robot's model [N].
+        waited: Time since the start [s].
+    """
+
+    def __init__(self, model: RobotModel, config: LoopConfig) -> None:
+        self.weight = GRAVITY * model.mass
+        self.load = 0.0
+        self.waited = 0.0
+        self._config = config
+        self._sum, self._window = 0.0, 0.0
+
+    def update(self, load: float, dt: float) -> bool:
+        """Add a load [N], ``dt`` [s] after the last; returns whether the robot may be released."""
+        self.waited += dt
+        self._window += dt
+        self._sum += dt * load
+        if self._window < self._config.load_window:
+            return False
+        self.load = self._sum / self._window
+        self._sum = self._window = 0.0
+        loaded = abs(self.load - self.weight) <= self._config.load_tolerance * self.weight
+        return loaded and self.waited >= self._config.settle_time
+
+
+def release_loaded(
+    robot: RobotModel,
+    plant: SimulatedPlant,
+    config: LoopConfig,
+    step: Callable[[], None],
+    fault: Callable[[], str] = lambda: "",
+) -> None:
+    """Step a held robot until its feet bear its weight, and release it.
+
+    ``step`` runs one tick; ``fault`` returns why the robot cannot stand, empty while it can. Raises ``PoiseError`` when
+    the feet do not take the weight within ``settle_limit``, or on a fault.
+    """
+    gate = ReleaseGate(robot, config)
+    while not gate.update(plant.load, plant.period):
+        why = fault()
+        if why or gate.waited > config.settle_limit:
+            why = why or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
+            raise PoiseError(f"{robot.name} cannot be let go after {gate.waited:.1f} s: {why}")
+        step()
+    plant.release()

@@ -239,19 +239,6 @@ class MujocoPlant(SimulatedPlant):
         self._command = None
         self._ctrl[self.mujoco.actuator] = 0.0
 
-    @property
-    def obstacle_centre(self) -> Vector | None:
-        """Middle of the obstacle in W (3,) [m]; None for a terrain without one."""
-        return self.obstacle.centre
-
-    def place_obstacle(self, x: float, y: float) -> None:
-        """Place the obstacle on the ground at a point of W [m]; ``CommandError`` for a terrain without one."""
-        self.obstacle.place(x, y)
-
-    def remove_obstacle(self) -> None:
-        """Move the obstacle out of the way; no effect for a terrain without one."""
-        self.obstacle.remove()
-
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
         """Push a body at its centre of mass from the next step on; overlapping pushes add up.
 

@@ -138,16 +138,9 @@ def plot_black_box(model: RobotModel, record: BlackBoxRecord, folder: Path) -> l
 
 def _recording(record: BlackBoxRecord) -> Recording:
     """Some rows as a recording: estimated state, measured torques and wrenches."""
-    rows = slice(None, None, -(-len(record.t) // BOX_ROWS))
-    return Recording(
-        robot=record.robot,
-        t=record.t[rows],
-        q=record.q[rows].astype(float),
-        v=record.v[rows].astype(float),
-        tau=record.joint_tau[rows].astype(float),
-        wrenches=record.wrenches[rows].astype(float),
-        events=record.events,
-    )
+    arrays = (record.t, record.q, record.v, record.joint_tau, record.wrenches)
+    t, q, v, tau, wrenches = (array[:: -(-len(record.t) // BOX_ROWS)].astype(float) for array in arrays)
+    return Recording(record.robot, t, q, v, tau, wrenches, record.events)
 
 
 def _box_overview(model: RobotModel, record: BlackBoxRecord, file: Path) -> Path:

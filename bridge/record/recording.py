@@ -12,6 +12,8 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
+COLUMNS = ("t", "q", "v", "tau", "wrenches")  #: Arrays that every recording has
+
 
 @dataclass(frozen=True, slots=True)
 class Recording:
@@ -36,16 +38,10 @@ class Recording:
     def between(self, start: float, end: float) -> Recording:
         """The part from a stamp [s] to just before another one [s], with its events."""
         rows = (self.t >= start) & (self.t < end)
-        return Recording(
-            robot=self.robot,
-            t=self.t[rows],
-            q=self.q[rows],
-            v=self.v[rows],
-            tau=self.tau[rows],
-            wrenches=self.wrenches[rows],
-            events=tuple(event for event in self.events if start <= event[0] < end),
-            estimate=None if self.estimate is None else self.estimate[rows],
-        )
+        columns = {name: getattr(self, name)[rows] for name in COLUMNS}
+        events = tuple(event for event in self.events if start <= event[0] < end)
+        estimate = None if self.estimate is None else self.estimate[rows]
+        return Recording(self.robot, events=events, estimate=estimate, **columns)
 
     def save(self, path: Path) -> None:
         """Write the recording as a compressed NumPy archive."""
@@ -53,11 +49,7 @@ class Recording:
         np.savez_compressed(
             path,
             robot=np.array(self.robot),
-            t=self.t,
-            q=self.q,
-            v=self.v,
-            tau=self.tau,
-            wrenches=self.wrenches,
+            **{name: getattr(self, name) for name in COLUMNS},
             event_times=np.array([time for time, _ in self.events]),
             event_texts=np.array([text for _, text in self.events], dtype=np.str_),
             estimate=np.empty((0, 7)) if self.estimate is None else self.estimate,
@@ -69,11 +61,9 @@ class Recording:
         try:
             with np.load(path, allow_pickle=False) as data:
                 events = zip(data["event_times"].tolist(), data["event_texts"].tolist(), strict=True)
-                arrays = {name: data[name] for name in ("t", "q", "v", "tau", "wrenches")}
-                estimate = data["estimate"]
-                return cls(
-                    str(data["robot"]), events=tuple(events), estimate=estimate if len(estimate) else None, **arrays
-                )
+                arrays = {name: data[name] for name in COLUMNS}
+                base = data["estimate"] if len(data["estimate"]) else None
+                return cls(str(data["robot"]), events=tuple(events), estimate=base, **arrays)
         except (OSError, KeyError, ValueError) as error:
             raise PoiseError(f"{path}: not a recording: {error}") from error
 

@@ -89,54 +89,41 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
         raise PoiseError(f"{path}: not a recording: {error}") from error
 
 
-def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], None]]:
+def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], object]]:
     """Handler for the messages of each topic."""
     joints, commands, imu = JointStateCodec(run.robot), JointCommandCodec(run.robot), ImuCodec(topics.IMU_FRAME)
     odometry = OdometryCodec()
 
-    def take_joints(stamp: int, data: bytes) -> None:
-        run.joints[stamp] = joints.read(data)
-
-    def take_imu(stamp: int, data: bytes) -> None:
-        run.imu[stamp] = imu.read(data)[1:]
-
-    def take_foot(foot: int) -> Callable[[int, bytes], None]:
+    def take_foot(foot: int) -> Callable[[int, bytes], object]:
         codec, kept = WrenchCodec(SOLE_FRAMES[foot]), run.feet[foot]
-
-        def take(stamp: int, data: bytes) -> None:
-            kept[stamp] = codec.read(data)[1]
-
-        return take
+        return lambda stamp, data: kept.update({stamp: codec.read(data)[1]})
 
     def take_command(_: int, data: bytes) -> None:
         stamp, command = commands.decode(data)
         if isinstance(command, JointCommand):
             run.commands[stamp] = command
 
-    def take_base(kept: dict[int, tuple[Vector, Vector]]) -> Callable[[int, bytes], None]:
+    def take_base(kept: dict[int, tuple[Vector, Vector]]) -> Callable[[int, bytes], object]:
         def take(_: int, data: bytes) -> None:
             stamp, pose, twist = odometry.decode(data)
             kept[stamp] = pose, twist
 
         return take
 
-    def take_note(_: int, data: bytes) -> None:
-        run.notes.append(TickInputs.read(decode(data, String).data))
-
     def take_motion(_: int, data: bytes) -> None:
         run.motions[zlib.crc32(data)] = trajectory_from_message(decode(data, JointTrajectoryMsg))
 
-    def take_text(topic: str) -> Callable[[int, bytes], None]:
+    def take_text(topic: str) -> Callable[[int, bytes], object]:
         return lambda stamp, data: run.texts.append((stamp, topic, decode(data, String).data))
 
     return {
-        topics.JOINT_STATES: take_joints,
-        topics.IMU_RAW: take_imu,
+        topics.JOINT_STATES: lambda stamp, data: run.joints.update({stamp: joints.read(data)}),
+        topics.IMU_RAW: lambda stamp, data: run.imu.update({stamp: imu.read(data)[1:]}),
         **{topics.FOOT_WRENCHES[foot]: take_foot(foot) for foot in range(len(FOOT_NAMES))},
         topics.JOINT_COMMAND: take_command,
         topics.ODOM: take_base(run.estimates),
         topics.GROUND_TRUTH: take_base(run.truths),
-        topics.APPLIED: take_note,
+        topics.APPLIED: lambda _, data: run.notes.append(TickInputs.read(decode(data, String).data)),
         topics.MOTION_TRAJECTORY: take_motion,
         **{topic: take_text(topic) for topic in (topics.MODE, topics.HUMANOID_COMMANDS, EVENTS)},
     }

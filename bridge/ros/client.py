@@ -5,10 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from rclpy.context import Context
-from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -19,13 +17,11 @@ from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.status import subscribe_status
-from models.status import MotionState, MotionStatus, Status, SupervisorStatus
+from models.status import MotionState, MotionStatus, SupervisorStatus
 from models.types import CommandReply
 
 if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
-
-S = TypeVar("S", bound=Status)
 
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 
@@ -57,7 +53,7 @@ class Client:
         motions: Every status of a motion, in order.
         status: Newest status of the supervisor; None before the first.
         driver_state: Newest word on ``driver_state``; empty before the first.
-        context: The ROS context, inside the ``with`` block.
+        node: The node, for further topics and services inside the ``with`` block.
     """
 
     def __init__(self, *, network: bool = False, signer: Signer | None = None, namespace: str = "") -> None:
@@ -67,19 +63,18 @@ class Client:
         self.driver_state = ""
         self.motions: list[MotionStatus] = []
         self.status: SupervisorStatus | None = None
-        self.context: Context
+        self.node: Any
         self._stack = ExitStack()
 
     def __enter__(self) -> Client:
         joined = participant("poise_client", network=self._network, namespace=self.namespace)
-        self._node, self._executor = self._stack.enter_context(joined)
-        self.context = self._node.context
-        self._text = self._node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
-        listen = self._node.create_subscription
+        self.node, self._executor = self._stack.enter_context(joined)
+        self._text = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
+        listen = self.node.create_subscription
         listen(String, topics.MODE, self._on_mode, LATCHED)
         listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
-        self.subscribe_status(MotionStatus, topics.MOTION_STATUS, self.motions.append)
-        self.subscribe_status(SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
+        subscribe_status(self.node, MotionStatus, topics.MOTION_STATUS, self.motions.append)
+        subscribe_status(self.node, SupervisorStatus, topics.SUPERVISOR_STATUS, self._on_status, LATCHED)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -98,26 +93,6 @@ class Client:
     def _named(self, name: str) -> str:
         """A topic or service without the namespace, for messages to the user."""
         return f"{self.namespace}/{name}" if self.namespace else name
-
-    def publisher(self, kind: type, topic: str, qos: Any) -> Any:
-        """Publisher until the client closes; see ``Node.create_publisher``."""
-        return self._node.create_publisher(kind, topic, qos)
-
-    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any) -> None:
-        """Subscription until the client closes; see ``Node.create_subscription``."""
-        self._node.create_subscription(kind, topic, callback, qos)
-
-    def subscribe_status(self, kind: type[S], topic: str, callback: Callable[[S], object], qos: Any = EVENT) -> None:
-        """Subscription to a status record until the client closes."""
-        subscribe_status(self._node, kind, topic, callback, qos)
-
-    def service(self, kind: type, name: str) -> Any:
-        """Service client until this one closes; see ``Node.create_client``."""
-        return self._node.create_client(kind, name)
-
-    def parameters_of(self, node: str) -> Any:
-        """Parameters of another node, until this client closes; see ``rclpy.parameter_client.AsyncParameterClient``."""
-        return AsyncParameterClient(self._node, node)
 
     def robot(self, timeout: float = 10.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``PoiseError`` after ``timeout`` [s]."""
@@ -193,7 +168,7 @@ class Client:
 
     def call(self, kind: type, service: str, request: Any, timeout: float = 5.0, answer_timeout: float = 5.0) -> Any:
         """Call a service within the timeouts for service and answer [s]; otherwise ``CommandError``."""
-        client = self._node.create_client(kind, service)
+        client = self.node.create_client(kind, service)
         try:
             if not self.wait(client.service_is_ready, timeout):
                 raise CommandError(f"service {self._named(service)} is absent: is the robot up? (poise up)")
@@ -202,4 +177,4 @@ class Client:
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")
             return future.result()
         finally:
-            self._node.destroy_client(client)
+            self.node.destroy_client(client)

@@ -42,10 +42,10 @@ class Operator:
     def __init__(self, client: Client, report: Callable[[str], object], signer: Signer | None = None) -> None:
         self._report, self._signer = report, signer
         words, velocities = topics.source_topics(SOURCE)
-        self._words = client.publisher(String, words, EVENT)
-        self._velocities = client.publisher(Twist, velocities, COMMAND)
-        self._pushes = client.publisher(WrenchStamped, topics.PUSH, EVENT)
-        self.services = {name: client.service(Trigger, service) for name, service in MODE_SERVICES.items()}
+        self._words = client.node.create_publisher(String, words, EVENT)
+        self._velocities = client.node.create_publisher(Twist, velocities, COMMAND)
+        self._pushes = client.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
+        self.services = {name: client.node.create_client(Trigger, service) for name, service in MODE_SERVICES.items()}
         self._posted: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._driving = False
 

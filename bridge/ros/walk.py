@@ -15,6 +15,7 @@ from models.nodes.interfaces import interface
 from models.nodes.odometry import Velocity, velocity_from_twist, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, SENSOR
 from models.nodes.services import PACKAGE
+from models.nodes.status import subscribe_status
 from models.status import MotionState, RouteState, RouteStatus
 from models.types import CommandReply, Mode
 from planners.gait.footsteps import Foothold
@@ -37,7 +38,7 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     reply = client.trigger("mode/walk")
     if not reply.accepted:
         return reply
-    publisher = client.publisher(Twist, topics.CMD_VEL, COMMAND)
+    publisher = client.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
     if not client.wait(lambda: publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value, 5.0):
         raise CommandError(f"no subscriber on {topics.CMD_VEL}: is the robot up? start it with: poise up")
     end = time.monotonic() + seconds
@@ -57,12 +58,13 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
     """
     routes: list[RouteStatus] = []
     margins: list[float] = []
-    client.subscribe_status(RouteStatus, topics.ROUTE_STATUS, routes.append)
-    client.subscribe(Float64, topics.GAIT_CAPTURE_MARGIN, lambda message: margins.append(message.data), SENSOR)
+    subscribe_status(client.node, RouteStatus, topics.ROUTE_STATUS, routes.append)
+    listen = client.node.create_subscription
+    listen(Float64, topics.GAIT_CAPTURE_MARGIN, lambda message: margins.append(message.data), SENSOR)
     reply = client.trigger("mode/walk")
     if not reply.accepted:
         return reply
-    publisher = client.publisher(PoseStamped, topics.GOAL_POSE, EVENT)
+    publisher = client.node.create_publisher(PoseStamped, topics.GOAL_POSE, EVENT)
     message = pose_message(Foothold(*goal), topics.ODOM_FRAME)
     margins.clear()
 

@@ -26,6 +26,7 @@ from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds, wrench_vector
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
+from models.nodes.status import subscribe_status
 from models.robot_model import SOLE_FRAMES, RobotModel
 from models.status import ControlStatus
 from models.types import Matrix, Mode, Vector
@@ -85,7 +86,7 @@ class Listener:
 
     def __init__(self, model: RobotModel, client: Client) -> None:
         self._model = model
-        self._node = Node("poise_view", context=client.context, **in_namespace(client.namespace))
+        self._node = Node("poise_view", context=client.node.context, **in_namespace(client.namespace))
         subscribe = self._node.create_subscription
         self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
         self._odom = subscribe(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
@@ -102,7 +103,7 @@ class Listener:
         self._words = Words()
         self._statuses: dict[str, tuple[float, Any]] = {}
         self.refused = 0
-        listen = client.subscribe
+        listen = client.node.create_subscription
         for field, topic in {
             "mode": topics.MODE,
             "drivers": topics.DRIVER_STATE,
@@ -114,7 +115,7 @@ class Listener:
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
-        client.subscribe_status(ControlStatus, topics.CONTROL_STATUS, self._on_control)
+        subscribe_status(client.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)
 
     def poll(self) -> Snapshot | None:
         """Newest state; None before joints and base have arrived. Malformed messages are counted in ``refused``."""

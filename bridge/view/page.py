@@ -11,6 +11,7 @@ from typing import Any
 import viser
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
@@ -49,7 +50,7 @@ class Gains:
         timeout: float,
     ) -> None:
         self._gui, self._place, self._operator, self._node, self._report = gui, place, operator, node, report
-        self._parameters, self._timeout = client.parameters_of(node), timeout
+        self._parameters, self._timeout = AsyncParameterClient(client.node, node), timeout
         self._asked_at: float | None = None
         self._asked: dict[str, int] = {}
         self._accepted: dict[str, float] = {}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bridge.driver.drivers import SimulatedDrivers
+from bridge.plants.base import hanging_command
 from bridge.plants.config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import SensorErrors
-from bridge.plants.start_up import hanging_command
 from controllers.joints.joint_servo import ServoState
 from models.config import default_config
 from models.errors import CommandError

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bridge.loop.lockstep import PlantMonitor
+from bridge.plants.base import ReleaseGate, hanging_command
 from bridge.plants.config import LoopConfig
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.start_up import ReleaseGate, hanging_command
 from controllers.joints.joint_servo import JointServo
 from models.config import default_config
 from models.constants import GRAVITY

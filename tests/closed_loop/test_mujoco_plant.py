@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
+from bridge.plants.base import hanging_command
 from bridge.plants.mujoco import MujocoPlant
-from bridge.plants.start_up import hanging_command
 from controllers.joints.joint_servo import JointServo
 from models.constants import GRAVITY
 from models.errors import CommandError, ConfigError

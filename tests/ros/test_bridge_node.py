@@ -56,7 +56,7 @@ def test_commands_that_answer_old_sensors_are_refused(bridge: RobotDriver, g1: R
 
 def test_only_accepted_commands_count_as_answers(bridge: RobotDriver, g1: RobotModel) -> None:
     """The latency of a command that is refused is no latency."""
-    received = bridge._probe.received  # type: ignore[union-attr]
+    received = bridge._probe.rows()["received"]  # type: ignore[union-attr]
     _send(bridge, g1, 101)  # not yet due
     _send(bridge, g1, 70)  # too old
     _send(bridge, g1, 90, q=float("nan"))

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from bridge.driver.world import DriverWorld
 from bridge.launch.world import Inhabitant, WorldGraph, inhabitants
 from bridge.nodes.robot_driver import RobotDriver
-from bridge.plants.start_up import hanging_command
+from bridge.plants.base import hanging_command
 from bridge.plants.world import Place
 from models.errors import PoiseError
 from models.nodes.messages import JointCommandCodec
