@@ -40,7 +40,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct, ValidationError, convert, structs
 
 from models.calibration import Calibration
 from models.errors import MessageError
@@ -52,22 +52,15 @@ KEPT, MOTIONS = 16384, 8  #: Newest records and motions that are kept
 
 
 class InputLog:
-    """Collects the inputs of the stack until the end of a tick.
-
-    Attributes:
-        settings: Configuration of each stage.
-        stages: Location of the state of each stage.
-        kept: The newest records, stamp [ns] and message.
-        motions: The newest trajectories by their number.
-        number: Numbers a motion; by default with a checksum of its positions.
-    """
+    """Collects the inputs of the stack until the end of a tick."""
 
     def __init__(self) -> None:
-        self.stages: dict[str, LawState] = {}
-        self.kept: deque[tuple[int, str]] = deque(maxlen=KEPT)
-        self.motions: dict[int, JointTrajectory] = {}
+        self.stages: dict[str, LawState] = {}  #: Location of the state of each stage
+        self.kept: deque[tuple[int, str]] = deque(maxlen=KEPT)  #: The newest records, stamp [ns] and message
+        self.motions: dict[int, JointTrajectory] = {}  #: The newest trajectories by their number
+        #: Numbers a motion; by default with a checksum of its positions
         self.number: Callable[[JointTrajectory], int] = lambda motion: zlib.crc32(motion.positions.tobytes())
-        self.settings: dict[str, object] = {}
+        self.settings: dict[str, object] = {}  #: Configuration of each stage
         self._before: list[Entry] = []
         self._after: list[Entry] = []
         self._now = self._before
@@ -164,10 +157,8 @@ class TickInputs:
     def read(cls, text: str) -> TickInputs:
         """Read a message; MessageError when it is malformed."""
         try:
-            data = json.loads(text)
-            before, after = (tuple(tuple(entry) for entry in data[name]) for name in ("before", "after"))
-            return cls(int(data["stamp"]), int(data["number"]), before, after, bool(data["again"]))
-        except (ValueError, KeyError, TypeError) as error:
+            return convert(json.loads(text), cls)
+        except (ValueError, ValidationError) as error:
             raise MessageError(f"not a record of inputs: {error}") from error
 
     def value(self, word: str) -> Any:

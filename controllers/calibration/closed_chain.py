@@ -25,10 +25,6 @@ class ChainTerms:
     """Pose of the right sole in the left one and accelerometer reading, as functions of the unknowns.
 
     Unknowns: x = (offsets of the joints between the soles and the inertial unit (k), placement (3), mounting (6)).
-
-    Attributes:
-        joints: Indices of those joints in a joint vector, ascending.
-        size: Number of unknowns.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -39,8 +35,8 @@ class ChainTerms:
         for frame in (*self._feet, self._imu):
             chain = model.pin.supports[model.pin.frames[frame].parentJoint]
             used |= {int(model.pin.joints[j].idx_v) - 6 for j in chain if j > 1}
-        self.joints = np.array(sorted(used))
-        self.size = self.joints.size + PLACEMENT + MOUNTING
+        self.joints = np.array(sorted(used))  #: Indices of those joints in a joint vector, ascending
+        self.size = self.joints.size + PLACEMENT + MOUNTING  #: Number of unknowns
         self._q = pin.neutral(model.pin)
 
     def update(self, q: Vector, x: Vector) -> None:

@@ -31,12 +31,6 @@ class SampleAssembler:
         strict: Never mix stamps: wait for the complete tick; the plant may repeat a sample without an answer, which is
             skipped (lockstep).
         feet: Whether the robot has foot sensors; without, their values are NaN.
-
-    Attributes:
-        incomplete: Ticks made of samples with different stamps.
-        silent: Ticks with a source whose newest sample was too old.
-        dropped: Ticks abandoned because a source had not given any sample yet.
-        mixed: Sources whose sample in the newest tick has another stamp than the joints [ns]; None for no sample.
     """
 
     def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, feet: bool = True) -> None:
@@ -52,7 +46,10 @@ class SampleAssembler:
         self._joints: tuple[Vector, Vector, Vector] | None = None
         self._imu: tuple[Vector, Vector] = (np.zeros(3), np.zeros(3))
         self._wrenches = [np.zeros(6) for _ in FOOT_NAMES]
-        self.incomplete = self.silent = self.dropped = 0
+        self.incomplete = 0  #: Ticks made of samples with different stamps
+        self.silent = 0  #: Ticks with a source whose newest sample was too old
+        self.dropped = 0  #: Ticks abandoned because a source had not given any sample yet
+        #: Stamps of sources in the newest tick that differ from that of the joints [ns]; None for no sample
         self.mixed: dict[str, int | None] = {}
 
     @property
@@ -131,17 +128,12 @@ class FootPairs:
 
     A foot is silent when its sample is older than the other's by more than ``max_age``; ``max_gap`` is the largest step
     of a stamp that is accepted at once [ns].
-
-    Attributes:
-        wrenches: Newest sample of each foot, in its sole frame (2, 6) [N, N.m]; zeros before the first.
-        silent: Whether each foot's newest sample is too old (2,).
-        stamp: Of the last pair [ns].
     """
 
     def __init__(self, max_age: int, max_gap: int) -> None:
-        self.wrenches = np.zeros((len(FOOT_NAMES), 6))
-        self.silent = [True] * len(FOOT_NAMES)
-        self.stamp = 0
+        self.wrenches = np.zeros((len(FOOT_NAMES), 6))  #: Newest sample of each foot, in its sole frame [N, N.m]
+        self.silent = [True] * len(FOOT_NAMES)  #: Whether each foot's newest sample is too old
+        self.stamp = 0  #: Of the last pair [ns]
         self._max_age = max_age
         self._guards = [StampFilter(max_gap) for _ in FOOT_NAMES]
         self._begun: int | None = None

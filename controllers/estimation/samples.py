@@ -58,14 +58,6 @@ class EstimatorHealth:
 class SensorBuffer:
     """The last good value of all measurements, in one block of memory.
 
-    Attributes:
-        t: Stamp of the newest sample [s].
-        joints: Positions, velocities, torques (3, nj) [rad, rad/s, N.m].
-        imu: Rate, specific force (2, 3) [rad/s, m/s^2].
-        previous_rate: Rate one step earlier (3,) [rad/s].
-        wrenches: (2, 6) [N, N.m].
-        feet: State of each foot's newest sample: 0 sound, ``NOT_FINITE`` or ``SATURATED`` (2,).
-
     Args:
         nj: Number of joints.
         sensors: Full scales.
@@ -78,13 +70,13 @@ class SensorBuffer:
         imu, feet = sensors.imu, sensors.feet
         scales = [imu.gyro_range, imu.accel_range, feet.force_range or math.inf, feet.torque_range or math.inf]
         self._scales = saturation * np.array(scales)
-        self.feet = np.zeros(2)
-        self.t = -math.inf
+        self.feet = np.zeros(2)  #: State of each foot's newest sample: 0 sound, ``NOT_FINITE`` or ``SATURATED`` (2,)
+        self.t = -math.inf  #: Stamp of the newest sample [s]
         self._gap, self._jumps = gap, JumpFilter(gap)
-        self.joints = np.zeros((3, nj))
-        self.imu = np.zeros((2, 3))
-        self.previous_rate = np.zeros(3)
-        self.wrenches = np.zeros((2, 6))
+        self.joints = np.zeros((3, nj))  #: Positions, velocities, torques [rad, rad/s, N.m]
+        self.imu = np.zeros((2, 3))  #: Rate, specific force [rad/s, m/s^2]
+        self.previous_rate = np.zeros(3)  #: Rate one step earlier [rad/s]
+        self.wrenches = np.zeros((2, 6))  #: Of each foot [N, N.m]
         self._new_joints = np.zeros((3, nj))
         self._new_imu = np.zeros((2, 3))
         self._new_wrenches = np.zeros((2, 6))

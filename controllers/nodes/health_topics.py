@@ -36,22 +36,18 @@ class HealthTopics:
     Args:
         node: Node that subscribes.
         clock_leap: Largest step of ``/clock`` that is accepted at once [s].
-
-    Attributes:
-        moving: Whether the robot moves, set by the node; ``/clock`` may not go back then.
-        description: URDF that the robot publishes; None before it has arrived.
-        clock_seen: When ``/clock`` last arrived, on the monotonic clock [s].
-        now: Time of the plant [ns].
-        tilt: Newest tilt of the base [rad].
     """
 
     def __init__(self, node: PoiseNode, clock_leap: float) -> None:
         self._node, self._odom_codec = node, OdometryCodec()
-        self._clock, self.moving = ClockFilter(round(clock_leap * NANOSECONDS)), False
-        self.description: str | None = None
-        self.clock_seen = time.monotonic()
-        self.now = self._odom_stamp = self._command_stamp = self._started = 0
-        self.tilt, self._motion_active = 0.0, False
+        self._clock = ClockFilter(round(clock_leap * NANOSECONDS))
+        self.moving = False  #: Whether the robot moves, set by the node; ``/clock`` may not go back then
+        self.description: str | None = None  #: URDF that the robot publishes; None before it has arrived
+        self.clock_seen = time.monotonic()  #: When ``/clock`` last arrived, on the monotonic clock [s]
+        self.now = 0  #: Time of the plant [ns]
+        self.tilt = 0.0  #: Newest tilt of the base [rad]
+        self._odom_stamp = self._command_stamp = self._started = 0
+        self._motion_active = False
         self._control = NO_CONTROL
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)

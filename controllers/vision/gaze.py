@@ -11,7 +11,7 @@ from models.robot_model import RobotModel
 from models.types import Vector
 
 STEPS = 8  #: Most steps of the solution [1]; two to four are enough within half a turn of the head
-STEP_MAX = 0.6  #: Largest step of a joint [rad]: farther, the linearisation says nothing
+STEP_MAX = 0.6  #: Largest step of a joint [rad]: farther, the linearisation is void
 DONE = 1e-6  #: A smaller step ends the search [rad]
 
 

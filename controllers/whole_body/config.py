@@ -35,46 +35,34 @@ class CoMGains:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MomentumGains:
-    """Angular momentum: kd [1/s]; weights [-] of the rate divided by the robot's mass [m^2/s^2].
+    """Angular momentum: kd [1/s]; weights [-] of the rate divided by the robot's mass [m^2/s^2]."""
 
-    Attributes:
-        kd: Damping [1/s].
-        weight: About the horizontal axes [-].
-        weight_vertical: About the vertical axis: arms and torso swing against the legs [-].
-    """
-
-    kd: NonNegative
-    weight: NonNegative
-    weight_vertical: NonNegative
+    kd: Annotated[NonNegative, Field(description="Damping [1/s]")]
+    weight: Annotated[NonNegative, Field(description="About the horizontal axes [-]")]
+    weight_vertical: Annotated[
+        NonNegative, Field(description="About the vertical axis: arms and torso swing against the legs [-]")
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ContactConfig:
-    """Contacts of the QP.
+    """Contacts of the QP."""
 
-    Attributes:
-        stiffness: Draws a planted sole to its foothold [1/s^2].
-        damping: Draws its velocity to zero [1/s].
-        linear_max: Largest acceleration that both may ask of a sole [m/s^2].
-        angular_max: The same, angular [rad/s^2].
-        friction: Coulomb coefficient of the cones [-].
-        sole_margin: Taken off each side of the contact rectangles [m].
-        force_min: Least normal force per sole, share of the weight [-].
-        force_max: Largest normal force per sole, share of the weight [-].
-        wrench_weight: Weight of each wrench component's distance from an even share of the weight, over the weight [-].
-        moment_arm: Lever that makes moments comparable with forces in that weight [m].
-    """
-
-    stiffness: NonNegative
-    damping: NonNegative
-    linear_max: Positive
-    angular_max: Positive
-    friction: Positive
-    sole_margin: NonNegative
-    force_min: NonNegative
-    force_max: Positive
-    wrench_weight: Positive
-    moment_arm: Positive
+    stiffness: Annotated[NonNegative, Field(description="Draws a planted sole to its foothold [1/s^2]")]
+    damping: Annotated[NonNegative, Field(description="Draws its velocity to zero [1/s]")]
+    linear_max: Annotated[Positive, Field(description="Largest acceleration that both may ask of a sole [m/s^2]")]
+    angular_max: Annotated[Positive, Field(description="The same, angular [rad/s^2]")]
+    friction: Annotated[Positive, Field(description="Coulomb coefficient of the cones [-]")]
+    sole_margin: Annotated[NonNegative, Field(description="Taken off each side of the contact rectangles [m]")]
+    force_min: Annotated[NonNegative, Field(description="Least normal force per sole, share of the weight [-]")]
+    force_max: Annotated[Positive, Field(description="Largest normal force per sole, share of the weight [-]")]
+    wrench_weight: Annotated[
+        Positive,
+        Field(description="Weight of a wrench component's distance from its even share, over the load [-]"),
+    ]
+    moment_arm: Annotated[
+        Positive, Field(description="Lever that makes moments comparable with forces in that weight [m]")
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -98,46 +86,35 @@ class HeightLimit:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LimitConfig:
-    """Joint limits as acceleration bounds.
+    """Joint limits as acceleration bounds."""
 
-    Attributes:
-        torque: Share of the torque limits that the QP may use [-].
-        velocity: Share of the velocity limits [-].
-        position_margin: Distance kept from position limits [rad].
-        position_gain: Fastest approach to a position limit per distance to it [1/s].
-        velocity_gain: Largest acceleration towards a velocity bound per distance to it [1/s].
-        acceleration: Largest joint acceleration [rad/s^2].
-        com_height: Height of the CoM.
-    """
-
-    torque: Fraction
-    velocity: Fraction
-    position_margin: NonNegative
-    position_gain: Positive
-    velocity_gain: Positive
-    acceleration: Positive
-    com_height: HeightLimit
+    torque: Annotated[Fraction, Field(description="Share of the torque limits that the QP may use [-]")]
+    velocity: Annotated[Fraction, Field(description="Share of the velocity limits [-]")]
+    position_margin: Annotated[NonNegative, Field(description="Distance kept from position limits [rad]")]
+    position_gain: Annotated[
+        Positive, Field(description="Fastest approach to a position limit per distance to it [1/s]")
+    ]
+    velocity_gain: Annotated[
+        Positive, Field(description="Largest acceleration towards a velocity bound per distance to it [1/s]")
+    ]
+    acceleration: Annotated[Positive, Field(description="Largest joint acceleration [rad/s^2]")]
+    com_height: Annotated[HeightLimit, Field(description="Height of the CoM")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SolverConfig:
-    """QP solution.
+    """QP solution."""
 
-    Attributes:
-        backend: own, daqp, or an installed back-end of qpsolvers (osqp, proxqp, piqp, quadprog, ...).
-        residual_max: Largest accepted KKT residual [-].
-        iterations_max: Iteration limit of the active-set solver.
-        soft_rho: Price of relaxed rows (smaller is dearer) [-].
-        regularisation: Added to the Hessian's diagonal [-].
-        hold_ticks: Ticks without a solution for which the last torques are repeated before damping.
-    """
-
-    backend: str
-    residual_max: Positive
-    iterations_max: Annotated[int, Field(gt=0)]
-    soft_rho: Positive
-    regularisation: Positive
-    hold_ticks: Annotated[int, Field(ge=0)]
+    backend: Annotated[
+        str, Field(description="own, daqp, or an installed back-end of qpsolvers (osqp, proxqp, piqp, quadprog, ...)")
+    ]
+    residual_max: Annotated[Positive, Field(description="Largest accepted KKT residual [-]")]
+    iterations_max: Annotated[int, Field(gt=0, description="Iteration limit of the active-set solver")]
+    soft_rho: Annotated[Positive, Field(description="Price of relaxed rows (smaller is dearer) [-]")]
+    regularisation: Annotated[Positive, Field(description="Added to the Hessian's diagonal [-]")]
+    hold_ticks: Annotated[
+        int, Field(ge=0, description="Ticks without a solution for which the last torques are repeated before damping")
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -158,21 +135,7 @@ class SteppingConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class WholeBodyConfig:
-    """The whole-body QP.
-
-    Attributes:
-        com, angular_momentum, base_orientation, torso_orientation, foot, posture: Tasks.
-        posture_leg_scale: Factor on the posture weight of the leg joints [-].
-        foot_roll_scale: Factor on the weight of a swing foot's roll: where its ankle is at a limit the foot rolls,
-            rather than to fall short of its place [-].
-        foot_pitch_scale: Likewise of its pitch: rather than the body, the foot tips [-].
-        contact: Contacts.
-        limits: Joint limits.
-        solver: Solver.
-        tasks: Further tasks by name.
-        stepping: What differs while the robot steps.
-        lookahead_s: Time over which the accelerations are integrated to the drivers' set-points [s].
-    """
+    """The whole-body QP."""
 
     com: CoMGains
     angular_momentum: MomentumGains
@@ -180,15 +143,23 @@ class WholeBodyConfig:
     torso_orientation: Gains
     foot: Gains
     posture: Gains
-    posture_leg_scale: NonNegative
-    foot_roll_scale: NonNegative
-    foot_pitch_scale: NonNegative
+    posture_leg_scale: Annotated[NonNegative, Field(description="Factor on the posture weight of the leg joints [-]")]
+    foot_roll_scale: Annotated[
+        NonNegative,
+        Field(description="Factor on the weight of a swing foot's roll, so that it rolls at a limit of its ankle [-]"),
+    ]
+    foot_pitch_scale: Annotated[
+        NonNegative, Field(description="Likewise of its pitch: rather than the body, the foot tips [-]")
+    ]
     contact: ContactConfig
     limits: LimitConfig
     solver: SolverConfig
-    stepping: SteppingConfig
-    lookahead_s: NonNegative
-    tasks: dict[str, PointTask]
+    stepping: Annotated[SteppingConfig, Field(description="What differs while the robot steps")]
+    lookahead_s: Annotated[
+        NonNegative,
+        Field(description="Integration time from accelerations to the drivers' setpoints [s]"),
+    ]
+    tasks: Annotated[dict[str, PointTask], Field(description="Further tasks by name")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

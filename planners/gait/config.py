@@ -23,29 +23,21 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TimingConfig:
-    """When feet lift and land [s].
+    """When feet lift and land [s]."""
 
-    Attributes:
-        single: Nominal single support.
-        single_min: Shortest single support.
-        single_urgent: Shortest single support when the DCM is far from its reference.
-        single_max: Longest single support.
-        double: Double support between two steps.
-        start: First shift of the weight, from standing.
-        finish: Return of the weight to the middle after the last step.
-        adjust_period: Between two step adjustments.
-        landing_from: Share of the single support after which a measured contact ends it [-].
-    """
-
-    single: Positive
-    single_min: Positive
-    single_urgent: Positive
-    single_max: Positive
-    double: Positive
-    start: Positive
-    finish: Positive
-    adjust_period: Positive
-    landing_from: Share
+    single: Annotated[Positive, Field(description="Nominal single support")]
+    single_min: Annotated[Positive, Field(description="Shortest single support")]
+    single_urgent: Annotated[
+        Positive, Field(description="Shortest single support when the DCM is far from its reference")
+    ]
+    single_max: Annotated[Positive, Field(description="Longest single support")]
+    double: Annotated[Positive, Field(description="Double support between two steps")]
+    start: Annotated[Positive, Field(description="First shift of the weight, from standing")]
+    finish: Annotated[Positive, Field(description="Return of the weight to the middle after the last step")]
+    adjust_period: Annotated[Positive, Field(description="Between two step adjustments")]
+    landing_from: Annotated[
+        Share, Field(description="Share of the single support after which a measured contact ends it [-]")
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -76,158 +68,138 @@ class VelocityConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SwingConfig:
-    """Swing foot.
+    """Swing foot."""
 
-    Attributes:
-        clearance: Height of the sole at mid-swing [m].
-        apex: Share of the swing at which it is reached [-].
-        landing_velocity: Downward speed of the sole at the planned touchdown [m/s].
-        late_velocity: Downward speed of a foot that is late [m/s].
-        late_time: Time constant with which a late foot follows its target sideways [s].
-        depth_max: How far below its target a late foot is lowered [m].
-        speed_max: Largest mean horizontal speed that a step adjustment may ask of the foot [m/s].
-        speed_share: The same as a share of what the limits of the joints give the foot [-].
-        urgent_lead: Time by which the foot of an urgent step aims at an earlier touchdown [s].
-        freeze: Time before touchdown at which the target is frozen [s].
-        rise_step: Largest change from one landing to the next of the height that a foot is expected to land at [m].
-        rise_max: Largest expected height over the stance foot's plane, up or down [m].
-        tilt_time: Time constant with which the foot turns to the slope expected at its landing [s].
-        trip_lag: Distance behind its reference from which a foot may have tripped [m].
-        trip_speed: Share of the reference's speed below which it then has [-].
-        trip_filter: Time constant of the measured speed [s].
-        trip_time: Time for which a foot that tripped only rises [s].
-    """
-
-    clearance: Positive
-    apex: Share
-    landing_velocity: NonNegative
-    late_velocity: Positive
-    late_time: Positive
-    depth_max: Positive
-    speed_max: Positive
-    speed_share: Positive
-    urgent_lead: NonNegative
-    freeze: Positive
-    rise_step: NonNegative
-    rise_max: NonNegative
-    tilt_time: Positive
-    trip_lag: Positive
-    trip_speed: Share
-    trip_filter: Positive
-    trip_time: Positive
+    clearance: Annotated[Positive, Field(description="Height of the sole at mid-swing [m]")]
+    apex: Annotated[Share, Field(description="Share of the swing at which it is reached [-]")]
+    landing_velocity: Annotated[
+        NonNegative, Field(description="Downward speed of the sole at the planned touchdown [m/s]")
+    ]
+    late_velocity: Annotated[Positive, Field(description="Downward speed of a foot that is late [m/s]")]
+    late_time: Annotated[Positive, Field(description="Time constant of a late foot's way to its target sideways [s]")]
+    depth_max: Annotated[Positive, Field(description="How far below its target a late foot is lowered [m]")]
+    speed_max: Annotated[Positive, Field(description="Largest mean horizontal speed by a step adjustment [m/s]")]
+    speed_share: Annotated[
+        Positive, Field(description="The same as a share of what the limits of the joints give the foot [-]")
+    ]
+    urgent_lead: Annotated[NonNegative, Field(description="By how much earlier an urgent step aims to touch down [s]")]
+    freeze: Annotated[Positive, Field(description="Time before touchdown at which the target is frozen [s]")]
+    rise_step: Annotated[
+        NonNegative, Field(description="Largest change between landings of the expected landing height [m]")
+    ]
+    rise_max: Annotated[NonNegative, Field(description="Largest expected height over the stance sole's plane [m]")]
+    tilt_time: Annotated[Positive, Field(description="Time constant of its turn to the slope expected at landing [s]")]
+    trip_lag: Annotated[
+        Positive, Field(description="Distance behind its reference from which a foot may have tripped [m]")
+    ]
+    trip_speed: Annotated[Share, Field(description="Share of the reference's speed below which it then has [-]")]
+    trip_filter: Annotated[Positive, Field(description="Time constant of the measured speed [s]")]
+    trip_time: Annotated[Positive, Field(description="Time for which a foot that tripped only rises [s]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class AdjustmentConfig:
-    """Step adjustment.
+    """Step adjustment."""
 
-    Attributes:
-        position: Weight of the foothold's distance from the nominal one [1/m^2].
-        time: Weight of ``exp(omega T)``'s distance from the nominal one, of a walk that goes on [-].
-        time_ending: The same of one that comes to an end, as when a standing robot catches itself [-].
-        offset: Weight of the DCM offset's distance from the nominal one [1/m^2].
-        cop: Weight of the CoP offset over the rest of the step [1/m^2].
-        cop_share: Share of the sole that the CoP offset may use [-].
-        urgent: Distance of the DCM from its reference at which steps are as quick as they can be [m].
-    """
-
-    position: Positive
-    time: Positive
-    time_ending: Positive
-    offset: Positive
-    cop: Positive
-    cop_share: NonNegative
-    urgent: Positive
+    position: Annotated[Positive, Field(description="Weight of the foothold's distance from the nominal one [1/m^2]")]
+    time: Annotated[
+        Positive,
+        Field(description="Weight of ``exp(omega T)``'s distance from the nominal one, of a walk that goes on [-]"),
+    ]
+    time_ending: Annotated[
+        Positive, Field(description="The same of one that comes to an end, as when a standing robot catches itself [-]")
+    ]
+    offset: Annotated[Positive, Field(description="Weight of the DCM offset's distance from the nominal one [1/m^2]")]
+    cop: Annotated[Positive, Field(description="Weight of the CoP offset over the rest of the step [1/m^2]")]
+    cop_share: Annotated[NonNegative, Field(description="Share of the sole that the CoP offset may use [-]")]
+    urgent: Annotated[
+        Positive,
+        Field(description="Distance of the DCM from its reference at which steps are as quick as they can be [m]"),
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RouteConfig:
-    """Footsteps to a pose, and lists of footsteps.
+    """Footsteps to a pose, and lists of footsteps."""
 
-    Attributes:
-        forward: Speed along [m/s].
-        lateral: Speed sideways [m/s].
-        turn: Turning speed [rad/s].
-        position_tolerance: Position error at the goal [m].
-        turn_tolerance: Heading error at the goal [rad].
-        offset_max: Landing error beyond which the route to the goal is planned anew [m].
-        range: Farthest goal [m].
-        steps_max: Most footsteps in a route.
-    """
-
-    forward: Positive
-    lateral: Positive
-    turn: Positive
-    position_tolerance: Positive
-    turn_tolerance: Positive
-    offset_max: Positive
-    range: Positive
-    steps_max: Annotated[int, Field(ge=1, le=1000)]
+    forward: Annotated[Positive, Field(description="Speed along [m/s]")]
+    lateral: Annotated[Positive, Field(description="Speed sideways [m/s]")]
+    turn: Annotated[Positive, Field(description="Turning speed [rad/s]")]
+    position_tolerance: Annotated[Positive, Field(description="Position error at the goal [m]")]
+    turn_tolerance: Annotated[Positive, Field(description="Heading error at the goal [rad]")]
+    offset_max: Annotated[
+        Positive, Field(description="Landing error beyond which the route to the goal is planned anew [m]")
+    ]
+    range: Annotated[Positive, Field(description="Farthest goal [m]")]
+    steps_max: Annotated[int, Field(ge=1, le=1000, description="Most footsteps in a route")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GroundConfig:
-    """Inclination of the ground, measured by the soles.
+    """Inclination of the ground, measured by the soles."""
 
-    Attributes:
-        settle_time: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s].
-        anchor_time: The same of a sole that bears: one that tips is drawn back to where it stood [s].
-        slope_steps: Steps over whose soles the slope expected at the next landing is the median.
-        slope_max: Steepest expected slope [-].
-    """
-
-    settle_time: Positive
-    anchor_time: Positive
-    slope_steps: Annotated[int, Field(ge=1, le=9)]
-    slope_max: Positive
+    settle_time: Annotated[
+        Positive,
+        Field(
+            description="Time constant with which the tilt of a sole that has just landed is taken as the ground's [s]"
+        ),
+    ]
+    anchor_time: Annotated[
+        Positive, Field(description="The same of a sole that bears: one that tips is drawn back to where it stood [s]")
+    ]
+    slope_steps: Annotated[
+        int,
+        Field(ge=1, le=9, description="Steps over whose soles the slope expected at the next landing is the median"),
+    ]
+    slope_max: Annotated[Positive, Field(description="Steepest expected slope [-]")]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootingConfig:
-    """A sole that turns over an edge.
+    """A sole that turns over an edge."""
 
-    Attributes:
-        load: Least share of the weight on a sole for its rotation to count [-].
-        turning: Angular velocity about its length or width above which it turns [rad/s].
-        turned: Least recent rotation of a sole that turns over an edge [rad].
-        forget_time: Time constant of the recent rotation [s].
-        edge: Largest motion of its CoP meanwhile: a sole that rolls as it lands has no edge under it [m].
-        still: Angular velocity below which it lies still [rad/s].
-        rest: Time at rest after which its orientation counts [s].
-        fallen: Least rotation of a sole at rest that has found ground on the other side of the edge [rad].
-        regain: Speed at which the area of a sole at rest that has turned less grows again [m/s].
-        strip: Least width of the area [m].
-        grain: Resolution of the areas: each change costs the QP a new wrench cone [m].
-    """
-
-    load: Share
-    turning: Positive
-    turned: Positive
-    forget_time: Positive
-    edge: Positive
-    still: Positive
-    rest: Positive
-    fallen: Positive
-    regain: Positive
-    strip: Positive
-    grain: Positive
+    load: Annotated[Share, Field(description="Least share of the weight on a sole for its rotation to count [-]")]
+    turning: Annotated[
+        Positive, Field(description="Angular velocity about its length or width above which it turns [rad/s]")
+    ]
+    turned: Annotated[Positive, Field(description="Least recent rotation of a sole that turns over an edge [rad]")]
+    forget_time: Annotated[Positive, Field(description="Time constant of the recent rotation [s]")]
+    edge: Annotated[
+        Positive,
+        Field(
+            description="Largest motion of its CoP meanwhile: a sole that rolls as it lands has no edge under it [m]"
+        ),
+    ]
+    still: Annotated[Positive, Field(description="Angular velocity below which it lies still [rad/s]")]
+    rest: Annotated[Positive, Field(description="Time at rest after which its orientation counts [s]")]
+    fallen: Annotated[
+        Positive,
+        Field(description="Least rotation of a sole at rest that has found ground on the other side of the edge [rad]"),
+    ]
+    regain: Annotated[
+        Positive, Field(description="Speed at which the area of a sole at rest that has turned less grows again [m/s]")
+    ]
+    strip: Annotated[Positive, Field(description="Least width of the area [m]")]
+    grain: Annotated[
+        Positive, Field(description="Resolution of the areas: each change costs the QP a new wrench cone [m]")
+    ]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LiftConfig:
-    """A robot that is lifted off the floor.
+    """A robot that is lifted off the floor."""
 
-    Attributes:
-        float_time: Without load on both feet, the posture is held and the gait waits after this time [s].
-        up_time: The robot counts as lifted and the walk ends after this time [s].
-        level_time: Duration of the return to the standing posture, in which it can be put down [s].
-        down_time: With load on both feet, it counts as put down after this time [s].
-    """
-
-    float_time: Positive
-    up_time: Positive
-    level_time: Positive
-    down_time: Positive
+    float_time: Annotated[
+        Positive,
+        Field(description="Without load on both feet, the posture is held and the gait waits after this time [s]"),
+    ]
+    up_time: Annotated[Positive, Field(description="The robot counts as lifted and the walk ends after this time [s]")]
+    level_time: Annotated[
+        Positive, Field(description="Duration of the return to the standing posture, in which it can be put down [s]")
+    ]
+    down_time: Annotated[
+        Positive, Field(description="With load on both feet, it counts as put down after this time [s]")
+    ]
 
 
 Part = TypeVar("Part", TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
@@ -255,7 +227,6 @@ class GaitConfig:
         astride_max: Distance beyond which it does not come to rest [m]; greater than ``astride``.
         anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
         anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-        timing, reach, velocity, swing, adjustment, route, ground, footing, lift: Parts.
     """
 
     leg: Positive
