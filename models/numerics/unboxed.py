@@ -11,13 +11,18 @@ number of arrays). Kernels read the record by its field::
         return data.record.vector[0]
 
 What an array holds may change, in Python and in kernels; which array it is, and numbers of the record, are fixed.
+
+Arrays read from a handle are borrowed: kernels do not count references to them, which would cost more than many a
+kernel does. So a kernel must not return one, nor store it in another record.
 """
 
 from __future__ import annotations
 
 from typing import Any, Generic, TypeVar
 
-from numba.core import types
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.imputils import lower_getattr
 from numba.experimental import structref
 
 from models.numerics.compiled import njit
@@ -37,6 +42,25 @@ class Unboxed(structref.StructRefProxy, Generic[T]):
 
 
 structref.define_proxy(Unboxed, _UnboxedType, ["record"])
+
+
+@lower_getattr(_UnboxedType, "record")
+def _read_record(context: Any, builder: Any, handle: Any, value: Any) -> Any:
+    """The record with borrowed arrays, instead of one with as many references taken as it has arrays."""
+    record = structref._Utils(context, builder, handle).get_data_struct(value).record
+    return _borrow(context, builder, handle.field_dict["record"], record)
+
+
+def _borrow(context: Any, builder: Any, kind: Any, value: ir.Value) -> ir.Value:
+    """An array, or the arrays of a record, without owner."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo, array.parent = (cgutils.get_null_value(each.type) for each in (array.meminfo, array.parent))
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        parts = zip(kind.types, cgutils.unpack_tuple(builder, value, len(kind)), strict=True)
+        return context.make_tuple(builder, kind, [_borrow(context, builder, *part) for part in parts])
+    return value
 
 
 @njit(cache=True)
