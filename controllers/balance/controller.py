@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +15,13 @@ from controllers.balance.head import Head
 from controllers.balance.kernels import feedback_gains
 from controllers.balance.motion_player import MotionPlayer
 from controllers.balance.posture_reference import PostureReference
-from controllers.balance.tick_kernels import BALANCE, blend_rotations, feedback_tick, standing_reference
-from controllers.qp.memory import Block
+from controllers.balance.tick_kernels import (
+    BalanceArrays,
+    blend_joints,
+    blend_rotations,
+    feedback_tick,
+    standing_reference,
+)
 from controllers.qp.terms import finite_state
 from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from controllers.whole_body.controller import WholeBodyController
@@ -25,6 +30,7 @@ from controllers.whole_body.tasks import Task
 from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import TrajectoryError
+from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel, corners_of
 from models.spline import min_jerk
 from models.types import (
@@ -41,7 +47,6 @@ from models.types import (
 from planners.gait.config import leg_length
 from planners.gait.state import GaitPhase, Rest
 
-_STANCE = 0.005  #: Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]
 _UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
 
 
@@ -132,34 +137,29 @@ class BalanceController:
         self.motions = MotionPlayer(model, config, head)
         self.no_step, self.walking = config.no_step, False
         posture = PostureReference(model)
-        shapes = ((2, 4, 3), (8,), (2, 3, 3), (2, 3), (3, 3), (3,), (2,), (2,), (3,), (3,), (3, 3), (3, 3))
-        self._block = block = Block(dict(zip(BALANCE, shapes, strict=True)))
-        block["corners"][:] = [foot.corners for foot in model.feet]
+        terms = self.whole_body.terms
+        self._arrays = arrays = BalanceArrays(
+            terms.dynamics.poses,
+            terms.com,
+            terms.com_velocity,
+            posture.tree,
+            posture.frames,
+            np.array([foot.corners for foot in model.feet]),
+            *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (3, 3), (3,), (3,))),
+            *(np.zeros(shape) for shape in ((3,), (3, 3), (3, 3), (2,), (2,), (3,))),
+        )
+        self._unboxed = unbox(arrays)
         height = self.whole_body.config.com
         standing, stepping = (
             np.array((*feedback_gains(gains, height), config.reaction_reach_max)) for gains in (config, config.stepping)
         )
         self.schedule = GainSchedule(self.whole_body)
-        self.schedule.add("balance", block["gains"], standing, stepping)
-        self.gains = block["gains"]
-        self._rotations, self._positions = block["rotations"], block["positions"]
-        self._anchor_rotation, self._anchor = block["anchor_rotation"], block["anchor"]
-        self._dcm, self._cmp = block["dcm"], block["cmp"]
-        terms = self.whole_body.terms
-        measured = terms.dynamics.poses, terms.com, terms.com_velocity
-        self._feedback: tuple[Any, ...] = GRAVITY, *measured, block.data, block.layout
-        self._standing = (
-            terms.dynamics.poses,
-            posture.tree,
-            posture.frames,
-            block.data,
-            block.layout,
-        )
+        self.schedule.add("balance", arrays.gains, standing, stepping)
+        self.gains = arrays.gains
         self._least_load = config.foothold_load * model.mass * GRAVITY
         self._nothing, self._no_shift = np.zeros(3), np.zeros(2)
         self._still = np.zeros((2, 6))
         self._data, self._leg = model.data(), leg_length(model)
-        self._apart = np.zeros(3)  # of the soles in 'stand', in the anchor frame [m]
         self._fresh, self._moved, self._share = True, False, 0.0
         self.reference: Reference
         self.capture_margin = 0.0
@@ -186,8 +186,9 @@ class BalanceController:
         self.whole_body.reset(state.q[7:])
         self.motions.reset(state.q[7:])
         # Nothing of an earlier run may remain, not even in the rounding: a reset controller is a new one.
-        self._anchor[:] = self._positions[:] = 0.0
-        self._anchor_rotation[:] = self._rotations[:] = np.eye(3)
+        arrays = self._arrays
+        arrays.anchor[:] = arrays.positions[:] = 0.0
+        arrays.anchor_rotation[:] = arrays.rotations[:] = np.eye(3)
         self._fresh, self._moved, self.walking = True, False, False
         self._set_share(0.0)
         self._begin(state)
@@ -249,9 +250,10 @@ class BalanceController:
         if not any(reference.contacts):
             return self._hang(state, reference)
         if self.whole_body.set_support_areas(reference.sole_areas):
-            self._block["corners"][:] = [corners_of(area) for area in self.whole_body.areas]
+            self._arrays.corners[:] = [corners_of(area) for area in self.whole_body.areas]
         led = reference.dcm is not None and reference.dcm_velocity is not None
         self.capture_margin = feedback_tick(
+            self._unboxed,
             *reference.contacts,
             reference.com,
             reference.com_velocity,
@@ -260,9 +262,8 @@ class BalanceController:
             led,
             reference.sole_positions,
             self._no_shift if reference.cmp_offset is None else reference.cmp_offset,
-            *self._feedback,
         )
-        self.whole_body.com_task.override = self._block["acceleration"]
+        self.whole_body.com_task.override = self._arrays.acceleration
         return self._result(*self.whole_body.step(state, reference))
 
     def _result(self, command: JointCommand, status: SolveStatus) -> ControlResult:
@@ -274,8 +275,8 @@ class BalanceController:
             acceleration=whole_body.acceleration,
             wrenches=whole_body.wrenches,
             com=whole_body.terms.com.copy(),
-            dcm=self._dcm.copy(),
-            zmp=self._cmp.copy(),
+            dcm=self._arrays.dcm.copy(),
+            zmp=self._arrays.cmp.copy(),
             solve_time=whole_body.solution.time,
         )
 
@@ -297,15 +298,13 @@ class BalanceController:
 
     def _refer(self, state: RobotState, dt: float) -> Reference:
         """Reference of this tick: that of the posture, that of the gait, or a blend."""
-        gait, standing = self.gait, self._stand(state, dt)
+        gait, (standing, dcm, height) = self.gait, self._stand(state, dt)
         if gait is None:
             return standing
-        standing.com[2] -= self._drop()
-        omega = np.sqrt(GRAVITY / max(standing.com[2] - self._anchor[2], 0.1))
         rest = Rest(
-            dcm=standing.com[:2] + standing.com_velocity[:2] / omega,
+            dcm=dcm,
             velocity=standing.com_velocity[:2],
-            height=float(standing.com[2] - self._anchor[2]),
+            height=height,
             walk=self.walking,
             step=not self.no_step,
             still=self._share == 0.0,
@@ -321,13 +320,14 @@ class BalanceController:
             return planned
         return self._blend(standing, planned, rest, gait.phase)
 
-    def _stand(self, state: RobotState, dt: float) -> Reference:
-        """Reference of the posture on the soles."""
+    def _stand(self, state: RobotState, dt: float) -> tuple[Reference, Vector, float]:
+        """Reference of the posture on the soles, its DCM in W (2,) [m] and the height of its CoM above them [m]."""
         posture, velocity, acceleration = self.motions.step(dt)
         moving = velocity is not self.motions.zero
         fresh, (left, right) = self._fresh, state.contacts
-        placed = np.empty((8, 3))
+        placed, arrays = np.empty((9, 3)), self._arrays
         standing_reference(
+            self._unboxed,
             posture,
             fresh or moving or self._moved,
             fresh,
@@ -336,30 +336,25 @@ class BalanceController:
             right.wrench,
             self._least_load,
             1.0 if fresh or self._share == 1.0 else min(dt / self.config.anchor_time_s, 1.0),
-            *self._standing,
+            0.0 if self.gait is None else self._leg,
             placed,
         )
         self._fresh, self._moved = False, moving
-        return Reference(
+        reference = Reference(
             com=placed[0],
             com_velocity=placed[1],
             com_acceleration=self._nothing,
             base_orientation=placed[2:5],
-            torso_orientation=placed[5:],
+            torso_orientation=placed[5:8],
             posture=posture,
             posture_velocity=velocity,
             posture_acceleration=acceleration,
-            sole_rotations=self._rotations,
-            sole_positions=self._positions,
+            sole_rotations=arrays.rotations,
+            sole_positions=arrays.positions,
             sole_velocities=self._still,
             sole_accelerations=self._still,
         )
-
-    def _drop(self) -> float:
-        """How much lower the CoM has to be for legs no longer than in 'stand', as the soles are farther apart [m]."""
-        away = self._anchor_rotation.T @ (self._positions[0] - self._positions[1]) - self._apart
-        half = min(max(0.5 * float(np.hypot(away[0], away[1])) - _STANCE, 0.0), 0.5 * self._leg)
-        return self._leg - float(np.sqrt(self._leg**2 - half**2))
+        return reference, placed[8, :2], float(placed[8, 2])
 
     def _advance(self, phase: GaitPhase, dt: float) -> None:
         """Share of the gait in the references: it rises when the gait starts and falls when it stands again."""
@@ -384,11 +379,19 @@ class BalanceController:
         Once a foot is in the air, DCM and soles are the gait's, and only body and joints are blended.
         """
         share = min_jerk(self._share)[0]
-        free, away = self.motions.free, planned.posture - standing.posture
-        weight = np.where(free, 0.0, share)
-        posture = standing.posture + weight * away
-        velocity = standing.posture_velocity + weight * (planned.posture_velocity - standing.posture_velocity)
-        acceleration = (1.0 - weight) * standing.posture_acceleration + weight * planned.posture_acceleration
+        joints = np.empty((3, len(standing.posture)))
+        blend_joints(
+            share,
+            self.motions.free,
+            standing.posture,
+            standing.posture_velocity,
+            standing.posture_acceleration,
+            planned.posture,
+            planned.posture_velocity,
+            planned.posture_acceleration,
+            joints,
+        )
+        posture, velocity, acceleration = joints
         if self._share == 1.0:
             return replace(planned, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
         bodies = np.empty((2, 3, 3))
@@ -433,10 +436,11 @@ class BalanceController:
         self.reset(state)
         if self.step(state, 1e-3).status is not SolveStatus.OPTIMAL:
             raise TrajectoryError(f"{model.name}: the whole-body QP has no solution at the standing posture")
-        self._apart = self._anchor_rotation.T @ (self._positions[0] - self._positions[1])
+        arrays = self._arrays
+        arrays.apart[:] = arrays.anchor_rotation.T @ (arrays.positions[0] - arrays.positions[1])
         planned = replace(self.reference, dcm=self.reference.com[:2].copy(), dcm_velocity=np.zeros(2))
         for contacts in ((True, True), (True, False), (False, True)):
             for offset in (None, np.zeros(2)):
                 self.track(state, replace(planned, contacts=contacts, cmp_offset=offset))
-        blend_rotations(planned.sole_rotations, planned.sole_rotations, 0.5, np.empty((2, 3, 3)))
         self.reset(state)
+        self._blend(planned, planned, Rest(planned.com[:2], planned.com_velocity[:2], 0.0), GaitPhase.STAND)

@@ -2,43 +2,51 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from controllers.balance.kernels import balance_feedback, move_footholds, place_reference
 from controllers.balance.posture_reference import posture_reference
-from controllers.qp.memory import part_1, part_2, part_3
 from controllers.qp.terms import follow_pose
+from models.constants import GRAVITY
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed
 from models.tree import KinematicTree, TreeFrames
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
-#: Parts of the block of ``BalanceController``; the last three are those of its ``PostureReference``
-BALANCE = (
-    "corners",
-    "gains",
-    "rotations",
-    "positions",
-    "anchor_rotation",
-    "anchor",
-    "dcm",
-    "cmp",
-    "acceleration",
-    "com",
-    "base",
-    "torso",
-)
-_CORNERS, _GAINS, _ROTATIONS, _POSITIONS, _ANCHOR_ROTATION, _ANCHOR = range(6)
-_DCM, _CMP, _ACCELERATION, _POSTURE_COM, _POSTURE_BASE, _POSTURE_TORSO = range(6, 12)
+_STANCE = 0.005  #: Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]
 
-#: Index of the gain that bounds the shift of the CMP [m]; those before it are the gains of ``balance_feedback``
-_REACH = 7
+
+class BalanceArrays(NamedTuple):
+    """Memory of ``BalanceController``, and what it measures, as compiled code takes them; all in W."""
+
+    poses: Array  #: Measured poses of both soles, and of other frames (frames, 4, 4)
+    com: Array  #: Measured CoM (3,)
+    com_velocity: Array  #: Its velocity (3,)
+    tree: KinematicTree  #: See ``posture_reference``
+    frames: TreeFrames  #: See ``posture_reference``
+    corners: Array  #: Of the areas that bear, in the sole frames (2, 4, 3)
+    gains: Array  #: Of ``balance_feedback``, then the largest shift of the CMP [m] (8,)
+    rotations: Array  #: Of the footholds (2, 3, 3)
+    positions: Array  #: Of the footholds (2, 3)
+    anchor_rotation: Array  #: See ``move_footholds`` (3, 3)
+    anchor: Array  #: See ``move_footholds`` (3,)
+    apart: Array  #: From the right to the left sole in 'stand', in the anchor frame (3,)
+    posture_com: Array  #: Of the last posture, in the anchor frame (3,)
+    posture_base: Array  #: Likewise (3, 3)
+    posture_torso: Array  #: Likewise (3, 3)
+    dcm: Array  #: Measured (2,)
+    cmp: Array  #: Commanded (2,)
+    acceleration: Array  #: Commanded, of the CoM (3,)
 
 
 @njit(cache=True)
 def standing_reference(
+    balance: Unboxed[BalanceArrays],
     joints: Array,
     moving: bool,
     fresh: bool,
@@ -47,16 +55,13 @@ def standing_reference(
     wrench_right: Array,
     least_load: float,
     share: float,
-    pose: Array,
-    tree: KinematicTree,
-    frames: TreeFrames,
-    balance: Array,
-    layout: Index,
+    leg: float,
     reference: Array,
 ) -> None:
     """Footholds, and the references that a posture means on them.
 
     Args:
+        balance: Of the controller.
         joints: Posture reference (nj,) [rad].
         moving: Whether it has changed since the last tick.
         fresh: Whether this is the first tick.
@@ -65,52 +70,67 @@ def standing_reference(
         wrench_right: On the right sole (6,).
         least_load: Normal force from which on a foot bears load; on the first tick both do [N].
         share: Share of the way that footholds go to the measured soles on this tick.
-        pose: Measured poses of both soles, and of other frames (frames, 4, 4).
-        tree: See ``posture_reference``.
-        frames: See ``posture_reference``.
-        balance: Block of ``BalanceController``.
-        layout: Its layout.
+        leg: Length of the legs, which are no longer than in 'stand': the CoM is lower where the soles are farther
+            apart; disabled when 0 [m].
         reference: Out, in W: CoM, its velocity, rotation of the base (3, 3) and of the torso (3, 3), one below the
-            other (8, 3).
+            other; then the DCM and the height of the CoM above the soles (9, 3).
     """
-    rotations, positions = part_3(balance, layout, _ROTATIONS), part_2(balance, layout, _POSITIONS)
-    anchor_rotation, anchor = part_2(balance, layout, _ANCHOR_ROTATION), part_1(balance, layout, _ANCHOR)
-    posture_com = part_1(balance, layout, _POSTURE_COM)
-    posture_base, posture_torso = part_2(balance, layout, _POSTURE_BASE), part_2(balance, layout, _POSTURE_TORSO)
-    velocity = np.zeros(3)
+    arrays, velocity = balance.record, np.zeros(3)
     if moving:
-        before = posture_com.copy()
-        posture_reference(joints, tree, frames, posture_com, posture_base, posture_torso)
+        before = arrays.posture_com.copy()
+        posture_reference(
+            joints, arrays.tree, arrays.frames, arrays.posture_com, arrays.posture_base, arrays.posture_torso
+        )
         if not fresh:
             for i in range(3):
-                velocity[i] = (posture_com[i] - before[i]) / dt
+                velocity[i] = (arrays.posture_com[i] - before[i]) / dt
     move_footholds(
-        pose[0],
-        pose[1],
+        arrays.poses[0],
+        arrays.poses[1],
         fresh or wrench_left[2] > least_load,
         fresh or wrench_right[2] > least_load,
         share,
-        rotations,
-        positions,
-        anchor_rotation,
-        anchor,
+        arrays.rotations,
+        arrays.positions,
+        arrays.anchor_rotation,
+        arrays.anchor,
     )
     place_reference(
-        anchor_rotation,
-        anchor,
-        posture_com,
+        arrays.anchor_rotation,
+        arrays.anchor,
+        arrays.posture_com,
         velocity,
-        posture_base,
-        posture_torso,
+        arrays.posture_base,
+        arrays.posture_torso,
         reference[0],
         reference[1],
         reference[2:5],
-        reference[5:],
+        reference[5:8],
     )
+    reference[0, 2] -= _drop(arrays, leg)
+    height = reference[0, 2] - arrays.anchor[2]
+    omega = np.sqrt(GRAVITY / max(height, 0.1))
+    reference[8, 0] = reference[0, 0] + reference[1, 0] / omega
+    reference[8, 1] = reference[0, 1] + reference[1, 1] / omega
+    reference[8, 2] = height
+
+
+@njit(cache=True)
+def _drop(arrays: BalanceArrays, leg: float) -> float:
+    """How much lower the CoM has to be for legs no longer than in 'stand', as the soles are farther apart [m]."""
+    square = 0.0
+    for axis in range(2):
+        away = -arrays.apart[axis]
+        for k in range(3):
+            away += arrays.anchor_rotation[k, axis] * (arrays.positions[0, k] - arrays.positions[1, k])
+        square += away * away
+    half = min(max(0.5 * np.sqrt(square) - _STANCE, 0.0), 0.5 * leg)
+    return float(leg - np.sqrt(leg * leg - half * half))
 
 
 @njit(cache=True)
 def feedback_tick(
+    balance: Unboxed[BalanceArrays],
     left: bool,
     right: bool,
     com: Array,
@@ -120,16 +140,11 @@ def feedback_tick(
     led: bool,
     sole_positions: Array,
     shift: Array,
-    gravity: float,
-    pose: Array,
-    measured: Array,
-    velocity_measured: Array,
-    balance: Array,
-    layout: Index,
 ) -> float:
     """DCM feedback of ``BalanceController``.
 
     Args:
+        balance: Of the controller.
         left: Whether the left foot is planned to bear load.
         right: Whether the right one is; both count where neither is.
         com: Desired, in W (3,).
@@ -139,28 +154,24 @@ def feedback_tick(
         led: Whether these two replace the horizontal part of the CoM reference.
         sole_positions: Footholds in W (2, 3).
         shift: Of the CMP, by the planned reaction of the swing leg in single support (2,) [m].
-        gravity: [m/s^2].
-        pose: Measured poses of both soles, and of other frames (frames, 4, 4).
-        measured: CoM in W (3,).
-        velocity_measured: Its velocity in W (3,).
-        balance: Block of ``BalanceController``.
-        layout: Its layout.
 
     Returns:
         Capture margin [m].
     """
-    soles, corners = pose[:2].copy(), part_3(balance, layout, _CORNERS).copy()
+    arrays = balance.record
+    measured, gains = arrays.com, arrays.gains
+    soles, corners = arrays.poses[:2].copy(), arrays.corners.copy()
     if left == right:
         ground = 0.5 * (sole_positions[0, 2] + sole_positions[1, 2])
     else:
         stance = 0 if left else 1
         ground = sole_positions[stance, 2]
         # Where the stance sole would be for the CMP to be inside it just when the CoP is inside the real one.
-        reach = part_1(balance, layout, _GAINS)[_REACH]
+        reach = gains[7]
         for i in range(2):
             soles[stance, i, 3] += min(max(shift[i], -reach), reach)
         soles[1 - stance], corners[1 - stance] = soles[stance], corners[stance]
-    omega = np.sqrt(gravity / max(measured[2] - ground, 0.1))
+    omega = np.sqrt(GRAVITY / max(measured[2] - ground, 0.1))
     position, velocity = com.copy(), com_velocity.copy()
     if led:  # the CoM reference that has this DCM and drift
         for i in range(2):
@@ -168,19 +179,39 @@ def feedback_tick(
             position[i] = dcm[i] - velocity[i] / omega
     return balance_feedback(
         measured,
-        velocity_measured,
+        arrays.com_velocity,
         position,
         velocity,
         ground,
-        gravity,
+        GRAVITY,
         soles[0],
         soles[1],
         corners,
-        part_1(balance, layout, _GAINS),
-        part_1(balance, layout, _DCM),
-        part_1(balance, layout, _CMP),
-        part_1(balance, layout, _ACCELERATION),
+        gains,
+        arrays.dcm,
+        arrays.cmp,
+        arrays.acceleration,
     )
+
+
+@njit(cache=True)
+def blend_joints(
+    share: float,
+    free: Flags,
+    q: Array,
+    v: Array,
+    a: Array,
+    planned_q: Array,
+    planned_v: Array,
+    planned_a: Array,
+    out: Array,
+) -> None:
+    """Positions, velocities and accelerations a share of the way to planned ones; free joints keep theirs (3, nj)."""
+    for j in range(q.shape[0]):
+        weight = 0.0 if free[j] else share
+        out[0, j] = q[j] + weight * (planned_q[j] - q[j])
+        out[1, j] = v[j] + weight * (planned_v[j] - v[j])
+        out[2, j] = (1.0 - weight) * a[j] + weight * planned_a[j]
 
 
 @njit(cache=True)

@@ -19,20 +19,9 @@ from controllers.qp.active_set import (
     make_workspace,
     mark_broken,
 )
-from controllers.qp.memory import Block, part_1, part_2, part_3
 from controllers.qp.solve import QPSolver
 from models.robot_model import RobotModel
 from models.types import SolveStatus
-
-
-def test_parts_of_a_block_are_its_memory() -> None:
-    block = Block({"a": (2,), "b": (2, 3), "c": (2, 3, 4)})
-    block["a"][:], block["b"][:], block["c"][:] = 1.0, np.arange(6).reshape(2, 3), 3.0
-    np.testing.assert_array_equal(part_1(block.data, block.layout, 0), [1.0, 1.0])
-    np.testing.assert_array_equal(part_2(block.data, block.layout, 1), block["b"])
-    part_3(block.data, block.layout, 2)[1, 2, 3] = 9.0
-    assert block["c"][1, 2, 3] == 9.0
-    assert block.data.size == 2 + 6 + 24
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
