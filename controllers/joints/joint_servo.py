@@ -79,11 +79,11 @@ class JointServo:
         self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
         self._limiter = TorqueLimiter(model, self.config.position_margin, self.config.velocity_margin)
         # Rows of a setpoint: q, v, tau, kp, kd
-        self._setpoint, self._incoming, self._faded = np.zeros((3, 5, nj))
+        self._setpoint, self._faded = np.zeros((2, 5, nj))
         self._setpoint[3:] = self._gains
         self._damped, self._drive = np.zeros((2, 5, nj))
         self._command = JointCommand(*self._drive)
-        self._torques, self._measured = np.zeros((2, nj)), np.zeros((2, nj))  # desired and limited; q and v
+        self._torques = np.zeros((2, nj))  # desired and limited
         self._tau_at_fault = np.zeros(nj)
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
@@ -93,6 +93,10 @@ class JointServo:
         self._last_command = 0.0
         self._deadline = inf
         self._fault_time: float | None = None
+        # Compiles the kernels now: the loop itself never waits for a compiler.
+        _accept(*self._drive, self._low, self._high, self._faded)
+        drive_torque(model, self._command, self._tau_at_fault, self._tau_at_fault)
+        _fit(self._damped, *self._torques, self._drive)
 
     @property
     def sensor_faults(self) -> int:
@@ -148,14 +152,13 @@ class JointServo:
         """
         if self.state is not ServoState.ACTIVE:
             return False
-        new, gains = self._incoming, self._gains
+        gains = self._gains
         kp, kd = gains[0] if cmd.kp is None else cmd.kp, gains[1] if cmd.kd is None else cmd.kd
         shape = kp.shape
         if not cmd.q.shape == cmd.v.shape == cmd.tau.shape == kd.shape == shape == gains[0].shape:
             self.refused += 1
             return False
-        new[0], new[1], new[2], new[3], new[4] = cmd.q, cmd.v, cmd.tau, kp, kd
-        if not _accept(new, self._low, self._high, self._setpoint):
+        if not _accept(cmd.q, cmd.v, cmd.tau, kp, kd, self._low, self._high, self._setpoint):
             self.refused += 1
             return False
         self._sampler = None
@@ -218,9 +221,8 @@ class JointServo:
         else:
             desired = self._damped
             self._damp(t, desired)
-        measured, (desired_tau, limited) = self._measured, self._torques
-        measured[0], measured[1] = q, v
-        _pd(desired, measured, desired_tau)
+        desired_tau, limited = self._torques
+        _pd(*desired, q, v, desired_tau)
         limited[:] = desired_tau
         tau = self._limiter.limit(q, v, dt, limited)
         _fit(desired, desired_tau, tau, self._drive)
@@ -273,36 +275,52 @@ def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector)
     Zero where a measurement that a gain acts on is not finite.
     """
     kp, kd = model.kp if command.kp is None else command.kp, model.kd if command.kd is None else command.kd
-    desired = np.array([command.q, command.v, command.tau, kp, kd])  # (5, nj)
     tau = np.empty(len(q))
-    _pd(desired, np.array([q, v]), tau)
-    tau[~np.isfinite(tau)] = 0.0
+    _finite_pd(command.q, command.v, command.tau, kp, kd, q, v, tau)
     return tau
 
 
-@njit("boolean(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])", cache=True)
-def _accept(new: Matrix, low: Matrix, high: Matrix, setpoint: Matrix) -> bool:
+@njit(cache=True)
+def _accept(
+    q: Vector, v: Vector, tau: Vector, kp: Vector, kd: Vector, low: Matrix, high: Matrix, setpoint: Matrix
+) -> bool:
     """Put a new setpoint (5, nj) in force, q, v and tau clipped to ``low``, ``high`` (3, nj); False when invalid."""
-    if not np.isfinite(new).all() or (new[3:] < 0.0).any():
-        return False
-    for i in range(3):
-        for j in range(new.shape[1]):
-            setpoint[i, j] = max(min(new[i, j], high[i, j]), low[i, j])
-    setpoint[3:] = new[3:]
+    for j in range(q.shape[0]):
+        if not (np.isfinite(q[j]) and np.isfinite(v[j]) and np.isfinite(tau[j])):
+            return False
+        if not (0.0 <= kp[j] < np.inf and 0.0 <= kd[j] < np.inf):
+            return False
+    for j in range(q.shape[0]):
+        setpoint[0, j] = max(min(q[j], high[0, j]), low[0, j])
+        setpoint[1, j] = max(min(v[j], high[1, j]), low[1, j])
+        setpoint[2, j] = max(min(tau[j], high[2, j]), low[2, j])
+        setpoint[3, j], setpoint[4, j] = kp[j], kd[j]
     return True
 
 
-@njit("void(float64[:, ::1], float64[:, ::1], float64[::1])", cache=True)
-def _pd(desired: Matrix, measured: Matrix, tau: Vector) -> None:
-    """Torques (nj,) of PD and feed-forward about a setpoint (5, nj), from measured q and v (2, nj)."""
+@njit(cache=True)
+def _pd(
+    desired_q: Vector, desired_v: Vector, feedforward: Vector, kp: Vector, kd: Vector, q: Vector, v: Vector, tau: Vector
+) -> None:
+    """Torques of PD and feed-forward about a setpoint; all (nj,)."""
     for j in range(tau.shape[0]):
-        tau[j] = desired[2, j]
-        if desired[3, j] != 0.0 or desired[4, j] != 0.0:
-            stiff = (desired[0, j] - measured[0, j]) * desired[3, j]
-            tau[j] = stiff + (desired[1, j] - measured[1, j]) * desired[4, j] + desired[2, j]
+        tau[j] = feedforward[j]
+        if kp[j] != 0.0 or kd[j] != 0.0:
+            tau[j] = (desired_q[j] - q[j]) * kp[j] + (desired_v[j] - v[j]) * kd[j] + feedforward[j]
 
 
-@njit("void(float64[:, ::1], float64[::1], float64[::1], float64[:, ::1])", cache=True)
+@njit(cache=True)
+def _finite_pd(
+    desired_q: Vector, desired_v: Vector, feedforward: Vector, kp: Vector, kd: Vector, q: Vector, v: Vector, tau: Vector
+) -> None:
+    """As ``_pd``, zero where the torque is not finite."""
+    _pd(desired_q, desired_v, feedforward, kp, kd, q, v, tau)
+    for j in range(tau.shape[0]):
+        if not np.isfinite(tau[j]):
+            tau[j] = 0.0
+
+
+@njit(cache=True)
 def _fit(desired: Matrix, desired_tau: Vector, tau: Vector, drive: Matrix) -> None:
     """Command of the drives (5, nj): the setpoint where its torque is not limited, else the limited torque alone."""
     for j in range(tau.shape[0]):

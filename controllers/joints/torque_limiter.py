@@ -41,9 +41,8 @@ class TorqueLimiter:
         self._fade_rate = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
         self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
         self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
-        self._measured = np.zeros((2, nj))
         # Compiles both kernels now: the loop itself never waits for a compiler.
-        _bound(self._measured, self._centre, self._inverse_half, self._tau_max, np.zeros(nj))
+        _bound(self.tau, self.tau, self._centre, self._inverse_half, self._tau_max, np.zeros(nj))
         _approach(np.zeros(nj), self._tau_rate_max, 0.0, self.tau)
 
     def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
@@ -51,35 +50,33 @@ class TorqueLimiter:
 
         ``target`` holds the desired torques (nj,) [N.m] and is overwritten.
         """
-        measured = self._measured
-        measured[0], measured[1] = q, v
-        if not _bound(measured, self._centre, self._inverse_half, self._tau_max, target):
-            self._fade(target)
+        if not _bound(q, v, self._centre, self._inverse_half, self._tau_max, target):
+            self._fade(np.array((q, v)), target)
         _approach(target, self._tau_rate_max, dt, self.tau)
         return self.tau
 
-    def _fade(self, target: Vector) -> None:
+    def _fade(self, measured: Matrix, target: Vector) -> None:
         """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
-        up = np.minimum(((self._fade_high - self._measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
-        down = np.minimum(((self._measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
+        up = np.minimum(((self._fade_high - measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
+        down = np.minimum(((measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
         np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
         np.maximum(target, np.maximum(down, 0.0) * -self._tau_max, out=target)
-        blind = ~(np.isfinite(self._measured).all(axis=0) & np.isfinite(target))  # (nj,)
+        blind = ~(np.isfinite(measured).all(axis=0) & np.isfinite(target))  # (nj,)
         if blind.any():
             self.sensor_faults += 1
             target[blind] = 0.0
 
 
 @njit(cache=True)
-def _bound(measured: Matrix, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
+def _bound(q: Vector, v: Vector, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
     """Limit torques (nj,) to ``most`` where no torque needs to fade; returns False, and does nothing, elsewhere.
 
-    ``measured`` is q and v (2, nj); ``centre`` and ``inverse_half`` describe the box in which no torque needs to fade.
+    ``centre`` and ``inverse_half`` (2, nj) describe the box of q and v in which no torque needs to fade.
     """
-    for i in range(2):
-        for j in range(target.shape[0]):
-            if not abs((measured[i, j] - centre[i, j]) * inverse_half[i, j]) <= 1.0:  # nor where it is not a number
-                return False
+    for j in range(target.shape[0]):
+        position, speed = (q[j] - centre[0, j]) * inverse_half[0, j], (v[j] - centre[1, j]) * inverse_half[1, j]
+        if not (abs(position) <= 1.0 and abs(speed) <= 1.0):  # nor where it is not a number
+            return False
     for j in range(target.shape[0]):
         target[j] = np.maximum(np.minimum(target[j], most[j]), -most[j])
     return True
