@@ -17,7 +17,6 @@ from controllers.balance.motion_player import MotionPlayer
 from controllers.balance.posture_reference import PostureReference
 from controllers.balance.tick_kernels import (
     BalanceArrays,
-    blend_joints,
     blend_rotations,
     feedback_tick,
     standing_reference,
@@ -379,19 +378,11 @@ class BalanceController:
         Once a foot is in the air, DCM and soles are the gait's, and only body and joints are blended.
         """
         share = min_jerk(self._share)[0]
-        joints = np.empty((3, len(standing.posture)))
-        blend_joints(
-            share,
-            self.motions.free,
-            standing.posture,
-            standing.posture_velocity,
-            standing.posture_acceleration,
-            planned.posture,
-            planned.posture_velocity,
-            planned.posture_acceleration,
-            joints,
-        )
-        posture, velocity, acceleration = joints
+        free, away = self.motions.free, planned.posture - standing.posture
+        weight = np.where(free, 0.0, share)
+        posture = standing.posture + weight * away
+        velocity = standing.posture_velocity + weight * (planned.posture_velocity - standing.posture_velocity)
+        acceleration = (1.0 - weight) * standing.posture_acceleration + weight * planned.posture_acceleration
         if self._share == 1.0:
             return replace(planned, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
         bodies = np.empty((2, 3, 3))

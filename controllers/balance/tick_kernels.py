@@ -16,7 +16,6 @@ from models.numerics.unboxed import Unboxed
 from models.tree import KinematicTree, TreeFrames
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _STANCE = 0.005  #: Displacement of each sole from the 'stand' stance up to which the legs are long enough [m]
 
@@ -192,26 +191,6 @@ def feedback_tick(
         arrays.cmp,
         arrays.acceleration,
     )
-
-
-@njit(cache=True)
-def blend_joints(
-    share: float,
-    free: Flags,
-    q: Array,
-    v: Array,
-    a: Array,
-    planned_q: Array,
-    planned_v: Array,
-    planned_a: Array,
-    out: Array,
-) -> None:
-    """Positions, velocities and accelerations a share of the way to planned ones; free joints keep theirs (3, nj)."""
-    for j in range(q.shape[0]):
-        weight = 0.0 if free[j] else share
-        out[0, j] = q[j] + weight * (planned_q[j] - q[j])
-        out[1, j] = v[j] + weight * (planned_v[j] - v[j])
-        out[2, j] = (1.0 - weight) * a[j] + weight * planned_a[j]
 
 
 @njit(cache=True)
