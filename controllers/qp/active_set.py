@@ -67,7 +67,7 @@ def make_workspace(qp: QP) -> Workspace:
     )
 
 
-@njit(cache=True, fastmath={"reassoc"})
+@njit(cache=True, forceinline=True, fastmath={"reassoc"})
 def all_finite(qp: QP) -> bool:
     """Whether Hessian, gradient and rows hold neither NaN nor infinity, and the bounds no NaN (a sum shows either)."""
     total = 0.0
@@ -137,7 +137,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
     return np.inf
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
     """Minimiser of the cost alone, ``z = -H^-1 f`` (nz,), by Cholesky factors; it solves the QP when it breaks no row.
 
@@ -174,7 +174,7 @@ def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
     return worst / scale
 
 
-@njit(cache=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def mark_broken(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
     """Add the rows that a point breaks by more than ``tolerance (1 + |value|)`` to ``marks``; returns their number."""
     count = 0

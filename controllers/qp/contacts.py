@@ -80,7 +80,7 @@ class ContactGains(NamedTuple):
     wrench_scale: float  # of phi, so that all of z has similar size [N]
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def eliminate(
     terms: Dynamics,
     rotations: Array,
@@ -108,7 +108,7 @@ def eliminate(
     _reduce_wrenches(terms, gains.wrench_scale, inverses, reduction)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def hold_contact(pose: Array, twist: Array, rotation: Array, position: Array, gains: ContactGains, out: Array) -> None:
     """Bounded acceleration that returns a contact to its place, in its frame (6,)."""
     pose_error(pose, rotation, position, out)
@@ -117,7 +117,7 @@ def hold_contact(pose: Array, twist: Array, rotation: Array, position: Array, ga
         out[i] = min(max(gains.stiffness[i] * out[i] - gains.damping[i] * twist[i], -limit), limit)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, reduction: Reduction) -> None:
     """Fill ``a = N z + a0``, and ``X_i^-1`` of each active contact (k, 6, 6)."""
     basis, start, upper = reduction.basis, reduction.start, reduction.upper
@@ -178,7 +178,7 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, redu
                 basis[i, nu + c] -= value * free[j, c]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, forceinline=True, fastmath={"contract"})
 def _reduce_wrenches(terms: Dynamics, scale: float, inverses: Array, reduction: Reduction) -> None:
     """Fill ``w_i = P_i z + p_i`` from the floating-base rows; ``scale`` is that of phi [N]."""
     maps, offsets = reduction.maps, reduction.offsets
@@ -208,7 +208,7 @@ def _reduce_wrenches(terms: Dynamics, scale: float, inverses: Array, reduction: 
                         maps[contact, i, na + 6 * other + m] += scale * value
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, forceinline=True, fastmath={"contract"})
 def reduce_row(row: Array, scale: float, reduction: Reduction, out: Array) -> float:
     """``out[:na] = scale row N``; returns ``scale row a0``.
 

@@ -250,13 +250,13 @@ def _update(model: Unboxed[ModelTerms]) -> None:
         _frame_terms(dynamics, tree, frame, GRAVITY)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def frame_of(dynamics: Dynamics, frame: int) -> FrameTerms:
     """Terms of one frame by its place."""
     return FrameTerms(dynamics.poses[frame], dynamics.jacobians[frame], dynamics.twists[frame], dynamics.drifts[frame])
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> None:
     """Pose, Jacobian, twist and drift of one frame.
 
@@ -308,7 +308,7 @@ def _frame_terms(terms: Dynamics, tree: _Tree, frame: int, gravity: float) -> No
     drift[2] += twist[3] * twist[1] - twist[4] * twist[0]
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _centroidal_terms(terms: Dynamics, out: Centroid, mass: float, gravity: float) -> None:
     """CoM and centroidal angular momentum from the free-flyer rows of the dynamics.
 

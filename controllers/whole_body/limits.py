@@ -168,7 +168,7 @@ class JointLimit(Limit):
         return len(self.lower)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _joint_rows(
     terms: Dynamics, bounds: JointBounds, lower: Array, upper: Array, reduction: Reduction, rows: Rows
 ) -> None:
@@ -205,7 +205,7 @@ class TorqueLimit(Limit):
         return len(self.largest)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, forceinline=True, fastmath={"contract"})
 def _torque_rows(terms: Dynamics, reduction: Reduction, largest: Array, rows: Rows) -> None:
     basis, start, mass = reduction.basis, reduction.start, terms.mass_matrix
     matrix, upper = rows.matrix, reduction.upper
@@ -292,7 +292,7 @@ class WrenchConeLimit(Limit):
         return CONE_ROWS * contacts
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, forceinline=True, fastmath={"contract"})
 def _cone_rows(cone: Array, cone_lower: Array, cone_upper: Array, reduction: Reduction, rows: Rows) -> None:
     matrix, nz = rows.matrix, rows.matrix.shape[1]
     used = 0
@@ -404,7 +404,7 @@ class BodyLimits(NamedTuple):
         return LimitArrays(joints.bounds, joints.lower, joints.upper, *cone, self.torque.largest)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def limit_rows(limits: LimitArrays, terms: Dynamics, reduction: Reduction, rows: LimitRows) -> None:
     """Rows of joints, wrench cones and torques, through ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
     _joint_rows(terms, limits.bounds, limits.lower, limits.upper, reduction, rows.joints)

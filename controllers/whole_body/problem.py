@@ -278,7 +278,7 @@ def _build(
     limit_rows(shared.limits, dynamics, reduction, arrays.rows)
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, forceinline=True, fastmath={"contract"})
 def _assemble_cost(stack: Stack, reduction: Reduction, regularisation: float, hessian: Array, gradient: Array) -> None:
     """Cost ``1/2 z'Hz + f'z`` of tasks, posture and wrenches, through ``a = N z + a0`` and ``w_i = P_i z + p_i``."""
     m, nz = stack.jacobian.shape[0], hessian.shape[0]

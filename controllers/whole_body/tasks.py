@@ -132,7 +132,7 @@ class CoMTask(GainTask):
         _com_rows(self.arrays, terms.centroid, reference.com, self.desired(terms, reference))
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _com_rows(task: TaskArrays, terms: Centroid, com: Array, acceleration: Array) -> None:
     task.jacobian[:] = terms.com_jacobian
     for i in range(3):
@@ -157,7 +157,7 @@ class AngularMomentumTask(GainTask):
         _momentum_rows(self.arrays, terms.centroid)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _momentum_rows(task: TaskArrays, terms: Centroid) -> None:
     task.jacobian[:] = terms.momentum_matrix
     for i in range(3):
@@ -184,7 +184,7 @@ class PostureTask(GainTask):
         _posture_rows(self.arrays, terms.dynamics, reference.posture, rate, acceleration)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _posture_rows(task: TaskArrays, terms: Dynamics, desired: Array, rate: Array, feedforward: Array) -> None:
     for j in range(task.target.shape[0]):
         task.error[j] = desired[j] - terms.q[7 + j]
@@ -264,7 +264,7 @@ class FrameOrientationTask(GainTask):
         _orientation_rows(self.arrays, frame, desired, reference.heading_rate)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _orientation_rows(task: TaskArrays, frame: FrameTerms, desired: Array, heading_rate: float) -> None:
     rotation_error(frame.pose, desired, task.error)
     for i in range(3):
@@ -300,7 +300,7 @@ class FootTask(GainTask):
         )
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _foot_rows(
     task: TaskArrays, frame: FrameTerms, rotation: Array, position: Array, velocity: Array, acceleration: Array
 ) -> None:
@@ -378,7 +378,7 @@ class BodyTasks:
         return BodyArrays(com, momentum, base, torso, (left, right), posture)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def body_rows(tasks: BodyArrays, terms: ModelTerms, desired: Desired) -> None:
     """Rows and weights in force of the active tasks; those of inactive ones stay."""
     dynamics, centroid = terms.dynamics, terms.centroid
@@ -406,7 +406,7 @@ def body_rows(tasks: BodyArrays, terms: ModelTerms, desired: Desired) -> None:
         _posture_rows(tasks.posture, dynamics, desired.posture, rates, accelerations)
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def _weigh(task: TaskArrays) -> bool:
     """Set the weights in force; returns whether the task is active."""
     active = task.active[0]

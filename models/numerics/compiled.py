@@ -4,6 +4,9 @@ numba's own cache depends on path and modification time of the kernel's file alo
 file would keep the old machine code after a change of that file, and every checkout would compile anew. Here each
 source file has a cache folder named after a hash of the file and of every kernel source that it imports.
 
+Parts of a kernel that take records are compiled into it (``forceinline``): a call would copy every field of a record,
+used or not, and the instructions that do so would crowd the cache.
+
 Environment:
     NUMBA_CACHE_DIR: Parent of these folders, instead of ``$XDG_CACHE_HOME/poise/numba``.
 """
