@@ -94,9 +94,11 @@ class JointServo:
         self._deadline = inf
         self._fault_time: float | None = None
         # Compiles the kernels now: the loop itself never waits for a compiler.
-        _accept(*self._drive, self._low, self._high, self._faded)
-        drive_torque(model, self._command, self._tau_at_fault, self._tau_at_fault)
-        _fit(self._damped, *self._torques, self._drive)
+        q, v, tau, kp, kd = self._drive
+        _accept(q, v, tau, kp, kd, self._low, self._high, self._faded)
+        _pd(q, v, tau, kp, kd, q, v, self._tau_at_fault)
+        drive_torque(model, self._command, q, v)
+        _fit(self._damped, tau, tau, self._drive)
 
     @property
     def sensor_faults(self) -> int:
@@ -222,7 +224,8 @@ class JointServo:
             desired = self._damped
             self._damp(t, desired)
         desired_tau, limited = self._torques
-        _pd(*desired, q, v, desired_tau)
+        desired_q, desired_v, feedforward, kp, kd = desired
+        _pd(desired_q, desired_v, feedforward, kp, kd, q, v, desired_tau)
         limited[:] = desired_tau
         tau = self._limiter.limit(q, v, dt, limited)
         _fit(desired, desired_tau, tau, self._drive)

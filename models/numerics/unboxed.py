@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from typing import Any, Generic, TypeVar
 
-from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import lower_getattr
 from numba.experimental import structref
@@ -51,14 +50,15 @@ def _read_record(context: Any, builder: Any, handle: Any, value: Any) -> Any:
     return _borrow(context, builder, handle.field_dict["record"], record)
 
 
-def _borrow(context: Any, builder: Any, kind: Any, value: ir.Value) -> ir.Value:
+def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """An array, or the arrays of a record, without owner."""
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
         array.meminfo, array.parent = (cgutils.get_null_value(each.type) for each in (array.meminfo, array.parent))
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
-        parts = zip(kind.types, cgutils.unpack_tuple(builder, value, len(kind)), strict=True)
+        kinds: Any = kind
+        parts = zip(kinds, cgutils.unpack_tuple(builder, value, len(kinds)), strict=True)
         return context.make_tuple(builder, kind, [_borrow(context, builder, *part) for part in parts])
     return value
 
