@@ -10,8 +10,8 @@ from msgspec import structs
 
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.feet import NOT_FINITE, UNKNOWN, ContactDetector, FootSensorMonitor, SlipMonitor
-from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.kinematics import SoleKinematics, base_covariance, base_state
+from controllers.estimation.filter import Filter, InvariantFilter
+from controllers.estimation.kinematics import SoleChains, SoleKinematics, base_covariance, base_state
 from controllers.estimation.observer import ForceObserver
 from controllers.estimation.samples import (
     BAD_FEET,
@@ -26,6 +26,8 @@ from controllers.estimation.samples import (
 )
 from models.config import default_config
 from models.errors import MessageError
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed
 from models.robot_model import RobotModel
 from models.types import CentroidalState, ContactState, Matrix, PushEstimate, RobotState, SensorData, Vector
 
@@ -261,12 +263,8 @@ class StateEstimator:
 
     def _configuration(self) -> tuple[Vector, Vector]:
         """Configuration (nq,) and velocity (nv,) of the filter's estimate, in new arrays."""
-        buffer, state = self._buffer, self.filter.state
-        q = np.empty(self._model.nq)
-        v = np.empty(self._model.nv)
-        base_state(
-            state.rotation, state.vectors, state.biases, buffer.imu[0], buffer.joints, self._kinematics.imu, q, v
-        )
+        q, v = np.empty(self._model.nq), np.empty(self._model.nv)
+        _configure(self._buffer.imu, self._buffer.joints, self.filter.unboxed, self._kinematics.unboxed, q, v)
         return q, v
 
     def _state(self) -> RobotState:
@@ -285,3 +283,12 @@ class StateEstimator:
                 ContactState(bool(active[1]), wrenches[1]),
             ),
         )
+
+
+@njit(cache=True)
+def _configure(
+    imu: Matrix, joints: Matrix, memory: Unboxed[Filter], chains: Unboxed[SoleChains], q: Vector, v: Vector
+) -> None:
+    """``base_state`` of the filter's state; ``imu`` starts with the measured rate (2, 3)."""
+    state = memory.record.state
+    base_state(state.rotation, state.vectors, state.biases, imu[0], joints, chains.record.imu, q, v)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
 from controllers.estimation.observer import ForceObserver
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -50,13 +51,25 @@ class SensorLimits(NamedTuple):
     settle_time: float
 
 
+class _Sensors(NamedTuple):
+    """Limits and state of ``FootSensorMonitor``."""
+
+    limits: SensorLimits
+    fault: Array  # (2,)
+    timers: Array  # of absence, contradiction and agreement, per foot (2, 3) [s]
+    last: Array  # readings (2, 6)
+    counts: Array  # (2,)
+    used: Array  # (2, 6)
+    doubt: Array  # time for which a sensor stays in doubt (1,) [s]
+
+
 @njit(cache=True)
 def _judge(
     samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
-    expected: Array, limits: SensorLimits, dt: float, fault: Array, timers: Array, last: Array, counts: Array,
-    used: Array, doubt: Array,
+    expected: Array, dt: float, sensors: Unboxed[_Sensors],
 ) -> bool:  # fmt: skip
-    """One step of ``FootSensorMonitor``; ``timers``: of absence, contradiction and agreement, per foot [s]."""
+    """One step of ``FootSensorMonitor``."""
+    limits, fault, timers, last, counts, used, doubt = sensors.record
     wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
     wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
     doubt[0] = max(doubt[0] - dt, 0.0)
@@ -137,6 +150,9 @@ class FootSensorMonitor:
         self.changed = False
         self._doubt = np.zeros(1)
         self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
+        self._unboxed = unbox(
+            _Sensors(self._limits, self.fault, self._timers, self._last, self.counts, self.used, self._doubt)
+        )
 
     @property
     def doubtful(self) -> bool:
@@ -165,9 +181,8 @@ class FootSensorMonitor:
         the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
         """
         self.changed = _judge(
-            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected,
-            self._limits, dt, self.fault, self._timers, self._last, self.counts, self.used,
-            self._doubt,
+            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected, dt,
+            self._unboxed,
         )  # fmt: skip
 
 
@@ -190,12 +205,25 @@ class ContactLimits(NamedTuple):
     flat: float
 
 
+class _Contacts(NamedTuple):
+    """Limits and state of ``ContactDetector``."""
+
+    limits: ContactLimits
+    rectangles: Array  # of the soles (2, 4) [m]
+    active: Array  # (2,)
+    timers: Array  # time above ``load_on`` (2,) [s]
+    confidence: Array  # (2, 2)
+    cops: Array  # (2, 2)
+    pivots: Array  # (2, 2)
+    densities: Array  # (2, 2)
+
+
 @njit(cache=True)
 def _assess(
-    wrenches: Array, samples: Array, fault: Array, expected: Array, limits: ContactLimits, rectangles: Array,
-    dt: float, active: Array, timers: Array, confidence: Array, cops: Array, pivots: Array, densities: Array,
-) -> None:  # fmt: skip
+    wrenches: Array, samples: Array, fault: Array, expected: Array, dt: float, contacts: Unboxed[_Contacts]
+) -> None:
     """One step of ``ContactDetector``."""
+    limits, rectangles, active, timers, confidence, cops, pivots, densities = contacts.record
     full, delay, edge_margin = limits.load_full, limits.on_delay, limits.edge_margin
     for foot in range(2):
         load = wrenches[foot, 2]
@@ -277,13 +305,15 @@ class ContactDetector:
             tipping=math.log(noise.tipping),
             flat=math.log(noise.flat),
         )
-        self._rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
+        rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
         self.active = np.zeros(2)
         self._timers = np.zeros(2)
         self.confidence = np.zeros((2, 2))
         self.cops = np.zeros((2, 2))
         self.pivots = np.zeros((2, 2))
         self.densities = np.zeros((2, 2))
+        arrays = rectangles, self.active, self._timers, self.confidence, self.cops, self.pivots, self.densities
+        self._unboxed = unbox(_Contacts(self._limits, *arrays))
         self.reset(np.zeros((2, 6)), np.zeros(2))
 
     def reset(self, wrenches: Matrix, fault: Vector) -> None:
@@ -299,10 +329,7 @@ class ContactDetector:
         ``samples`` is the state of each foot's sample, as in ``SensorBuffer`` (2,); ``fault`` is not 0 where the wrench
         comes from the leg torques (2,); ``expected`` is as in ``FootSensorMonitor.update``.
         """
-        _assess(
-            wrenches, samples, fault, expected, self._limits, self._rectangles, dt, self.active, self._timers,
-            self.confidence, self.cops, self.pivots, self.densities,
-        )  # fmt: skip
+        _assess(wrenches, samples, fault, expected, dt, self._unboxed)
 
 
 class SlipLimits(NamedTuple):

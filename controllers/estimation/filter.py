@@ -18,6 +18,7 @@ References:
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from controllers.estimation.filter_kernels import (
     SIZE,
     SOLE,
     VELOCITY,
+    Array,
     FilterState,
     Index,
     ProcessNoise,
@@ -41,6 +43,8 @@ from controllers.estimation.filter_kernels import (
     predict,
     retract,
 )
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
 
 _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
@@ -55,8 +59,38 @@ _REST_PLUS = np.array([VELOCITY, VELOCITY + 1, VELOCITY + 2])
 _REST_MINUS = np.full(3, -1)
 
 
+class NoiseLimits(NamedTuple):
+    """``FootNoise`` for kernels; exponents are shares of the way from ``swing`` to ``slip``, as logarithms [-]."""
+
+    swing: float
+    slip: float
+    pivot: float
+    settle_time: float
+    settling: float  # exponent of the height of a sole that has just landed
+    sink: float  # exponent of the height of one that has settled
+    creep: float  # exponent of the horizontal position of one that has just landed
+    middle: float  # geometric mean of the random walks of a swinging and a bearing foot [m/sqrt(s)]
+    middle_rotation: float  # of a tipping and a flat one [rad/sqrt(s)]
+
+
+class Filter(NamedTuple):
+    """State, constants and memory of ``InvariantFilter``."""
+
+    state: FilterState
+    limits: NoiseLimits
+    densities: Array  # squared, of rate, specific force and the walks of their biases (4,)
+    persistence: float  # of the error of the measured sole poses [s]
+    gravity: float  # [m/s^2]
+    gate: float  # [-]
+    noise: ProcessNoise
+    error: Array  # (27,)
+
+
 class InvariantFilter:
-    """The filter; ``state`` is updated in place, and its ``innovation`` is 6 on average."""
+    """The filter; ``state`` is updated in place, and its ``innovation`` is 6 on average.
+
+    ``unboxed`` is the state, with constants, for compiled code.
+    """
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._config = config
@@ -72,10 +106,19 @@ class InvariantFilter:
         foot = config.foot
         # Height between swing and sink, as far on the way as the horizontal position is between swing and slip.
         span = math.log(foot.swing / foot.slip)
-        self._exponents = (math.log(foot.swing / foot.settling) / span, math.log(foot.swing / foot.sink) / span)
-        self._creep = math.log(foot.swing / foot.creep) / span
-        self._middle = math.sqrt(foot.swing * foot.slip)
-        self._middle_rotation = math.sqrt(foot.tipping * foot.flat)
+        limits = NoiseLimits(
+            swing=foot.swing,
+            slip=foot.slip,
+            pivot=foot.pivot,
+            settle_time=foot.settle_time,
+            settling=math.log(foot.swing / foot.settling) / span,
+            sink=math.log(foot.swing / foot.sink) / span,
+            creep=math.log(foot.swing / foot.creep) / span,
+            middle=math.sqrt(foot.swing * foot.slip),
+            middle_rotation=math.sqrt(foot.tipping * foot.flat),
+        )
+        constants = limits, self._densities, config.kinematics.persistence, config.gravity, config.gate
+        self.unboxed = unbox(Filter(self.state, *constants, self._noise, self._error))
 
     def initialise(self, soles: SolePoses, imu_rotation: Matrix, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
@@ -150,30 +193,11 @@ class InvariantFilter:
             scale: Multiplier of the inertial noise densities [-].
             sole_noise: Covariance of the sole poses that the encoders give, in the sole frames (2, 6, 6).
         """
-        noise, state, config = self._noise, self.state, self._config.foot
-        noise.pivots[:] = pivots
-        np.multiply(sole_noise, 2.0 * dt / self._config.kinematics.persistence, out=noise.wander)
-        np.multiply(self._densities, scale * scale * dt, out=noise.imu)
-        for foot, (position, orientation) in enumerate(foot_densities.tolist()):
-            lies = orientation < self._middle_rotation
-            if lies and position < FULLY_TRUSTED * config.slip:
-                state.bore[foot] = 1.0
-            if lies and position < self._middle:
-                state.standing[foot] += dt
-            elif state.bore[foot]:
-                state.standing[foot] = 0.0
-            settled, share = state.standing[foot] > config.settle_time, position / config.swing
-            height = config.swing * share ** self._exponents[int(settled)]
-            if not settled:
-                position = config.swing * share**self._creep
-            lift = config.pivot * orientation  # of a sole that turns about a point this far from where it is estimated
-            noise.feet[foot] = position * position, height * height + lift * lift, orientation * orientation
-        noise.feet[...] *= dt
-        predict(state, rate, force, dt, self._config.gravity, noise)
+        _propagate(rate, force, dt, foot_densities, pivots, scale, sole_noise, self.unboxed)
 
     def measure_soles(self, soles: SolePoses) -> int:
         """Correct with the pose of both soles; returns how many were unusable (0 in a sound filter)."""
-        rejected: int = correct_soles(self.state, soles, self._config.gate, self._error)
+        rejected: int = _measure_soles(soles, self.unboxed)
         return rejected
 
     def measure_rest(self) -> int:
@@ -199,3 +223,39 @@ class InvariantFilter:
             return 1
         retract(self.state, self._error)
         return 0
+
+
+@njit(cache=True)
+def _propagate(
+    rate: Array, force: Array, dt: float, foot_densities: Array, pivots: Array, scale: float, sole_noise: Array,
+    memory: Unboxed[Filter],
+) -> None:  # fmt: skip
+    """``InvariantFilter.predict``."""
+    state, limits, noise = memory.record.state, memory.record.limits, memory.record.noise
+    noise.pivots[:] = pivots
+    noise.wander[:] = sole_noise * (2.0 * dt / memory.record.persistence)
+    noise.imu[:] = memory.record.densities * (scale * scale * dt)
+    for foot in range(2):
+        position, orientation = foot_densities[foot]
+        lies = orientation < limits.middle_rotation
+        if lies and position < FULLY_TRUSTED * limits.slip:
+            state.bore[foot] = 1.0
+        if lies and position < limits.middle:
+            state.standing[foot] += dt
+        elif state.bore[foot] > 0.0:
+            state.standing[foot] = 0.0
+        settled, share = state.standing[foot] > limits.settle_time, position / limits.swing
+        height = limits.swing * share ** (limits.sink if settled else limits.settling)
+        if not settled:
+            position = limits.swing * share**limits.creep
+        lift = limits.pivot * orientation  # of a sole that turns about a point this far from where it is estimated
+        variances = noise.feet[foot]
+        variances[0], variances[1] = dt * (position * position), dt * (height * height + lift * lift)
+        variances[2] = dt * (orientation * orientation)
+    predict(state, rate, force, dt, memory.record.gravity, noise)
+
+
+@njit(cache=True)
+def _measure_soles(soles: SolePoses, memory: Unboxed[Filter]) -> int:
+    """``InvariantFilter.measure_soles``."""
+    return correct_soles(memory.record.state, soles, memory.record.gate, memory.record.error)

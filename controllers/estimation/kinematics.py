@@ -11,6 +11,7 @@ from controllers.estimation.filter_kernels import GYRO_BIAS, POSITION, ROTATION,
 from models.errors import RobotModelError
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed, to_quaternion
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
 from models.types import Vector
@@ -36,12 +37,24 @@ class PoseVariances(NamedTuple):
     orientation: float
 
 
+class SoleChains(NamedTuple):
+    """Chains to soles and inertial unit, and the poses that follow."""
+
+    tree: KinematicTree
+    frames: TreeFrames  # left sole, right sole, inertial unit
+    columns: Index  # joints between base and each sole, filled up with -1 (2, k)
+    variances: PoseVariances
+    imu: ImuPose
+    soles: SolePoses
+
+
 class SoleKinematics:
     """Kinematic measurement of the filter; compared with Pinocchio by a test.
 
     Attributes:
         imu: Inertial unit in the base frame.
         soles: Soles in the frame of the inertial unit.
+        unboxed: Both, for compiled code.
 
     Args:
         model: The robot.
@@ -70,15 +83,14 @@ class SoleKinematics:
             row[: len(path)] = path
         self.imu = ImuPose(np.eye(3), np.zeros(3), np.zeros((6, len(paths[2]))), np.array(paths[2], dtype=np.int64))
         self.soles = SolePoses(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros((2, 6, 6)))
-        self._arguments = (
-            read_tree(model.pin), read_frames(model.pin, frames), columns,
-            PoseVariances(encoder**2, position**2, orientation**2), self.imu, self.soles,
-        )  # fmt: skip
+        variances = PoseVariances(encoder**2, position**2, orientation**2)
+        tree, ends = read_tree(model.pin), read_frames(model.pin, frames)
+        self.unboxed = unbox(SoleChains(tree, ends, columns, variances, self.imu, self.soles))
         self.update(np.zeros(model.nj))
 
     def update(self, joints: Vector) -> None:
         """Compute everything at joint positions (nj,) [rad]."""
-        sole_poses(joints, *self._arguments)
+        sole_poses(joints, self.unboxed)
 
 
 @njit(cache=True)
@@ -98,16 +110,13 @@ def _joint_column(
 
 
 @njit(cache=True)
-def sole_poses(
-    joints: Array, tree: KinematicTree, frames: TreeFrames, columns: Index, variances: PoseVariances, imu: ImuPose,
-    soles: SolePoses,
-) -> None:  # fmt: skip
+def sole_poses(joints: Array, chains: Unboxed[SoleChains]) -> None:
     """Soles relative to the inertial unit, and the covariance that encoder noise gives them.
 
     With ``T = T_BI^-1 T_BS`` and local Jacobians, ``dT = J_S dq_S - Ad(T^-1) J_I dq_I``, both in the sole frame, so
-    ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``. ``frames`` are those of left sole, right sole and inertial
-    unit; ``columns`` are the joints between base and each sole, filled up with -1 (2, k).
+    ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``.
     """
+    tree, frames, columns, variances, imu, soles = chains.record
     rotations, origins = np.empty((tree.shape[0], 3, 3)), np.zeros((tree.shape[0], 3))
     rotations[0] = np.eye(3)
     place_bodies(tree, joints, rotations, origins)

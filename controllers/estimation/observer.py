@@ -12,6 +12,7 @@ from controllers.estimation.config import ObserverConfig
 from controllers.estimation.momentum import Dynamics, Momentum, generalised_momentum, read_dynamics
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import CentroidalState, Matrix, PushEstimate, Vector
 
@@ -54,6 +55,15 @@ class ObserverState(NamedTuple):
     active: Array  # 1 while a push is detected, else 0 (1,)
     centroid: Array  # CoM, its velocity, angular momentum about it (3, 3) [m, m/s, N.m.s]
     ground: Array  # height of the lower sole (1,) [m]
+
+
+class Observer(NamedTuple):
+    """Constants and state of ``ForceObserver``."""
+
+    gains: ObserverGains
+    legs: Index  # joints of each leg, filled up with -1 (2, k)
+    robot: Dynamics
+    state: ObserverState
 
 
 class ForceObserver:
@@ -114,7 +124,7 @@ class ForceObserver:
         legs = np.full((2, max(len(foot.joint_ids_v) for foot in model.feet)), -1, dtype=np.int64)
         for row, foot in zip(legs, model.feet, strict=True):
             row[: len(foot.joint_ids_v)] = np.asarray(foot.joint_ids_v) - 6
-        self._legs = legs
+        self._unboxed = unbox(Observer(self._gains, legs, self._robot, self.state))
 
     def reset(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector) -> None:
         """Start in a steady state: forces in balance, no push in memory; arguments as for ``update``."""
@@ -143,7 +153,7 @@ class ForceObserver:
             dt: Step; 0 starts in a steady state [s].
             doubtful: Whether a foot sensor is in doubt; then no push begins.
         """
-        observe(q, v, tau, measured, fault, doubtful, dt, self._gains, self._legs, self._robot, self.state)
+        observe(q, v, tau, measured, fault, doubtful, dt, self._unboxed)
 
     @property
     def push(self) -> PushEstimate:
@@ -255,10 +265,11 @@ def _detect_push(dt: float, doubtful: bool, gains: ObserverGains, state: Observe
 
 @njit(cache=True)
 def observe(
-    q: Array, v: Array, tau: Array, measured: Array, fault: Array, doubtful: bool, dt: float, gains: ObserverGains,
-    legs: Index, robot: Dynamics, state: ObserverState,
+    q: Array, v: Array, tau: Array, measured: Array, fault: Array, doubtful: bool, dt: float,
+    observer: Unboxed[Observer],
 ) -> None:  # fmt: skip
-    """One step of ``ForceObserver.update``; ``legs`` are the joints of each leg, filled up with -1 (2, k)."""
+    """One step of ``ForceObserver.update``."""
+    gains, legs, robot, state = observer.record
     momentum, speeds = generalised_momentum(q, v, robot), v[6:]
     push_gain, joint_gain = min(gains.push_rate * dt, 1.0), min(gains.joint_rate * dt, 1.0)
     base, joints, past, past_joints = state.base, state.joints, state.past, state.past_joints
