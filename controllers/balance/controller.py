@@ -306,7 +306,7 @@ class BalanceController:
             height=height,
             walk=self.walking,
             step=not self.no_step,
-            still=self._share == 0.0,
+            standing=standing if self._share == 0.0 else None,
         )
         if not self._begun:
             self._begin(state)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
-from planners.gait import dcm
 from planners.gait.commands import CommandState
 from planners.gait.config import AdjustmentConfig, GaitConfig, ReachConfig
 from planners.gait.contact import Measurement, Soles
@@ -21,6 +20,7 @@ from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swin
 from planners.gait.footsteps import (
     Foothold,
     Point,
+    Pose,
     limits_of,
     point_at,
     preview_poses,
@@ -207,7 +207,7 @@ class StepPlanner:
     """Plans the step under way and the next ones."""
 
     def __init__(self, config: GaitConfig, soles: Soles, shape: SwingShape, lever: LegLever) -> None:
-        self._config, self._soles = config, soles
+        self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._limits = limits_of(config.reach)
         law, reach = self._adjustment, config.reach
@@ -228,14 +228,8 @@ class StepPlanner:
 
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
-        step, offset = self.nominal(walk)
-        landing, liftoff = self._soles.point_of(walk.foot, step), self._soles.point_of(walk.foot, walk.liftoff)
-        way = landing - liftoff
-        point = self._soles.point_of(1 - walk.foot, walk.stance)
-        start = dcm.single_support(point, landing + offset, walk.omega, self._config.timing.single)[0]
-        swing = swing_allowance(walk.omega, (float(way[0]), float(way[1])), walk.stance.yaw, self._model)
-        begun: Vector = start + swing
-        return begun
+        ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
+        return np.array(_begin(self._setup, self._coming(walk), walk.foot, ends, walk.omega, liftoff))
 
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, planned: float, target: Foothold, swing: SwingState
@@ -291,6 +285,20 @@ def _boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
     """Reach of the left and of the right foot in the frame of the other one [m]: corners of a box."""
     ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
     return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))
+
+
+@njit(cache=True)
+def _begin(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, liftoff: Pose) -> Point:
+    """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``, ``liftoff`` of the swing foot."""
+    model = setup.record.model
+    bear, centre, yaw = model.centres[1 - foot], model.centres[foot], poses[0, 2]
+    x, y = point_at(poses[0, 0], poses[0, 1], yaw, bear[0], bear[1])
+    first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
+    last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
+    offset = previewed_offset(poses, foot, ends, omega, model)
+    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, model)
+    decay = math.exp(-omega * model.single)
+    return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 
 
 @njit(cache=True)

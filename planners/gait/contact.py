@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from msgspec import Struct, structs
 
 from models.constants import GRAVITY
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
 from planners.gait.config import GaitConfig, LiftConfig
-from planners.gait.footsteps import Feet, Foothold, Point, middle, replaced, wrap
+from planners.gait.footsteps import (
+    Feet,
+    Foothold,
+    Point,
+    Pose,
+    mean_heading,
+    middle,
+    point_at,
+    relative_to,
+    replaced,
+    wrap,
+)
 
 #: Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless
 _UPRIGHT_MIN = 0.1
+Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]
 _LOADED = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
 
 
@@ -38,18 +52,28 @@ class Measurement(Struct, frozen=True):
         return dcm
 
 
+class _Sole(NamedTuple):
+    """Arrays of Pinocchio, which stay where they are."""
+
+    rotation: Matrix  # in W (3, 3)
+    position: Vector  # in W (3,) [m]
+    spin: Vector  # angular velocity of the link in the frame of its joint (3,) [rad/s]
+    mounting: Matrix  # rotation of the sole in that frame (3, 3)
+
+
 class GaitMeasurement:
     """Evaluates robot states."""
 
     def __init__(self, model: RobotModel) -> None:
         self._pin, self._data = model.pin, model.data()
         self._weight = model.mass * GRAVITY
-        self._frames = []
-        for foot in model.feet:
-            frame, pose = model.pin.frames[foot.frame_id], self._data.oMf[foot.frame_id]
+        self._com, self._com_velocity = self._data.com[0], self._data.vcom[0]
+        self._frames, soles = [foot.frame_id for foot in model.feet], []
+        for frame_id in self._frames:
+            frame, pose = model.pin.frames[frame_id], self._data.oMf[frame_id]
             spin, mounting = self._data.v[frame.parentJoint].angular, np.array(frame.placement.rotation, order="F")
-            # Pinocchio's arrays stay where they are.
-            self._frames.append((foot.frame_id, pose.rotation, spin, mounting, pose.translation))
+            soles.append(_Sole(pose.rotation, pose.translation, spin, mounting))
+        self._soles = unbox((soles[0], soles[1]))
 
     def measure(self, state: RobotState, last: Measurement | None = None) -> Measurement:
         """Evaluate a state; ``last`` has the centres of pressure of soles without load."""
@@ -57,40 +81,52 @@ class GaitMeasurement:
         pin.centerOfMass(self._pin, data, state.q, state.v, False)
         tilts, turning = np.empty((2, 2)), np.empty((2, 2))
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
-        soles, loads = [], []
-        for i, (frame_id, rotation, spin, mounting, position) in enumerate(self._frames):
+        for frame_id in self._frames:
             pin.updateFramePlacement(self._pin, data, frame_id)
-            yaw = _read_sole(rotation, spin, mounting, tilts[i], turning[i])
-            x, y, z = position.tolist()
-            soles.append(Foothold(x, y, yaw, z))
-            _, _, force, mx, my, _ = state.contacts[i].wrench.tolist()
-            loads.append(force / self._weight)
-            if loads[i] > _LOADED:
-                cops[i, 0], cops[i, 1] = -my / force, mx / force
+        left, right = state.contacts
+        first, second, loads = _read_soles(self._soles, left.wrench, right.wrench, self._weight, tilts, turning, cops)
         return Measurement(
-            com=np.array(data.com[0]),
-            com_velocity=np.array(data.vcom[0]),
-            soles=(soles[0], soles[1]),
+            com=self._com.copy(),
+            com_velocity=self._com_velocity.copy(),
+            soles=(Foothold(*first), Foothold(*second)),
             tilts=tilts,
             turning=turning,
             cops=cops,
-            loads=(loads[0], loads[1]),
-            active=(state.contacts[0].active, state.contacts[1].active),
+            loads=loads,
+            active=(left.active, right.active),
         )
 
 
 @njit(cache=True)
-def _read_sole(rotation: Matrix, spin: Vector, mounting: Matrix, tilt: Vector, turning: Vector) -> float:
-    """Heading of a sole [rad]; writes its slope (2,) and its angular velocity about its x and y (2,) [rad/s].
+def _read_soles(
+    soles: Unboxed[tuple[_Sole, _Sole]],
+    left: Vector,
+    right: Vector,
+    weight: float,
+    tilts: Matrix,
+    turning: Matrix,
+    cops: Matrix,
+) -> tuple[Place, Place, Point]:
+    """Pose of each sole, and its load as a share of the weight [N]; sets the fields of ``Measurement``.
 
-    ``rotation`` is that of the sole in W (3, 3). ``spin`` (3,) [rad/s] is the angular velocity of the link in the frame
-    of its joint, ``mounting`` (3, 3) the rotation of the sole in that frame.
+    ``left`` and ``right`` are the wrenches of the soles (6,) [N, N.m].
     """
-    upright = max(rotation[2, 2], _UPRIGHT_MIN)
-    for i in range(2):
-        tilt[i] = -rotation[i, 2] / upright
-        turning[i] = mounting[0, i] * spin[0] + mounting[1, i] * spin[1] + mounting[2, i] * spin[2]
-    return math.atan2(rotation[1, 0], rotation[0, 0])
+    for foot in range(2):
+        sole, wrench = soles.record[foot], left if foot == 0 else right
+        upright = max(sole.rotation[2, 2], _UPRIGHT_MIN)
+        for i in range(2):
+            column = sole.mounting[:, i]
+            tilts[foot, i] = -sole.rotation[i, 2] / upright
+            turning[foot, i] = column[0] * sole.spin[0] + column[1] * sole.spin[1] + column[2] * sole.spin[2]
+        if wrench[2] / weight > _LOADED:
+            cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
+    return _place(soles.record[0]), _place(soles.record[1]), (left[2] / weight, right[2] / weight)
+
+
+@register_jitable
+def _place(sole: _Sole) -> Place:
+    rotation, position = sole.rotation, sole.position
+    return position[0], position[1], math.atan2(rotation[1, 0], rotation[0, 0]), position[2]
 
 
 class SoleState(Struct, frozen=True):
@@ -137,17 +173,16 @@ class Soles:
         left, right = (float(np.linalg.norm(dcm - self.point_of(foot, holds[foot]))) for foot in range(2))
         return 0 if left < right else 1
 
-    def standing_box(self, holds: Feet, dcm: Vector) -> tuple[Vector, Vector]:
-        """DCM from the middle of the box around both soles, along their mean heading, and half its size; (2,) [m]."""
-        x, y = (float(value) for value in self.middle(holds))
-        frame = Foothold(x, y, middle(holds).yaw)
-        apart = np.abs(frame.relative(*self.point_of(0, holds[0])))
-        return np.array(frame.relative(*dcm)), self.half[0] + apart
+    def standing_box(self, holds: Feet, dcm: Vector) -> tuple[Point, Point]:
+        """DCM from the middle of the box around both soles, along their mean heading, and half its size [m]."""
+        place, half = _standing_box(holds[0].pose, holds[1].pose, dcm, self.centres, self.half)
+        return place, half
 
     def beyond_standing(self, holds: Feet, dcm: Vector) -> bool:
         """Whether a DCM (2,) is so near to the edge of the box around both soles that standing cannot recover."""
-        place, half = self.standing_box(holds, dcm)
-        return bool((np.abs(place) > self._config.step_share * half).any())
+        (x, y), (length, width) = self.standing_box(holds, dcm)
+        share = self._config.step_share
+        return abs(x) > share * length or abs(y) > share * width
 
     def missed(self, holds: Feet, stance: int, dcm: Vector, omega: float) -> float:
         """Distance of a DCM (2,) [m] from the box of both soles after the quickest step of the other foot [m].
@@ -181,7 +216,7 @@ class Soles:
         """Share of the weight on each foot for a ZMP (2,) between their points."""
         left, right = self.point_of(0, holds[0]), self.point_of(1, holds[1])
         way = right - left
-        share = float(np.clip((zmp - left) @ way / (way @ way), 0.0, 1.0))
+        share = min(max(float((zmp - left) @ way / (way @ way)), 0.0), 1.0)
         return 1.0 - share, share
 
     def planted(self, measured: Measurement) -> SoleState:
@@ -252,14 +287,12 @@ class Soles:
         config, ground = self._config, self._config.ground
         x, y = drift.tolist()
         holds = [hold.shifted(x, y) for hold in soles.holds]
-        tilts = soles.tilts.copy()
+        shares = np.zeros((2, 1))  # of the way to the measured slopes
         share = min(dt / config.anchor_time, 1.0)
         for foot in range(2):
             if foot == swinging or measured.loads[foot] < config.anchor_load:
                 continue
-            tilts[foot] += min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0) * (
-                measured.tilts[foot] - tilts[foot]
-            )
+            shares[foot, 0] = min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0)
             hold, sole = holds[foot], measured.soles[foot]
             holds[foot] = Foothold(
                 hold.x + share * (sole.x - hold.x),
@@ -267,7 +300,19 @@ class Soles:
                 hold.yaw + share * wrap(sole.yaw - hold.yaw),
                 hold.z + share * (sole.z - hold.z),
             )
+        tilts = soles.tilts + shares * (measured.tilts - soles.tilts)
         return structs.replace(soles, holds=(holds[0], holds[1]), tilts=tilts, measured=measured.soles)
+
+
+@njit(cache=True)
+def _standing_box(left: Pose, right: Pose, dcm: Vector, centres: Matrix, half: Matrix) -> tuple[Point, Point]:
+    """``Soles.standing_box`` of the poses of the soles."""
+    first = point_at(left[0], left[1], left[2], centres[0, 0], centres[0, 1])
+    second = point_at(right[0], right[1], right[2], centres[1, 0], centres[1, 1])
+    x, y, yaw = 0.5 * (first[0] + second[0]), 0.5 * (first[1] + second[1]), mean_heading(left[2], right[2])
+    apart = relative_to(x, y, yaw, first[0], first[1])
+    size = (half[0, 0] + abs(apart[0]), half[0, 1] + abs(apart[1]))
+    return relative_to(x, y, yaw, dcm[0], dcm[1]), size
 
 
 def _plane(slope: Vector, foot: int, hold: Foothold, measured: Measurement) -> float:

@@ -116,6 +116,7 @@ def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Po
     return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.shape, step.lever)
 
 
+@njit(cache=True)
 def single_support(
     point: Vector, end: Vector, omega: float, left: float, rest: Vector | None = None, offset: Vector | None = None
 ) -> tuple[Vector, Vector]:
@@ -124,13 +125,18 @@ def single_support(
     ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up (2,)
     [m] (``reaction.py``), ``offset`` CMP minus CoP now (2,) [m], both zero when None.
     """
-    dcm = point + math.exp(-omega * left) * (end - point)
-    if rest is not None:
-        dcm = dcm + rest
-    rate = omega * (dcm - point - offset) if offset is not None else omega * (dcm - point)
+    dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * left)
+    for i in range(2):
+        dcm[i] = point[i] + decay * (end[i] - point[i])
+        if rest is not None:
+            dcm[i] += rest[i]
+        rate[i] = omega * (dcm[i] - point[i])
+        if offset is not None:
+            rate[i] = omega * (dcm[i] - point[i] - offset[i])
     return dcm, rate
 
 
+@njit(cache=True)
 def double_support(
     old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
@@ -139,13 +145,16 @@ def double_support(
     ``elapsed`` counts from touchdown and ``duration`` is T_d [s]; ``end`` is the DCM at the end of the double support
     (2,) [m].
     """
-    rate = (new - old) / duration
-    zmp = old + rate * elapsed
-    slope = rate / omega
-    dcm = zmp + slope + math.exp(-omega * (duration - elapsed)) * (end - new - slope)
-    return dcm, omega * (dcm - zmp)
+    dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * (duration - elapsed))
+    for i in range(2):
+        speed = (new[i] - old[i]) / duration
+        zmp, slope = old[i] + speed * elapsed, speed / omega
+        dcm[i] = zmp + slope + decay * (end[i] - new[i] - slope)
+        rate[i] = omega * (dcm[i] - zmp)
+    return dcm, rate
 
 
+@njit(cache=True)
 def blend(
     start: tuple[Vector, Vector], end: tuple[Vector, Vector], elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
@@ -153,10 +162,12 @@ def blend(
     u = min(max(elapsed / duration, 0.0), 1.0)
     h00, h10 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u * (1.0 - u) ** 2
     h01, h11 = u * u * (3.0 - 2.0 * u), u * u * (u - 1.0)
-    dcm = h00 * start[0] + h10 * duration * start[1] + h01 * end[0] + h11 * duration * end[1]
-    d00, d10 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u)
-    d11 = u * (3.0 * u - 2.0)
-    rate = (d00 * start[0] - d00 * end[0]) / duration + d10 * start[1] + d11 * end[1]
+    d00, d10, d11 = 6.0 * u * (u - 1.0), (1.0 - u) * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
+    dcm, rate = np.empty(2), np.empty(2)
+    for i in range(2):
+        (x, v), (x_end, v_end) = (start[0][i], start[1][i]), (end[0][i], end[1][i])
+        dcm[i] = h00 * x + h10 * duration * v + h01 * x_end + h11 * duration * v_end
+        rate[i] = (d00 * x - d00 * x_end) / duration + d10 * v + d11 * v_end
     return dcm, rate
 
 

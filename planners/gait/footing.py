@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
@@ -29,6 +30,13 @@ class FootingLimits(NamedTuple):
     regain: float
     strip: float
     grain: float
+
+
+class _Soles(NamedTuple):
+    """Constants of ``Footing``."""
+
+    whole: Matrix  # rectangles (2, 4) [m]
+    limits: FootingLimits
 
 
 class FootingState(Struct, frozen=True):
@@ -58,8 +66,8 @@ class Footing:
     """
 
     def __init__(self, model: RobotModel, config: FootingConfig) -> None:
-        self._limits = FootingLimits(*astuple(config))
         self._whole = np.array([foot.rectangle for foot in model.feet])
+        self._soles = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
 
     def whole(self, edges: Matrix | None = None) -> FootingState:
         """Both soles whole."""
@@ -83,8 +91,7 @@ class Footing:
                 dt,
                 measured.turning,
                 measured.cops,
-                self._whole,
-                self._limits,
+                self._soles,
                 footing.edges,
                 footing.turned,
                 footing.fallen,
@@ -124,8 +131,7 @@ def _update(
     dt: float,
     turning: Matrix,
     cops: Matrix,
-    whole: Matrix,
-    limits: FootingLimits,
+    soles: Unboxed[_Soles],
     edges: Matrix,
     turned: Matrix,
     fallen: Matrix,
@@ -133,6 +139,7 @@ def _update(
     bounds: Matrix,
 ) -> tuple[Matrix, Matrix, Matrix, Vector, Matrix, Matrix]:
     """The fields of ``FootingState`` after one tick; ``swinging`` is -1 in double support."""
+    whole, limits = soles.record
     edges, turned, fallen, rested = edges.copy(), turned.copy(), fallen.copy(), rested.copy()
     bounds, areas = bounds.copy(), np.empty((2, 4))
     for foot in range(2):

@@ -62,8 +62,19 @@ def rotated(angle: float, x: float, y: float) -> Point:
 @register_jitable
 def wrap(angle: float) -> float:
     """The angle in [-pi, pi]; the mirrored angle wraps to exactly the opposite value."""
+    if -math.pi < angle < math.pi:
+        return angle
     turn = 2.0 * math.pi
     return angle - turn * float(np.rint(angle / turn))  # ties go to the even number, on both sides of zero
+
+
+@register_jitable
+def mean_heading(first: float, second: float) -> float:
+    """Heading half-way between two [rad]."""
+    yaw = 0.5 * (first + second)
+    if math.cos(first - yaw) < 0.0:  # the other one of the two means of angles
+        yaw -= math.copysign(math.pi, yaw)
+    return wrap(yaw)
 
 
 class Foothold(Struct, frozen=True):
@@ -210,8 +221,5 @@ def clamped(stance: Foothold, foot: int, x: float, y: float, yaw: float, limits:
 def middle(soles: Sequence[Foothold]) -> Foothold:
     """Pose half-way between both soles, which is the pose of a robot on both feet."""
     left, right = soles
-    yaw = 0.5 * (left.yaw + right.yaw)
-    if math.cos(left.yaw - yaw) < 0.0:  # the other one of the two means of angles
-        yaw -= math.copysign(math.pi, yaw)
-    yaw = wrap(yaw)
+    yaw = mean_heading(left.yaw, right.yaw)
     return Foothold(0.5 * (left.x + right.x), 0.5 * (left.y + right.y), yaw, 0.5 * (left.z + right.z))

@@ -26,6 +26,7 @@ from planners.gait.route import Footstep, Route
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.swing import SwingFoot
 
+_STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
 _NEARER = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
 
 
@@ -102,7 +103,7 @@ class GaitPlanner:
     def settled(self) -> bool:
         """Whether the robot has stood still for ``settle_time``, and its reference is at rest."""
         gait = self.state
-        still = gait.phase is GaitPhase.STAND and (gait.rest is None or gait.rest.still)
+        still = gait.phase is GaitPhase.STAND and (gait.rest is None or gait.rest.standing is not None)
         return still and gait.settled >= self.config.settle_time
 
     @property
@@ -173,7 +174,8 @@ class GaitPlanner:
     def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
         """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
 
-        ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None.
+        ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None. While it
+        stands still, the reference is that of ``rest`` on the part of the soles that bears.
         """
         gait = self.state
         before, omega = gait.measured.dcm(self._omega()), self._omega()
@@ -207,8 +209,10 @@ class GaitPlanner:
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._reaction()
         gait.footing = self._footing.update(gait.footing, measured, swinging, dt, urgent=gait.step.urgent)
-        reference, gait.body = self._builder.build(gait, self._loads(), cmp_offset, dt)
-        return reference
+        loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
+        if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
+            return structs.replace(rest.standing, sole_areas=gait.footing.areas)
+        return self._builder.build(gait, loads, cmp_offset)
 
     def _follow_soles(self, swinging: int | None, dt: float) -> None:
         """Move the whole plan with the loaded soles: their place in W is only estimated, and drifts."""
@@ -217,6 +221,8 @@ class GaitPlanner:
         drift = self._soles.drift(gait.soles, measured, swinging)
         gait.soles = self._soles.followed(gait.soles, measured, drift, swinging, landed, dt)
         gait.dcm = gait.dcm.shifted(drift)
+        if swinging is None:  # the next lift-off sets them
+            return
         gait.swing = gait.swing.shifted(drift)
         x, y = drift.tolist()
         gait.step = structs.replace(
@@ -229,7 +235,8 @@ class GaitPlanner:
         off, velocity = gait.measured.dcm(self._omega()) - self._rest_dcm, gait.measured.com_velocity[:2]
         if gait.rest is not None:
             velocity = velocity - gait.rest.velocity
-        at_rest = math.hypot(*off) < self.config.settle_dcm and math.hypot(*velocity) < self.config.settle_speed
+        config, drift = self.config, math.hypot(*velocity.tolist())
+        at_rest = math.hypot(*off.tolist()) < config.settle_dcm and drift < config.settle_speed
         gait.settled = gait.settled + dt if at_rest else 0.0
         if self.must_step:
             self._recover()
@@ -303,7 +310,7 @@ class GaitPlanner:
     def _shift_to_middle(self) -> None:
         """Blend to rest: the DCM reference of phases ``STAND`` and ``FINISH``."""
         gait = self.state
-        gait.dcm = gait.dcm.blended(self._rest_dcm, np.zeros(2), gait.elapsed, self.config.timing.finish)
+        gait.dcm = gait.dcm.blended(self._rest_dcm, _STILL, gait.elapsed, self.config.timing.finish)
 
     def _end_of_shift(self) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
@@ -454,7 +461,7 @@ class GaitPlanner:
     def _far_off(self) -> bool:
         """Whether the DCM is so far from its reference that the step is urgent."""
         error = self.state.measured.dcm(self._omega()) - self.state.dcm.dcm
-        return float(np.linalg.norm(error)) > self.config.adjustment.urgent
+        return math.hypot(*error.tolist()) > self.config.adjustment.urgent
 
     @property
     def must_step(self) -> bool:

@@ -13,7 +13,7 @@ from models.spline import min_jerk
 from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState, Measurement
-from planners.gait.footsteps import Point, middle, wrap
+from planners.gait.footsteps import Point, mean_heading, wrap
 from planners.gait.state import BodyState, GaitPhase, GaitState
 
 Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
@@ -39,42 +39,41 @@ class ReferenceBuilder:
         self.under = np.array([sole - data.com[0][:2] for sole in soles])
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
 
-    def build(
-        self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None, dt: float
-    ) -> tuple[Reference, BodyState]:
-        """Reference and body of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
-        config, holds = self._config, state.soles.holds
-        left, right = holds
-        single, foot = state.phase is GaitPhase.SINGLE, 1 - state.stance
-        swinging = foot if single else -1
-        lean = config.lean_urgent if state.step.urgent else 0.5
-        places = ((left.x, left.y), (right.x, right.y))
-        yaw = middle(holds).yaw
+    def advance_body(self, state: GaitState, dt: float) -> BodyState:
+        """Height of the body and of the ground after one tick."""
+        config, (left, right) = self._config, state.soles.holds
+        swinging = 1 - state.stance if state.phase is GaitPhase.SINGLE else -1
         if state.phase is GaitPhase.STAND and state.rest is not None:
             height = state.rest.height
         else:
             height = self.standing_height - (0.0 if state.phase.resting else config.crouch)
-            com, leg = state.measured.com, config.leg
+            com, leg, yaw = state.measured.com, config.leg, mean_heading(left.yaw, right.yaw)
+            lean, places = config.lean_urgent if state.step.urgent else 0.5, ((left.x, left.y), (right.x, right.y))
             reach = height_in_reach(places, self.under, swinging, com, lean, yaw, leg, self.standing_height)
             height = min(height, reach)
         step = config.height_rate * dt
         change = min(max(height - state.body.height, -config.drop_rate * dt), step)
+        ground = 0.5 * (left.z + right.z) if swinging < 0 else state.soles.holds[state.stance].z
+        before = ground if state.body.ground is None else state.body.ground
+        ground = before + min(max(ground - before, -step), step)
+        return BodyState(state.body.height + change, ground, change / dt)
+
+    def build(self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None) -> Reference:
+        """Reference of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
+        left, right = state.soles.holds
+        single, foot, body = state.phase is GaitPhase.SINGLE, 1 - state.stance, state.body
         rotations, positions, motions, bodies = _place_bodies(
             ((left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)),
             state.soles.tilts,
-            swinging,
+            foot if single else -1,
             state.swing.motion,
             state.swing.tilt,
             self._upright,
         )
-        ground = holds[1 - foot].z if single else 0.5 * (left.z + right.z)
-        before = ground if state.body.ground is None else state.body.ground
-        ground = before + min(max(ground - before, -step), step)
-        body = BodyState(state.body.height + change, ground)
         dcm = state.dcm.dcm
-        reference = Reference(
-            com=np.array([dcm[0], dcm[1], ground + body.height]),
-            com_velocity=np.array([0.0, 0.0, change / dt]),
+        return Reference(
+            com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height]),
+            com_velocity=np.array([0.0, 0.0, body.rate]),
             com_acceleration=self._zero[:3],
             base_orientation=bodies[0],
             torso_orientation=bodies[1],
@@ -93,7 +92,6 @@ class ReferenceBuilder:
             cmp_offset=cmp_offset,
             sole_areas=state.footing.areas,
         )
-        return reference, body
 
     def build_airborne(self, airborne: AirborneState, state: RobotState, measured: Measurement) -> Reference:
         """Reference of a robot in the air: the posture held, or on the way to standing, without any contact."""
@@ -188,7 +186,7 @@ def _place_bodies(
     return rotations, positions, motions, bodies
 
 
-@register_jitable
+@njit(cache=True)
 def height_in_reach(
     places: tuple[Point, Point],
     under: Matrix,

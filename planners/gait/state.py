@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from msgspec import Struct
 
-from models.types import Vector
+from models.types import Reference, Vector
 from planners.gait.commands import NO_COMMAND, CommandState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState, Measurement, Soles, SoleState
@@ -56,7 +56,7 @@ class Rest(Struct, frozen=True):
     height: float  # CoM height above the soles [m]
     walk: bool = True  # the gait follows its commands
     step: bool = True  # it may step to keep its balance
-    still: bool = True  # the reference is that of standing, no blend is under way
+    standing: Reference | None = None  # what the gait returns while it stands; None during a blend to it
 
 
 class StepState(Struct, frozen=True):
@@ -75,6 +75,7 @@ class BodyState(Struct, frozen=True):
 
     height: float  # CoM height above the ground [m]
     ground: float | None = None  # height of the ground, limited in rate [m]; None before the first reference
+    rate: float = 0.0  # of the height [m/s]
 
 
 @dataclass(slots=True)
@@ -167,7 +168,7 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
     place, half = view.soles.standing_box(view.footholds, view.dcm)
     stances = (0, 1) if view.phase in ("stand", "finish") else (view.stance,)
     steps = [_one_step(view, config, stance, 0.0) for stance in stances]
-    return max(float((half - np.abs(place)).min()), *steps)
+    return max(min(half[0] - abs(place[0]), half[1] - abs(place[1])), *steps)
 
 
 def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -> float:
