@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Literal
 
@@ -31,7 +32,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.planner import GaitPlanner
 
 
-class ClosedLoop:
+class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     """Plant, sensors, estimator, supervisor, controller and drivers, tick by tick.
 
     One tick of length ``timestep``:
@@ -84,10 +85,8 @@ class ClosedLoop:
         events: Stamp [s] and text of commands, pushes and changes of mode.
         black_box: The black box and the files that it has written; None without.
 
-    Raises:
-        ConfigError: An argument is out of range.
-        RobotModelError: The robot cannot be loaded.
-        PoiseError: The preflight checks fail, or the feet of the held robot do not take its weight.
+    Raises ``ConfigError`` for an argument out of range, ``RobotModelError`` when the robot cannot be loaded,
+    ``PoiseError`` when the preflight checks fail, or the feet of the held robot do not take its weight.
     """
 
     def __init__(
@@ -121,10 +120,9 @@ class ClosedLoop:
         world: MujocoWorld | None = None,
         name: str = ALONE,
     ) -> None:
-        if start not in ("stand", "hang"):
-            raise ConfigError(f"start: unknown '{start}'; known: stand, hang")
-        if estimate not in ("sensors", "truth"):
-            raise ConfigError(f"estimate: unknown '{estimate}'; known: sensors, truth")
+        for option, word, known in (("start", start, ("stand", "hang")), ("estimate", estimate, ("sensors", "truth"))):
+            if word not in known:
+                raise ConfigError(f"{option}: unknown '{word}'; known: {', '.join(known)}")
         self.config = config or default_config(LoopConfig, "bridge", "closed_loop")
         self.robot = robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
         self.plant = MujocoPlant(
@@ -325,10 +323,7 @@ class ClosedLoop:
         return self.mode is Mode.STAND and not self.fallen
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walking velocity of the body [m/s, m/s, rad/s], clamped to the gait's limits; zero stands still.
-
-        Raises ``CommandError`` outside mode 'walk', or when a value is not finite.
-        """
+        """Walking velocity [m/s, m/s, rad/s], within the gait's limits; ``CommandError`` unless 'walk' and finite."""
         if self.mode is not Mode.WALK:
             raise CommandError(f"velocity refused in mode '{self.mode.value}': command 'walk' first")
         self.stack.velocity_input.set_velocity(forward, left, turn)
@@ -366,9 +361,6 @@ class ClosedLoop:
         """Complete the recording, if there is one; nothing more is written to it."""
         if self._recorder is not None:
             self._recorder.close()
-
-    def __enter__(self) -> ClosedLoop:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -3,23 +3,230 @@
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.action.server import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from trajectory_msgs.msg import JointTrajectory
 
-from bridge.actions.motion import ExecuteMotion, FollowJointTrajectory, WalkTo
-from bridge.actions.robot import Action, ActionsConfig, RobotClient, Turns, goal
+from bridge.ros.goals import Action, ActionsConfig, Outcome, RobotClient, Turn, Turns, goal
+from controllers.safety.supervisor import GAIT_WORDS
 from models.config import default_config
 from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.interfaces import interface
+from models.nodes.messages import doubles
 from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT
 from models.nodes.spin import run
+from models.robot_model import RobotModel
+from models.status import MotionState, RouteState, RouteStatus
+from models.types import Mode
+
+STOP = "stop"
+
+
+async def followed(handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None]) -> Outcome:
+    """Follow a requested motion by its status to its end; returns how it ended.
+
+    ``robot`` is cleared by ``begin`` before the goal; ``feedback`` gets ``requested`` or ``running``. A motion that
+    cannot go on, or is cancelled, is stopped. Raises ``CommandError`` when the supervisor does not answer.
+    """
+    longest = robot.config.start_timeout
+    until = time.monotonic() + longest
+    while True:
+        running = robot.motion_begun
+        newest = robot.motion[-1] if robot.motion else None
+        if newest is not None and newest.state is MotionState.REFUSED:
+            return Outcome(False, ": ".join(part for part in (newest.request, newest.reason) if part))
+        if newest is not None and newest.state is MotionState.DONE and running:
+            return Outcome(False, "stopped by another client") if robot.stops else Outcome(True, "played to its end")
+        if why := turn.ended:
+            await _halt(robot)
+            return Outcome(False, why)
+        if handle.is_cancel_requested:
+            stopped = await _halt(robot)
+            return Outcome(False, f"cancelled; {stopped}", cancelled=True)
+        if not running and time.monotonic() > until:
+            await _halt(robot)
+            return Outcome(False, f"the motion did not start within {longest:g} s")
+        feedback(MotionState.RUNNING.value if running else "requested")
+        await robot.turn()
+
+
+async def _halt(robot: RobotClient) -> str:
+    """Stop the robot and wait for it; returns the state afterwards."""
+    if robot.stopped:
+        return robot.stopped
+    reply = await robot.command(STOP)
+    if not reply.accepted:
+        return reply.reason
+    config = robot.config
+    await robot.until(lambda: not robot.at_rest, 2.0 * config.period)  # the stop takes effect with a delay
+    over = await robot.until(lambda: robot.at_rest or bool(robot.stopped), config.halt_timeout)
+    return "it holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
+
+
+class ExecuteMotion:
+    """Plays a motion by name."""
+
+    def __init__(self, robot: RobotClient, kind: Any) -> None:
+        self._robot, self._kind = robot, kind
+
+    def refusal(self, request: Any) -> Outcome | None:
+        """Refuse words that are no motions: a walk has no end."""
+        word = request.motion.strip().lower()
+        if word in (*GAIT_WORDS, STOP):
+            return Outcome(False, f"'{word}' is no motion; walk with walk_to, or a velocity")
+        return None
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
+        """Execute the goal; see ``ExecuteMotion.action``."""
+        robot, begin = self._robot, time.monotonic()
+        robot.begin()
+        reply = await robot.command(handle.request.motion)
+        if not reply.accepted:
+            return Outcome(False, reply.reason)
+
+        def feedback(state: str) -> None:
+            handle.publish_feedback(self._kind.Feedback(state=state, elapsed=time.monotonic() - begin))
+
+        return await followed(handle, robot, turn, feedback)
+
+    def result(self, outcome: Outcome) -> Any:
+        """Result message of an outcome."""
+        return self._kind.Result(success=outcome.success, message=outcome.message)
+
+
+class FollowJointTrajectory:
+    """Has the balance controller follow a trajectory of MoveIt, published on ``motion/joint_trajectory``."""
+
+    def __init__(self, robot: RobotClient, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
+        self._robot, self._kind, self._model, self._publish = robot, kind, model, publish
+
+    def refusal(self, request: Any) -> Outcome | None:
+        """Refuse unknown joints; the controller checks the rest."""
+        codes, names = self._kind.Result, list(request.trajectory.joint_names)
+        unknown = [name for name in names if name not in self._model.joint_names]
+        if unknown or not names:
+            text = f"unknown joint '{unknown[0]}'" if unknown else "no joints are named"
+            return Outcome(False, text, code=codes.INVALID_JOINTS)
+        strangers = [each.name for each in request.goal_tolerance if each.name not in names]
+        if strangers:
+            return Outcome(False, f"goal_tolerance of '{strangers[0]}', which does not move", code=codes.INVALID_GOAL)
+        if request.multi_dof_trajectory.points:
+            return Outcome(False, "multi_dof_trajectory: this robot has no such joints", code=codes.INVALID_GOAL)
+        return None
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
+        """Execute the goal; see ``FollowJointTrajectory.action``."""
+        robot, asked, codes = self._robot, handle.request, self._kind.Result
+        names = list(asked.trajectory.joint_names)
+        robot.begin()
+        asked.trajectory.header.frame_id = ""  # a trajectory without a request
+        self._publish(asked.trajectory)
+        outcome = await followed(handle, robot, turn, lambda state: self._feedback(handle, names))
+        if not outcome.success:
+            code = codes.PATH_TOLERANCE_VIOLATED if robot.motion_begun else codes.INVALID_GOAL
+            return Outcome(False, outcome.message, outcome.cancelled, code)
+        worst = self._outside(asked, names)
+        return Outcome(False, worst, code=codes.GOAL_TOLERANCE_VIOLATED) if worst else outcome
+
+    def result(self, outcome: Outcome) -> Any:
+        """Result message of an outcome."""
+        return self._kind.Result(error_code=outcome.code, error_string="" if outcome.success else outcome.message)
+
+    def _feedback(self, handle: Any, names: list[str]) -> None:
+        posture = self._robot.posture
+        if posture is None:
+            return
+        message = self._kind.Feedback(joint_names=names)
+        message.desired.positions = doubles(np.array([posture[self._model.joint_index(name)] for name in names]))
+        handle.publish_feedback(message)
+
+    def _outside(self, asked: Any, names: list[str]) -> str:
+        """Joint that ended outside its tolerance; empty without one."""
+        posture = self._robot.posture
+        last = dict(zip(names, asked.trajectory.points[-1].positions, strict=True))
+        for tolerance in asked.goal_tolerance:
+            if tolerance.position <= 0.0:
+                continue
+            if posture is None:
+                return f"where '{tolerance.name}' ended is not known"
+            off = abs(posture[self._model.joint_index(tolerance.name)] - last[tolerance.name])
+            if off > tolerance.position:
+                return f"'{tolerance.name}' ended {off:.4f} rad off, tolerance {tolerance.position:.4f}"
+        return ""
+
+
+class WalkTo:
+    """Walks to a pose in ``odom``; ``publish`` publishes a goal on ``goal_pose``."""
+
+    def __init__(self, robot: RobotClient, kind: Any, publish: Callable[[Any], None]) -> None:
+        self._robot, self._kind, self._publish = robot, kind, publish
+
+    def refusal(self, request: Any) -> Outcome | None:
+        """Refuse nothing: the gait planner checks the pose."""
+        return None
+
+    async def run(self, handle: Any, turn: Turn) -> Outcome:
+        """Execute the goal; see ``WalkTo.action``."""
+        robot = self._robot
+        robot.begin()
+        reply = await robot.set_mode(Mode.WALK)
+        if not reply.accepted:
+            return Outcome(False, reply.reason)
+        if not await robot.until(lambda: robot.mode == Mode.WALK.value, robot.config.answer_timeout):
+            return await self._stand(Outcome(False, f"mode '{robot.mode}' goes on"))
+        return await self._stand(await self._walk(handle, turn))
+
+    def result(self, outcome: Outcome) -> Any:
+        """Result message of an outcome."""
+        return self._kind.Result(success=outcome.success, message=outcome.message)
+
+    async def _walk(self, handle: Any, turn: Turn) -> Outcome:
+        """Publish the goal until it is answered, and follow the route to its end."""
+        robot, goal, begin = self._robot, handle.request.goal, time.monotonic()
+        next_time, config = begin, robot.config
+        while True:
+            now = time.monotonic()
+            newest = robot.route[-1] if robot.route else RouteStatus(RouteState.ENDED)
+            running = any(status.state is RouteState.RUNNING for status in robot.route)
+            if why := turn.ended or ("" if robot.mode == Mode.WALK.value else f"mode '{robot.mode}'"):
+                return Outcome(False, why)
+            if handle.is_cancel_requested:
+                return Outcome(False, "cancelled", cancelled=True)
+            if running and newest.state is RouteState.DONE:
+                return Outcome(True, "there")
+            if running and newest.state is not RouteState.RUNNING:
+                return Outcome(False, newest.reason)
+            if not running and now - begin > config.answer_timeout:
+                return Outcome(False, newest.reason or f"no answer to the goal within {config.answer_timeout:g} s")
+            if now - begin > config.walk_timeout:
+                return Outcome(False, f"not there within {config.walk_timeout:g} s")
+            if not running and now >= next_time:
+                next_time = now + config.goal_period
+                self._publish(goal)
+            left = robot.distance(goal.pose.position.x, goal.pose.position.y)
+            handle.publish_feedback(self._kind.Feedback(distance=left, route=str(newest) if robot.route else ""))
+            await robot.turn()
+
+    async def _stand(self, outcome: Outcome) -> Outcome:
+        """Come to a standstill, whatever the outcome; without a standstill it is no success."""
+        robot = self._robot
+        if robot.mode != Mode.WALK.value:
+            return outcome
+        reply = await robot.set_mode(Mode.STAND)
+        stood = reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, robot.config.stand_timeout)
+        if stood:
+            return Outcome(outcome.success, f"{outcome.message}; mode '{robot.mode}'", outcome.cancelled)
+        return Outcome(False, f"{outcome.message}; no standstill: {reply.reason}", outcome.cancelled)
+
 
 FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"  #: Name that MoveIt uses
 

@@ -18,7 +18,7 @@ from std_msgs.msg import String
 
 from bridge.record.mcap_log import DESCRIPTION, DIAGNOSTICS, ROBOT, TYPES, McapLog
 from bridge.record.run_file import missing
-from bridge.ros.participant import participant
+from bridge.ros.environment import participant
 from models.errors import CommandError, MessageError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, stamp_of

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from bridge.record.recording import Recording, sole_middle
-from bridge.ros.participant import ignore, newest
+from bridge.ros.environment import ignore, newest
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.ros.participant import participant
+from bridge.ros.environment import participant
 from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError, PoiseError
 from models.nodes import topics

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64, String
 
 from bridge.plants.config import Positive
 from bridge.ros.client import Client
-from bridge.ros.participant import ignore, newest
+from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
 from models.config import STRICT
 from models.errors import PoiseError

@@ -1,1 +1,0 @@
-"""Actions of the graph, built on its topics and services."""
