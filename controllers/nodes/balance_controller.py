@@ -31,7 +31,6 @@ from models.nodes.spin import program
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
 OVERRUNS_REPORTED = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
-FIRST_STEP = 0.001  #: Step of the first tick after a reset, when there is no earlier stamp [s]
 
 
 class BalanceControllerNode(PoiseNode):
@@ -58,7 +57,7 @@ class BalanceControllerNode(PoiseNode):
             self, "posture_rate", 50.0, "the reference posture, which planners start from"
         )
         text = "Rate of the states, which the joint monitor counts on [Hz]"
-        self._sensor_rate = declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
+        self._period = 1.0 / declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
         text = "Time a tick of the law may take; more is counted, and damps when it goes on [s]"
         self._budget = declare(self, "tick_budget", 0.001, text, low=1e-5)
         self._overruns = 0
@@ -74,7 +73,7 @@ class BalanceControllerNode(PoiseNode):
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         config = StackConfig(balance=self._balance, whole_body=self._whole_body, head=self._head_config)
-        self._stack.build_law(self.model, config, period=1.0 / self._sensor_rate)
+        self._stack.build_law(self.model, config, period=self._period)
         if (tuning := self._stack.tuning) is not None:  # of a new law, which does not run yet
             for name in TUNABLE:
                 tuning.set(name, float(self.get_parameter(name).value))
@@ -116,7 +115,7 @@ class BalanceControllerNode(PoiseNode):
         if not self._reset and stamp <= self._last_stamp:
             self.refuse(topics.ODOM, f"header.stamp: {stamp} ns is not after {self._last_stamp} ns")
             return
-        dt = FIRST_STEP if self._reset else (stamp - self._last_stamp) / NANOSECONDS
+        dt = self._period if self._reset else (stamp - self._last_stamp) / NANOSECONDS
         if self._reset:
             stack.reset_law(state)
             self._reset = False
