@@ -50,7 +50,7 @@ class FootSensorNode(PoiseNode):
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         if not self.model.profile.sensors.feet.fitted:
-            raise ConfigError(f"{self.robot}: the profile has no foot sensors (sensors.feet.fitted)")
+            raise ConfigError(f"{self.robot}: no foot sensors are fitted by its profile (sensors.feet.fitted)")
         known = self._defaults
         self._law = ContactDetector(self.model, self._contact, known.foot_sensors, known.foot, known.gravity)
         self._contacts = [self.announce(Bool, topic, SENSOR) for topic in topics.FOOT_CONTACTS]
