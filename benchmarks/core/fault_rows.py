@@ -27,17 +27,14 @@ class AnyRow:
     mode: str = ""  #: Expected mode afterwards; empty for the initial mode or that of ``expect``
 
 
-def _verdict(case: Case) -> str:
-    return "------" if case.get(NOT_RUN) else "ok    " if case["ok"] else "FAILED"
-
-
 def _line(case: Case) -> str:
     limit = "" if case["within"] is None else f" within {case['within']:.2f} s"
     time = "" if case["time"] is None else f" after {case['time']:.3f} s"
     step = f", torque step {case['torque_step']:.2f}" if "torque_step" in case else ""
     silence = "" if case.get("silence") is None else f", drivers after {case['silence']:.4f} s without a command"
     reason = f": {case['reason']}" if case["reason"] else ""
-    return f"{case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}{step}{silence}{reason}"
+    verdict = "------" if case.get(NOT_RUN) else "ok    " if case["ok"] else "FAILED"
+    return f"{verdict} {case['row']:<22} {case['expected']}{limit}; seen: {case['seen']}{time}{step}{silence}{reason}"
 
 
 class FaultBenchmark(Benchmark):
@@ -62,7 +59,7 @@ class FaultBenchmark(Benchmark):
 
     def notes(self, report: Report) -> list[str]:
         """One line a row."""
-        return [f"{_verdict(case)} {_line(case)}" for case in report.cases]
+        return [_line(case) for case in report.cases]
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
         """By group."""

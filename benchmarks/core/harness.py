@@ -12,15 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from rich import progress
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from benchmarks.core.executors import Case as Case
@@ -164,9 +157,10 @@ def collect(
     results = {key: case for key, case in known.items() if case is not None}
     options.sweep.began(keys)
     left = [key for key in inputs if key not in results]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console or Console(stderr=True), disable=silent) as progress:
-        task = progress.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
+    shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
+    columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
+    with progress.Progress(*columns, console=console or Console(stderr=True), disable=silent) as bar:
+        task = bar.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
         for index, done in produce([inputs[key] for key in left]):
             key = left[index]
             results[key] = plain({**inputs[key], **done.outcome})
@@ -174,7 +168,7 @@ def collect(
                 raise WorkersError(f"bench {bench}: a worker on {done.host} {why}")
             if file is not None and not results[key].get(NOT_RUN):
                 file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
-            progress.advance(task)
+            bar.advance(task)
     if file is not None:
         file.taken.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
     return [dict(results[key]) for key in keys]

@@ -9,9 +9,9 @@ import subprocess
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
-from benchmarks.core.contender import source_of
 from models.profile import load_profile
 from models.urdf import resolve_uri
 
@@ -39,13 +39,9 @@ def machine() -> str:
     return f"{usable_cores()} cores, {platform.machine()}, {memory:.0f} GiB of memory, {platform.system()} {kernel}"
 
 
+@cache
 def versions() -> dict[str, str]:
     """Versions of Python and of every installed package that decides a figure, as of the first call."""
-    return dict(_versions())
-
-
-@cache
-def _versions() -> Mapping[str, str]:
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for name in MEASURED_PACKAGES:
         try:
@@ -89,13 +85,22 @@ def digest(*parts: bytes) -> str:
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:DIGEST]
 
 
+def _source_of(name: str) -> list[Path]:
+    """File of a contender's module; none where there is none, which ``contender.load`` refuses."""
+    try:
+        spec = find_spec(name.partition(":")[0])
+    except (ImportError, ValueError):
+        return []
+    return [Path(spec.origin)] if spec is not None and spec.origin else []
+
+
 def configuration(robot: str, contender: str = "") -> str:
     """Hash of the configuration: YAML files of the benchmarks, profile and URDF of the robot, file of a contender."""
     source = Path(load_profile(robot).source)
     urdf = resolve_uri(load_profile(robot).urdf, source.parent)
     files = [*sorted((ROOT / "benchmarks/config").glob("*.yaml")), source, urdf]
     if contender:
-        files += source_of(contender)
+        files += _source_of(contender)
     return digest(*(file.read_bytes() for file in files if file.is_file()))
 
 

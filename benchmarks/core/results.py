@@ -96,21 +96,10 @@ def line_of(
     key: str, bench: str, robot: str, config: str, inputs: Mapping[str, Any], case: Mapping[str, Any], done: Done
 ) -> Line:
     """Entry of one finished case."""
-    return {
-        "key": key,
-        "bench": bench,
-        "robot": robot,
-        "seed": inputs.get("seed"),
-        "scenario": scenario_of(inputs),
-        "config": config,
-        "revision": done.revision,
-        "versions": done.versions,
-        "machine": done.machine,
-        "load": done.load,
-        "seconds": done.seconds,
-        "cpu_seconds": done.cpu_seconds,
-        "case": case,
-    }
+    given = {"key": key, "bench": bench, "robot": robot, "seed": inputs.get("seed"), "scenario": scenario_of(inputs)}
+    names = ("revision", "versions", "machine", "load", "seconds", "cpu_seconds")
+    where = {name: getattr(done, name) for name in names}
+    return {**given, "config": config, **where, "case": case}
 
 
 def read_lines(path: Path) -> list[Line]:

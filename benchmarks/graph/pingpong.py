@@ -113,7 +113,9 @@ def _ping_echo(robot: str, duration: float, domain_id: int, period: float) -> La
     join_graph(domain_id=domain_id)
     priority = int(str(REALTIME["realtime.priority"]))
     command = [sys.executable, "-m", "benchmarks.graph.pingpong", robot, str(priority)]
-    child = subprocess.Popen(command, env=_environment(domain_id), stdin=subprocess.DEVNULL)
+    child = subprocess.Popen(
+        command, env={**os.environ, **graph_environment(domain_id=domain_id)}, stdin=subprocess.DEVNULL
+    )
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("ping", namespace=NAMESPACE)
     executor = make_executor()
@@ -126,10 +128,6 @@ def _ping_echo(robot: str, duration: float, domain_id: int, period: float) -> La
         executor.remove_node(node)
         node.destroy_node()
         try_shutdown()
-
-
-def _environment(domain_id: int) -> dict[str, str]:
-    return {**os.environ, **graph_environment(domain_id=domain_id)}
 
 
 def _ignore(text: str) -> None:

@@ -16,17 +16,8 @@ from benchmarks.core.benchmark import bounds_of, catalogue
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.provenance import ROOT
 from benchmarks.core.results import plain, worded
-from benchmarks.report.report_plots import (
-    Reports,
-    draw_cost,
-    draw_delays,
-    draw_estimator,
-    draw_loop,
-    draw_speeds,
-    draw_times,
-    robots_of,
-    save,
-)
+from benchmarks.report import report_plots
+from benchmarks.report.report_plots import Reports, robots_of, save
 from benchmarks.report.report_survival import DOING, draw_curves, draw_push_maps, draw_shares, draw_terrain, shares
 from benchmarks.report.suite import REPORTS, Failure, Progress, SavedReport, latest_lines, read_progress, read_reports
 from benchmarks.stability.push import direction_name
@@ -150,12 +141,11 @@ def summary(saved: Sequence[SavedReport], failures: Sequence[Failure]) -> list[s
             notes = [note for note in entry.report.notes if not note.startswith(GOOD_NOTES)]
             lines += [f"Failed: {entry.report.bench.replace('_', ' ')}, {entry.report.who}", ""]
             lines += [*(f"    {note}" for note in notes[:MOST_NOTES]), ""]
-    lost = (f"- {failed.bench}, {failed.robot}: {failed.error}{_traced(failed)}" for failed in failures)
+    lost = (
+        f"- {failed.bench}, {failed.robot}: {failed.error}{failed.trace and f' (`{failed.trace}`)'}"
+        for failed in failures
+    )
     return [*lines, *lost] + [""] * bool(failures)
-
-
-def _traced(failed: Failure) -> str:
-    return f" (`{failed.trace}`)" if failed.trace else ""
 
 
 def missing(progress: Progress) -> list[str]:
@@ -250,12 +240,12 @@ PICTURES: tuple[tuple[str, str, Callable[[Reports], Figure | None]], ...] = (
     ("Survival over time and size of push", "survival-curves", draw_curves),
     ("Push maps", "push-maps", draw_push_maps),
     ("Uneven ground", "terrain", draw_terrain),
-    ("Speed tracking", "speeds", draw_speeds),
-    ("Cost of transport", "cost-of-transport", draw_cost),
-    ("Time", "times", draw_times),
-    ("Time of the closed loop", "loop", draw_loop),
-    ("State estimation", "estimator", draw_estimator),
-    ("Delay margin", "delay-margin", draw_delays),
+    ("Speed tracking", "speeds", report_plots.draw_speeds),
+    ("Cost of transport", "cost-of-transport", report_plots.draw_cost),
+    ("Time", "times", report_plots.draw_times),
+    ("Time of the closed loop", "loop", report_plots.draw_loop),
+    ("State estimation", "estimator", report_plots.draw_estimator),
+    ("Delay margin", "delay-margin", report_plots.draw_delays),
 )
 GUIDE = """Simulated in MuJoCo with sensor noise and delay, the laws seeing sensors only. The summary has a row for each
 benchmark and robot: whether all its bounds hold, its key figures with their bounds in parentheses (bold

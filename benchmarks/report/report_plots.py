@@ -130,8 +130,11 @@ def draw_cost(reports: Reports) -> Figure | None:
     """Cost of transport of every walk at one velocity that moves the robot: work of the joints over weight and way."""
     walks = _walks(reports)
     names = list(dict.fromkeys(case["scenario"] for cases in walks.values() for case in cases))
-    moving = {robot: [case for case in cases if _moves(case)] for robot, cases in walks.items()}
-    costs = _by_scenario(moving, names, lambda case: case["cost_of_transport"])
+    costed = {
+        robot: [case for case in cases if np.isfinite(np.asarray(case["cost_of_transport"], dtype=float))]
+        for robot, cases in walks.items()
+    }
+    costs = _by_scenario(costed, names, lambda case: case["cost_of_transport"])
     figure = _dots(
         reports, costs, "cost of transport [-]", f"Cost of transport, by commanded velocity: {', '.join(walks)}"
     )
@@ -139,10 +142,6 @@ def draw_cost(reports: Reports) -> Figure | None:
         labels = [_commands(name, walks) for name in names]
         figure.axes[0].set_xticks(range(len(names)), labels, fontsize=9)
     return figure
-
-
-def _moves(case: Case) -> bool:
-    return bool(np.isfinite(np.asarray(case["cost_of_transport"], dtype=float)))
 
 
 def _commands(name: str, walks: dict[str, list[Case]]) -> str:

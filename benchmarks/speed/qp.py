@@ -240,11 +240,6 @@ def timed(solve: Solve) -> tuple[Vector | None, float]:
     return z, (perf_counter_ns() - start) * 1e-3
 
 
-def _problems_file(robot: str) -> Path:
-    """File of the problems of the last seed; a new one for every run."""
-    return Path(gettempdir()) / f"qps-{robot}-{uuid4().hex}.npz"
-
-
 def _measure(file: Path, robot: str, seed: int, solvers: list[str]) -> Case:
     problems = record(robot, seed, qp_config())
     write(file, problems)
@@ -327,7 +322,7 @@ class QPBenchmark(Benchmark):
 
     def run(self, options: Options) -> Report:
         """Record and solve, once a seed."""
-        load, file = LoadMeter(), _problems_file(options.robot)
+        load, file = LoadMeter(), Path(gettempdir()) / f"qps-{options.robot}-{uuid4().hex}.npz"
         measure = partial(_measure, file)
         runs = run_cases(measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
         cases: list[Case] = [case for run in runs for case in run["answers"]]

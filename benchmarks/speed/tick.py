@@ -137,7 +137,7 @@ class TimedController:
             self._own,
             self._placo.step,
             self._terms.call_pinocchio,
-            self._call_pinocchio,
+            lambda: self._pinocchio.step(self._terms.q, self._terms.v),
             *(peer.step for peer in (kinematic or {}).values()),
         )
         self._kinematic = list((kinematic or {}).values())
@@ -211,9 +211,6 @@ class TimedController:
 
     def _own(self) -> None:
         self._result = self.controller.step(self._state, self._dt)
-
-    def _call_pinocchio(self) -> None:
-        self._pinocchio.step(self._terms.q, self._terms.v)
 
     def _judge(self, row: int) -> None:
         """Residual, status and active rows of the tick; not timed."""

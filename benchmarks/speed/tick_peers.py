@@ -27,7 +27,7 @@ from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.mujoco_model import build_mujoco, pin_to_mujoco
 from models.robot_model import RobotModel
-from models.types import Matrix, RobotState, Vector
+from models.types import RobotState, Vector
 from models.urdf import read_urdf
 from planners.whole_body_ik import printed
 
@@ -205,11 +205,9 @@ def _add_frame(root: ET.Element, model: RobotModel, frame_id: int, name: str, of
     joint = ET.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
     ET.SubElement(joint, "parent", link=parent.name)
     ET.SubElement(joint, "child", link=name)
-    ET.SubElement(joint, "origin", xyz=printed(placement.translation), rpy=printed(_angles(placement.rotation)))
-
-
-def _angles(rotation: Matrix) -> Vector:
-    return np.asarray(pin.rpy.matrixToRpy(rotation))
+    ET.SubElement(
+        joint, "origin", xyz=printed(placement.translation), rpy=printed(pin.rpy.matrixToRpy(placement.rotation))
+    )
 
 
 #: Weights of the tasks, the same in both; they decide nothing about the time [-]

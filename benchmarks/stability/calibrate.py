@@ -55,9 +55,7 @@ WAYS = ("jig", "floor")  # encoders are calibrated in a jig, all of them, or by 
 _config = partial(settings, CalibrateConfig, "calibrate")
 
 
-@cache
-def _robot(name: str) -> RobotModel:
-    return RobotModel.load(name)
+_robot = cache(RobotModel.load)
 
 
 def _errors(robot: RobotModel, way: str, seed: int) -> SensorErrors:

@@ -68,8 +68,8 @@ class _Crowd:
         self._fastest = _config().velocity_share * np.array([limits.forward, limits.lateral, limits.turn])
         self._slowest = -_config().velocity_share * np.array([limits.backward, limits.lateral, limits.turn])
         self._acts: dict[Kind, Callable[[], bool]] = {
-            "velocity": self._velocity,
-            "word": self._word,
+            "velocity": lambda: self._walk(self._rng.uniform(self._slowest, self._fastest)),
+            "word": lambda: self._say(str(self._rng.choice(_config().words))),
             "push": self._push,
             "nonsense": self._nonsense,
         }
@@ -88,12 +88,6 @@ class _Crowd:
         self.done[kind] += 1
         if not self._acts[kind]():
             self.done["refused"] += 1
-
-    def _velocity(self) -> bool:
-        return self._walk(self._rng.uniform(self._slowest, self._fastest))
-
-    def _word(self) -> bool:
-        return self._say(str(self._rng.choice(_config().words)))
 
     def _push(self) -> bool:
         loop, given = self._loop, _config()

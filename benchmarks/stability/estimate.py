@@ -126,10 +126,6 @@ def nees(errors: NDArray[np.float64], covariances: NDArray[np.float64], part: ND
     return np.asarray(np.einsum("ni,ni->n", e, solved))
 
 
-def _stand(log: ErrorLog, loop: ClosedLoop, seed: int, config: EstimateConfig) -> None:
-    log.run(config.stand_time)
-
-
 def _push(log: ErrorLog, loop: ClosedLoop, seed: int, config: EstimateConfig) -> None:
     force = config.push_speed * loop.robot.mass / config.push_duration
     for k in range(config.pushes):
@@ -159,7 +155,7 @@ def _motion(name: str) -> Callable[[ErrorLog, ClosedLoop, int, EstimateConfig], 
 def scenarios() -> dict[str, Callable[[ErrorLog, ClosedLoop, int, EstimateConfig], None]]:
     """What the robot does in each scenario."""
     return {
-        "stand": _stand,
+        "stand": lambda log, loop, seed, config: log.run(config.stand_time),
         **{name: _motion(name) for name in estimate_config().motions},
         "push": _push,
         "walk": _walk,

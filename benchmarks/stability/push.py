@@ -21,7 +21,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, saved, settings
-from benchmarks.core.contender_loop import ContenderLoop
+from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import Search, largest
 from benchmarks.stability.falls import FAILED, PASSED

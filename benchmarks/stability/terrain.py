@@ -12,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, settings
-from benchmarks.core.contender_loop import ContenderLoop
+from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
 from bridge.closed_loop import ClosedLoop
@@ -54,9 +54,7 @@ class TerrainConfig:
 _config = partial(settings, TerrainConfig, "terrain")
 
 
-@cache
-def _robot(name: str) -> RobotModel:
-    return RobotModel.load(name)
+_robot = cache(RobotModel.load)
 
 
 def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:

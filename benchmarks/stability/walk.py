@@ -44,7 +44,10 @@ def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[s
     of: dict[str, list[Case]] = {}
     for case in results:
         of.setdefault(case["scenario"], []).append(case)
-    figures, broken = _judge_falls(results)
+    walks = [case for case in results if case["kind"] != "top"]  # may fall where it finds the limit
+    falls = [case for case in walks if case["fell"]]
+    figures = {"falls": float(len(falls)), "walks": float(len(walks))}
+    broken = [f"fell: {case['scenario']}, seed {case['seed']}: {case['reason']}" for case in falls]
     asked = robot_walk(robot)
     for name in asked.scenarios:
         if name in of:
@@ -75,14 +78,6 @@ def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[s
             slow = [case for case in of["top"] if case["top_speed"] < asked.required_top_speed]
             broken += [f"top speed, seed {case['seed']}: {case['reason']}" for case in slow]
     return figures, broken
-
-
-def _judge_falls(results: Sequence[Case]) -> tuple[dict[str, float], list[str]]:
-    """Every walk but those of the top speed, which may fall where it finds the limit."""
-    walks = [case for case in results if case["kind"] != "top"]
-    falls = [case for case in walks if case["fell"]]
-    broken = [f"fell: {case['scenario']}, seed {case['seed']}: {case['reason']}" for case in falls]
-    return {"falls": float(len(falls)), "walks": float(len(walks))}, broken
 
 
 def _judge_speed(name: str, results: Sequence[Case], command: Any) -> tuple[dict[str, float], list[str]]:

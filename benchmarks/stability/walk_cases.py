@@ -13,7 +13,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Positive, settings
-from benchmarks.core.contender_loop import ContenderLoop
+from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case
 from benchmarks.core.loops import demand
 from benchmarks.stability.falls import last_moments
@@ -24,7 +24,7 @@ from models.errors import ConfigError
 from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, Vector
-from planners.gait.config import VelocityConfig, load_gait_config
+from planners.gait.config import load_gait_config
 
 Velocity = tuple[float, float, float]  # forward [m/s], left [m/s], turn [rad/s], in the body's frame
 
@@ -148,11 +148,6 @@ def _loop(robot: str) -> ClosedLoop:
     return ClosedLoop(model, record=True, record_period_s=walk_config().record_period, gait=gait)
 
 
-@cache
-def _limits(robot: str) -> VelocityConfig:
-    return load_gait_config(RobotModel.load(robot)).velocity
-
-
 def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
     window = max(round(config.window / config.chunk), 1)
     weight = loop.robot.mass * GRAVITY
@@ -212,7 +207,7 @@ def random_walk(robot: str, seed: int) -> Case:
     config, loop = walk_config(), _loop(robot)
     loop.reset(seed)
     demand(loop, "walk")
-    limits = _limits(robot)
+    limits = load_gait_config(loop.robot).velocity
     low = config.random_share * np.array([-limits.backward, -limits.lateral, -limits.turn])
     high = config.random_share * np.array([limits.forward, limits.lateral, limits.turn])
     rng = np.random.default_rng(seed)

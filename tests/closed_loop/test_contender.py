@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.core import contender, contender_loop
+from benchmarks.core import contender
 from benchmarks.core.benchmark import settings
-from benchmarks.core.contender_loop import ContenderLoop
+from benchmarks.core.contender import ContenderLoop
 from benchmarks.stability import push, terrain, walk_cases
 from benchmarks.stability.push_bounds import torque_bound
 from benchmarks.stability.stand_still import StandStill
@@ -74,7 +74,7 @@ def test_two_runs_of_a_seed_are_the_same() -> None:
 
 def test_the_drivers_execute_targets_and_commands_come_late(monkeypatch: pytest.MonkeyPatch) -> None:
     made = Posture()
-    monkeypatch.setattr(contender_loop, "load", lambda name: made)
+    monkeypatch.setattr(contender, "load", lambda name: made)
     loop = ContenderLoop("any", "g1", seed=2, delay_s=0.004, record_period_s=0.01)
     assert made.told[0] == 2 and loop._lockstep._delay_ticks == 4
     loop.set_velocity(0.1, 0.0, 0.2)
