@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
-import rclpy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
+from benchmarks.graph import flood
 from benchmarks.graph.graph_kinds import LOOK, PRODDED_CONTROL, PRODDED_PLANNER, GraphStage, User
 from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
 from controllers.commands.command_signature import Signer, read_key
@@ -25,42 +22,6 @@ from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
 from models.nodes.spin import SPIN_TIMEOUT
-
-START_TIME = 2.0  # of a process that overloads the graph or the machine until it is killed [s]
-DISCOVERY_TIME = 0.5  # between joining the graph and being discovered [s]
-
-
-def texts(rate: float) -> None:
-    """Say nonsense on ``humanoid_commands`` at a rate [Hz]."""
-    rclpy.init()
-    publisher = rclpy.create_node("flood").create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
-    _at(rate, lambda: publisher.publish(String(data="nonsense")))
-
-
-def services(rate: float) -> None:
-    """Call ``reset_faults``, which changes nothing while there are none, at a rate [Hz], and wait for no answer."""
-    rclpy.init()
-    client = rclpy.create_node("flood").create_client(Trigger, "reset_faults")
-
-    def call() -> None:
-        client.remove_pending_request(client.call_async(Trigger.Request()))
-
-    _at(rate, call)
-
-
-def burn() -> None:
-    """Use a core."""
-    for _ in itertools.count():
-        pass
-
-
-def _at(rate: float, act: Callable[[], object]) -> None:
-    time.sleep(DISCOVERY_TIME)
-    began = time.monotonic()
-    for number in itertools.count(1):
-        act()
-        time.sleep(max(began + number / rate - time.monotonic(), 0.0))
-
 
 #: Does something, then yields for how long the robot is to be watched before the next part [s]
 Act = Callable[[GraphStage], Iterator[float]]
@@ -232,15 +193,15 @@ def _beside(target: Callable[..., None], count: int, *arguments: object) -> Iter
 def _flood(target: Callable[..., None], rate: float) -> Act:
     def act(stage: GraphStage) -> Iterator[float]:
         with _beside(target, 1, rate):
-            yield START_TIME + 2.0
+            yield flood.START_TIME + 2.0
 
     return act
 
 
 def _starve(stage: GraphStage) -> Iterator[float]:
     """Two busy processes for each core."""
-    with _beside(burn, 2 * multiprocessing.cpu_count()):
-        yield START_TIME + 2.0
+    with _beside(flood.burn, 2 * multiprocessing.cpu_count()):
+        yield flood.START_TIME + 2.0
 
 
 _JOINT_SPOILS = ("reordered", "missing", "extra", "duplicate", "repeated", "backward", "old", "future")
@@ -269,8 +230,8 @@ ACTS: dict[str, Act] = {
     "mismatch": _mismatch,
     "second_clock": _second_clock,
     "second_publisher": _second_publisher,
-    "flood_texts": _flood(texts, 10_000.0),
-    "flood_services": _flood(services, 1000.0),
+    "flood_texts": _flood(flood.texts, 10_000.0),
+    "flood_services": _flood(flood.services, 1000.0),
     "fall_silent": once(lambda stage: stage.user.walk(None)),
     "two_commanders": two_commanders,
     "unsigned": unsigned,
