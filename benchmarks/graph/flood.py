@@ -1,4 +1,4 @@
-"""Processes that overload the graph or the machine. Each function runs until it is killed; few imports, to start fast."""
+"""Processes that overload the graph or the machine until they are killed; few imports, so that they start fast."""
 
 from __future__ import annotations
 
