@@ -1,4 +1,7 @@
-"""Rows of ``poise bench graph_faults``, and the graphs they run on, one with a wrong clock (``wall_clock_shift.c``)."""
+"""Rows of ``poise bench graph_faults``, the graphs they run on, and the stage: a running graph and what is seen of it.
+
+One kind of graph has a wrong clock (``wall_clock_shift.c``).
+"""
 
 from __future__ import annotations
 
