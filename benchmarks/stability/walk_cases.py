@@ -24,7 +24,7 @@ from models.errors import ConfigError
 from models.heading import heading, turned
 from models.robot_model import RobotModel
 from models.types import Matrix, Mode, Vector
-from planners.gait.config import load_gait_config
+from planners.gait.config import VelocityConfig, load_gait_config
 
 Velocity = tuple[float, float, float]  # forward [m/s], left [m/s], turn [rad/s], in the body's frame
 
@@ -148,6 +148,11 @@ def _loop(robot: str) -> ClosedLoop:
     return ClosedLoop(model, record=True, record_period_s=walk_config().record_period, gait=gait)
 
 
+@cache
+def _limits(robot: str) -> VelocityConfig:
+    return load_gait_config(RobotModel.load(robot)).velocity
+
+
 def _scores(loop: ClosedLoop, walked: Walked, commands: Matrix, config: WalkConfig) -> Case:
     window = max(round(config.window / config.chunk), 1)
     weight = loop.robot.mass * GRAVITY
@@ -207,7 +212,7 @@ def random_walk(robot: str, seed: int) -> Case:
     config, loop = walk_config(), _loop(robot)
     loop.reset(seed)
     demand(loop, "walk")
-    limits = load_gait_config(loop.robot).velocity
+    limits = _limits(robot)
     low = config.random_share * np.array([-limits.backward, -limits.lateral, -limits.turn])
     high = config.random_share * np.array([limits.forward, limits.lateral, limits.turn])
     rng = np.random.default_rng(seed)
