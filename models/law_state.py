@@ -2,25 +2,30 @@
 
 A law keeps its state in arrays that compiled kernels write to, and in attributes. ``LawState`` finds all of it once,
 when the law has just been built: every array that owns memory, and every object of this project that can change.
-``capture`` then copies the arrays into preallocated memory and records the attributes; objects made since (a
-reference, a plan) are copied with them. The laws take no part, so a change of a law cannot leave state out. Constants
-are excluded: the robot, configurations, objects of other libraries.
+``capture`` then copies the arrays into preallocated memory and pickles the attributes that have changed: by its place
+whatever was there at the construction, by its content whatever was made since (a reference, a plan). The laws take no
+part, so a change of a law cannot leave state out. Constants are excluded: the robot, configurations, objects of other
+libraries. ``restore`` makes arrays and records of this project only, and never executes its content.
 """
 
 from __future__ import annotations
 
+import pickle
 from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from enum import Enum
+from importlib import import_module
+from io import BytesIO
 from operator import is_
 from types import FunctionType, MethodType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler
 
@@ -28,25 +33,27 @@ PACKAGES = ("models", "planners", "controllers")  #: Whose objects are looked in
 _LEFT = (RobotModel, type, FunctionType, MethodType)
 _ATOMS = frozenset({bool, int, float, str, bytes, type(None)})
 _CONTAINERS = (list, dict, deque, set)
-#: Made once and never changed: held as they are, because to copy them would take long
+#: Made once and never changed: pickled only when the state is written, because that takes long
 _UNCHANGING = (TrajectorySampler,)
+#: What a law hands itself within a tick; the next tick makes it anew
+_MADE_ANEW = ("builtins:method", "builtins:function")
+_OTHER_VERSION = "the state of the laws is of another version of poise, or of other libraries"
 Bytes = NDArray[np.uint8]
-
-
-@dataclass(slots=True)
-class Held:
-    """An object created since the construction: its class and its attributes."""
-
-    kind: type
-    attributes: dict[str, Any]
 
 
 @dataclass(slots=True)
 class Captured:
     """Result of ``LawState.capture``."""
 
-    memory: Bytes  # contents of the arrays, one after the other
-    objects: list[Any]  # attributes and contents, in the order of ``LawState.objects``; None when unchanged
+    memory: list[NDArray[Any]]  # contents of the arrays
+    objects: bytes  # pickled contents of the changed objects by place
+    unchanging: list[Any]  # objects that these refer to by number
+
+
+class _Kept(NamedTuple):
+    """A constant: it stays as it is in the law that was built."""
+
+    kind: str
 
 
 class LawState:
@@ -57,8 +64,6 @@ class LawState:
         objects: Objects, lists and dictionaries that can change, by where they were found.
         places: Path of each array and object, by its id.
         found: Each array and object, by its path.
-        sources: The same arrays, flat where contiguous, which copies fastest.
-        size: Memory of the arrays [bytes].
     """
 
     def __init__(self, law: object, apart: Collection[object] = ()) -> None:
@@ -68,11 +73,7 @@ class LawState:
         self.found: dict[str, Any] = {}
         self._apart = {id(each) for each in apart}
         self._find(law, "")
-        self.sources = [each.reshape(-1) if each.flags.c_contiguous else each for each in self.arrays.values()]
-        self._live = [each if isinstance(each, _CONTAINERS) else _live(each) for each in self.objects.values()]
-        contents = [_contents(each) for each in self._live]
-        self._built = [tuple(each.values() if isinstance(each, dict) else each) for each in contents]
-        self.size = sum(-(-each.nbytes // 8) * 8 for each in self.arrays.values())
+        self._built = [tuple(_values(_content(each))) for each in self.objects.values()]
 
     def _find(self, value: Any, place: str) -> None:
         if id(value) in self.places:
@@ -107,77 +108,192 @@ class LawState:
         self.places[id(value)] = place
         self.found[place] = value  # and lives, so that its id stays its own
 
-    def is_apart(self, value: object) -> bool:
-        """Whether an object is a separate law, or a record of the inputs of the laws."""
-        return id(value) in self._apart
-
     def is_looked_into(self, value: object) -> bool:
         """Whether an object is of this project, and neither a constant nor apart."""
-        return not self.is_apart(value) and is_ours(value)
+        return id(value) not in self._apart and is_ours(value)
 
-    def memory(self) -> Bytes:
+    def memory(self) -> list[NDArray[Any]]:
         """Memory that ``capture`` can fill; touched, so that no page is missing later."""
-        return np.full(self.size, 1, dtype=np.uint8)
+        return [each.copy() for each in self.arrays.values()]
 
-    def views(self, memory: Bytes) -> list[NDArray[Any]]:
-        """The part of a memory that belongs to each array."""
-        views: list[NDArray[Any]] = []
-        begin = 0
-        for array in self.sources:
-            views.append(memory[begin : begin + array.nbytes].view(array.dtype).reshape(array.shape))
-            begin += -(-array.nbytes // 8) * 8
-        return views
+    def capture(self, memory: list[NDArray[Any]]) -> Captured:
+        """Copy the state; ``memory``, from ``memory()``, takes the arrays."""
+        for copy, array in zip(memory, self.arrays.values(), strict=True):
+            copy[...] = array
+        changed: dict[str, Any] = {}
+        for (place, each), built in zip(self.objects.items(), self._built, strict=True):
+            now = _content(each)
+            if len(now) != len(built) or not all(map(is_, _values(now), built)):
+                changed[place] = tuple(now.items() if isinstance(now, dict) else now)
+        unchanging: list[Any] = []
+        return Captured(memory, self.pickled(changed, unchanging), unchanging)
 
-    def capture(self, memory: Bytes, views: list[NDArray[Any]]) -> Captured:
-        """Copy the state into ``memory`` through its ``views``; both come from ``memory()``."""
-        for view, array in zip(views, self.sources, strict=True):
-            view[...] = array
-        known, memo = self.places, dict[int, Any]()
-        hold = self._hold
-        objects: list[Any] = []
-        for each, built in zip(self._live, self._built, strict=True):
-            now = each if type(each) is dict else _contents(each)
-            if len(now) == len(built) and all(map(is_, now.values() if type(now) is dict else now, built)):
-                objects.append(None)
-            elif type(now) is dict:
-                objects.append(
-                    {
-                        name: value if type(value) in _ATOMS or id(value) in known else hold(value, memo)
-                        for name, value in now.items()
-                    }
-                )
-            else:
-                objects.append([hold(one, memo) for one in now])
-        return Captured(memory, objects)
-
-    def _hold(self, value: Any, memo: dict[int, Any]) -> Any:
-        """A copy of objects made since the construction; known objects are kept as references."""
-        if type(value) in _ATOMS or id(value) in self.places or isinstance(value, (*_LEFT, *_UNCHANGING, Enum)):
-            return value
-        if id(value) in memo:
-            return memo[id(value)][0]
-        held: Any = value
-        if isinstance(value, np.ndarray):
-            held = value if id(owner(value)) in self.places else value.copy()
-        elif isinstance(value, dict):
-            held = {key: self._hold(each, memo) for key, each in value.items()}
-        elif isinstance(value, (list, tuple, deque, set)):
-            make = getattr(type(value), "_make", type(value))  # a NamedTuple takes its fields one by one
-            held = make(self._hold(each, memo) for each in value)
-        elif self.is_looked_into(value):
-            held = Held(type(value), {name: self._hold(each, memo) for name, each in attributes(value).items()})
-        memo[id(value)] = held, value  # the value, so that its id stays its own
-        return held
+    def pickled(self, value: Any, unchanging: list[Any] | None = None) -> bytes:
+        """A value with references to the objects of this law; unchanging objects are put on a list, if given."""
+        file = BytesIO()
+        _Pickler(file, self, unchanging).dump(value)
+        return file.getvalue()
 
 
-def _live(value: Any) -> Any:
-    """Attributes of an object: its dictionary, or the object itself when it has slots."""
-    return value if _slots(type(value)) else vars(value)
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: BytesIO, law: LawState, unchanging: list[Any] | None) -> None:
+        super().__init__(file, protocol=5)
+        self._law, self._unchanging = law, unchanging
+
+    def persistent_id(self, value: Any) -> Any:
+        """Place of what the law was built with, part of an array there, number or kind; None: by its content."""
+        kind = type(value)
+        if kind in _ATOMS:
+            return None
+        if (place := self._law.places.get(id(value))) is not None:
+            return place
+        if kind is np.ndarray:
+            base = owner(value)
+            if (place := self._law.places.get(id(base))) is None:
+                return None
+            return place, _address(value) - _address(base), value.dtype.str, value.shape, value.strides
+        if self._unchanging is not None and isinstance(value, _UNCHANGING):
+            self._unchanging.append(value)
+            return len(self._unchanging) - 1
+        if isinstance(value, _PICKLED) or self._law.is_looked_into(value) or any(value is each for each in _CALLED):
+            return None
+        return (_name(kind),)
+
+    def reducer_override(self, value: Any) -> Any:
+        """Objects of this project by class and attributes."""
+        if isinstance(value, Enum):
+            return _make, (_name(type(value)), value.name)
+        if hasattr(value, "_asdict") or self._law.is_looked_into(value):
+            return _make, (_name(type(value)), attributes(value))
+        return NotImplemented
 
 
-def _contents(value: Any) -> Any:
-    """Attributes or items of a mutable object."""
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, data: Bytes, law: LawState, unchanging: list[Any]) -> None:
+        super().__init__(BytesIO(data.tobytes()))
+        self._law, self._unchanging = law, unchanging
+
+    def persistent_load(self, pid: Any) -> Any:
+        """See ``_Pickler.persistent_id``."""
+        if isinstance(pid, str):
+            return self._law.found[pid]
+        if isinstance(pid, int):
+            return self._unchanging[pid]
+        if len(pid) == 1:
+            return _Kept(*pid)
+        place, begin, kind, shape, strides = pid
+        return np.ndarray(shape, np.dtype(kind), self._law.found[place], begin, strides)
+
+    def find_class(self, module: str, name: str) -> Any:
+        """What makes arrays and records; nothing else is called."""
+        if (maker := _MAKERS.get((module, name))) is None:
+            raise PoiseError(f"the state of the laws holds '{module}:{name[:64]}', which is not known")
+        return maker
+
+
+def _make(name: str, content: Any) -> Any:
+    """An object of this project, by its class, from its attributes; an enum from the name of its member."""
+    module, _, path = name.partition(":")
+    kind: Any = import_module(module) if module.split(".", 1)[0] in PACKAGES else None
+    for part in path.split("."):
+        kind = getattr(kind, part, None)
+    if not isinstance(kind, type):
+        raise PoiseError(f"the state of the laws holds '{name[:64]}', which is not known")
+    if issubclass(kind, Enum):
+        return kind[content]
+    if issubclass(kind, Struct | tuple):
+        return kind(**content)
+    made = object.__new__(kind)
+    for key, value in content.items():
+        object.__setattr__(made, key, value)
+    return made
+
+
+_CALLED: tuple[Any, ...] = (
+    *(np.zeros(1).__reduce_ex__(protocol)[0] for protocol in (2, 5)),
+    np.float64().__reduce__()[0],
+    *(np.ndarray, np.dtype, deque, set, _make),
+)
+#: All that is called to make a state: NumPy's functions for arrays and numbers, containers, and objects of this project
+_MAKERS = {(maker.__module__, maker.__qualname__): maker for maker in _CALLED}
+#: By content, besides own objects
+_PICKLED = (tuple, *_CONTAINERS, Enum, np.generic, np.dtype, pickle.PickleBuffer)
+
+
+def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
+    """Bytes and description of a captured state."""
+    arrays = law.pickled((captured.memory, captured.unchanging))
+    data = np.frombuffer(captured.objects + arrays, np.uint8)
+    return data, {"arrays": _arrays(law), "objects": len(captured.objects)}
+
+
+def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
+    """Restore a state in a law like the one it was captured from.
+
+    Raises:
+        PoiseError: The law is of another version than the one of the state.
+    """
+    if description["arrays"] != _arrays(law):
+        raise PoiseError(_OTHER_VERSION)
+    objects, arrays = np.split(data, [description["objects"]])
+    try:
+        memory, unchanging = _Unpickler(arrays, law, []).load()
+        changed = _Unpickler(objects, law, unchanging).load()
+        targets = [law.objects[place] for place in changed]
+    except (pickle.UnpicklingError, EOFError, LookupError) as error:
+        raise PoiseError(_OTHER_VERSION) from error
+    for array, copy in zip(law.arrays.values(), memory, strict=True):
+        array[...] = copy
+    for target, contents in zip(targets, changed.values(), strict=True):
+        _put(target, contents)
+
+
+def _put(target: Any, contents: tuple[Any, ...]) -> None:
+    """Replace the items of a container or the attributes of an object."""
+    if isinstance(target, _CONTAINERS) and not isinstance(target, dict):
+        old = [*target, *[None] * len(contents)]
+        items = [_settled(*pair) for pair in zip(contents, old, strict=False)]
+        target.clear()
+        (target.update if isinstance(target, set) else target.extend)(items)
+        return
+    before = _content(target)
+    pairs = {name: _settled(each, before.get(name)) for name, each in contents}
+    if isinstance(target, dict):
+        target.clear()
+        target.update(pairs)
+    else:
+        for name, each in pairs.items():
+            object.__setattr__(target, name, each)
+
+
+def _settled(value: Any, old: Any) -> Any:
+    """A restored value, or the one there where it is a constant."""
+    if not isinstance(value, _Kept):
+        return value
+    if old is None and value.kind not in _MADE_ANEW:
+        raise PoiseError(f"the state of the laws holds '{value.kind[:64]}', which cannot be put back")
+    return old
+
+
+def _arrays(law: LawState) -> list[list[Any]]:
+    return [[place, each.dtype.str, list(each.shape)] for place, each in law.arrays.items()]
+
+
+def _name(kind: type) -> str:
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _address(array: NDArray[Any]) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _content(value: Any) -> Any:
+    """A container, or the attributes of an object by name."""
     return value if isinstance(value, _CONTAINERS) else attributes(value)
+
+
+def _values(content: Any) -> Any:
+    return content.values() if isinstance(content, dict) else content
 
 
 def owner(array: NDArray[Any]) -> NDArray[Any]:
@@ -203,7 +319,9 @@ def is_frozen(value: object) -> bool:
 
 
 def attributes(value: object) -> dict[str, Any]:
-    """Attributes of an object by name, those of slots included."""
+    """Attributes of an object by name, those of slots included, or fields of a named tuple."""
+    if isinstance(value, tuple):
+        return dict(zip(value._fields, value, strict=True))  # type: ignore[attr-defined]
     own = getattr(value, "__dict__", None)
     names = _slots(type(value))
     if not names:

@@ -17,7 +17,7 @@ from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.calibration import Calibration
 from models.config import parse_config
 from models.errors import PoiseError
-from models.law_state_file import restore
+from models.law_state import restore
 from models.robot_model import RobotModel
 from models.types import ContactState, JointCommand, JointTrajectory, Mode, RobotState, SensorData
 from planners.gait.config import GaitConfig

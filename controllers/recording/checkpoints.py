@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from controllers.input_log import InputLog, TickInputs, plain
 from controllers.stack import ControlStack, StackMemory
 from models.constants import NANOSECONDS
-from models.law_state import Bytes, Captured, LawState
-from models.law_state_file import describe
+from models.law_state import Bytes, Captured, LawState, describe
 
 PERIOD = 4.0  #: Time between two checkpoints [s]: one takes as long as half a tick
 
@@ -47,7 +46,7 @@ class Checkpoints:
     def __init__(self, stack: ControlStack, log: InputLog, duration: float) -> None:
         self._stack, self._log = stack, log
         count = int(duration / PERIOD) + 2
-        self._slots: list[dict[str, tuple[Bytes, list[NDArray[Any]]]]] = [{} for _ in range(count)]
+        self._slots: list[dict[str, list[NDArray[Any]]]] = [{} for _ in range(count)]
         self.ring: deque[Checkpoint] = deque(maxlen=count)
         self._next = 0
         self._due = 0
@@ -57,8 +56,7 @@ class Checkpoints:
         for slot in self._slots:
             for name, stage in self._log.stages.items():
                 if name not in slot:
-                    memory = stage.memory()
-                    slot[name] = memory, stage.views(memory)
+                    slot[name] = stage.memory()
 
     def clear(self) -> None:
         """The robot starts over."""
@@ -75,7 +73,7 @@ class Checkpoints:
         self._due = stamp + round(PERIOD * NANOSECONDS)
         slot = self._slots[self._next]
         self._next = (self._next + 1) % len(self._slots)
-        captured = {name: (stage, stage.capture(*slot[name])) for name, stage in self._log.stages.items()}
+        captured = {name: (stage, stage.capture(slot[name])) for name, stage in self._log.stages.items()}
         self.ring.append(Checkpoint(stamp, row, self._stack.memory, self._log.in_force, captured))
 
     def start(self, rows: NDArray[np.int64]) -> ReplayStart | None:
