@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 
 
-@njit("float64(float64, float64, float64, float64)", cache=True)
+@register_jitable
 def heading(x: float, y: float, z: float, w: float) -> float:
     """Yaw of a unit quaternion with R = Rz(yaw) Ry(pitch) Rx(roll), in [-pi, pi] [rad]."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from importlib import import_module
 from io import BytesIO
 from operator import is_
@@ -33,7 +34,7 @@ PACKAGES = ("models", "planners", "controllers")  #: Whose objects are looked in
 _LEFT = (RobotModel, type, FunctionType, MethodType)
 _ATOMS = frozenset({bool, int, float, str, bytes, type(None)})
 _CONTAINERS = (list, dict, deque, set)
-#: Made once and never changed: pickled only when the state is written, because that takes long
+#: Made once and never changed: not copied, because that takes long
 _UNCHANGING = (TrajectorySampler,)
 #: What a law hands itself within a tick; the next tick makes it anew
 _MADE_ANEW = ("builtins:method", "builtins:function")
@@ -47,7 +48,7 @@ class Captured:
 
     memory: list[NDArray[Any]]  # contents of the arrays
     objects: bytes  # pickled contents of the changed objects by place
-    unchanging: list[Any]  # objects that these refer to by number
+    later: list[Any]  # copies of new arrays, and unchanging objects, that these refer to by number
 
 
 class _Kept(NamedTuple):
@@ -73,7 +74,7 @@ class LawState:
         self.found: dict[str, Any] = {}
         self._apart = {id(each) for each in apart}
         self._find(law, "")
-        self._built = [tuple(_values(_content(each))) for each in self.objects.values()]
+        self._built = [_content(each).copy() for each in self.objects.values()]
 
     def _find(self, value: Any, place: str) -> None:
         if id(value) in self.places:
@@ -108,9 +109,9 @@ class LawState:
         self.places[id(value)] = place
         self.found[place] = value  # and lives, so that its id stays its own
 
-    def is_looked_into(self, value: object) -> bool:
+    def is_looked_into(self, value: Any) -> bool:
         """Whether an object is of this project, and neither a constant nor apart."""
-        return id(value) not in self._apart and is_ours(value)
+        return is_ours(type(value)) and id(value) not in self._apart
 
     def memory(self) -> list[NDArray[Any]]:
         """Memory that ``capture`` can fill; touched, so that no page is missing later."""
@@ -123,22 +124,26 @@ class LawState:
         changed: dict[str, Any] = {}
         for (place, each), built in zip(self.objects.items(), self._built, strict=True):
             now = _content(each)
-            if len(now) != len(built) or not all(map(is_, _values(now), built)):
+            if len(now) == len(built) and all(map(is_, _values(now), _values(built))):
+                continue
+            if isinstance(each, _CONTAINERS):
                 changed[place] = tuple(now.items() if isinstance(now, dict) else now)
-        unchanging: list[Any] = []
-        return Captured(memory, self.pickled(changed, unchanging), unchanging)
+            else:
+                changed[place] = tuple(pair for pair in now.items() if built.get(pair[0], built) is not pair[1])
+        later: list[Any] = []
+        return Captured(memory, self.pickled(changed, later), later)
 
-    def pickled(self, value: Any, unchanging: list[Any] | None = None) -> bytes:
-        """A value with references to the objects of this law; unchanging objects are put on a list, if given."""
+    def pickled(self, value: Any, later: list[Any] | None = None) -> bytes:
+        """A value with references to the objects of this law; large contents go to a list, if given."""
         file = BytesIO()
-        _Pickler(file, self, unchanging).dump(value)
+        _Pickler(file, self, later).dump(value)
         return file.getvalue()
 
 
 class _Pickler(pickle.Pickler):
-    def __init__(self, file: BytesIO, law: LawState, unchanging: list[Any] | None) -> None:
+    def __init__(self, file: BytesIO, law: LawState, later: list[Any] | None) -> None:
         super().__init__(file, protocol=5)
-        self._law, self._unchanging = law, unchanging
+        self._law, self._later, self._numbers = law, later, dict[int, int]()
 
     def persistent_id(self, value: Any) -> Any:
         """Place of what the law was built with, part of an array there, number or kind; None: by its content."""
@@ -149,13 +154,14 @@ class _Pickler(pickle.Pickler):
             return place
         if kind is np.ndarray:
             base = owner(value)
-            if (place := self._law.places.get(id(base))) is None:
-                return None
-            return place, _address(value) - _address(base), value.dtype.str, value.shape, value.strides
-        if self._unchanging is not None and isinstance(value, _UNCHANGING):
-            self._unchanging.append(value)
-            return len(self._unchanging) - 1
-        if isinstance(value, _PICKLED) or self._law.is_looked_into(value) or any(value is each for each in _CALLED):
+            if (place := self._law.places.get(id(base))) is not None:
+                return place, _address(value) - _address(base), value.dtype.str, value.shape, value.strides
+        if self._later is not None and isinstance(value, (np.ndarray, *_UNCHANGING)):
+            if id(value) not in self._numbers:
+                self._numbers[id(value)] = len(self._later)
+                self._later.append(value.copy() if isinstance(value, np.ndarray) else value)
+            return self._numbers[id(value)]
+        if self._law.is_looked_into(value) or isinstance(value, _PICKLED) or any(value is each for each in _CALLED):
             return None
         return (_name(kind),)
 
@@ -169,16 +175,16 @@ class _Pickler(pickle.Pickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, data: Bytes, law: LawState, unchanging: list[Any]) -> None:
+    def __init__(self, data: Bytes, law: LawState, later: list[Any]) -> None:
         super().__init__(BytesIO(data.tobytes()))
-        self._law, self._unchanging = law, unchanging
+        self._law, self._later = law, later
 
     def persistent_load(self, pid: Any) -> Any:
         """See ``_Pickler.persistent_id``."""
         if isinstance(pid, str):
             return self._law.found[pid]
         if isinstance(pid, int):
-            return self._unchanging[pid]
+            return self._later[pid]
         if len(pid) == 1:
             return _Kept(*pid)
         place, begin, kind, shape, strides = pid
@@ -222,7 +228,7 @@ _PICKLED = (tuple, *_CONTAINERS, Enum, np.generic, np.dtype, pickle.PickleBuffer
 
 def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
     """Bytes and description of a captured state."""
-    arrays = law.pickled((captured.memory, captured.unchanging))
+    arrays = law.pickled((captured.memory, captured.later))
     data = np.frombuffer(captured.objects + arrays, np.uint8)
     return data, {"arrays": _arrays(law), "objects": len(captured.objects)}
 
@@ -237,8 +243,8 @@ def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
         raise PoiseError(_OTHER_VERSION)
     objects, arrays = np.split(data, [description["objects"]])
     try:
-        memory, unchanging = _Unpickler(arrays, law, []).load()
-        changed = _Unpickler(objects, law, unchanging).load()
+        memory, later = _Unpickler(arrays, law, []).load()
+        changed = _Unpickler(objects, law, later).load()
         targets = [law.objects[place] for place in changed]
     except (pickle.UnpicklingError, EOFError, LookupError) as error:
         raise PoiseError(_OTHER_VERSION) from error
@@ -303,11 +309,11 @@ def owner(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def is_ours(value: object) -> bool:
-    """Whether an object is of this project, and neither the robot nor a node."""
-    module = type(value).__module__
-    ours = module.split(".", 1)[0] in PACKAGES and ".nodes" not in module
-    return ours and not isinstance(value, (*_LEFT, Enum))
+@cache
+def is_ours(kind: Any) -> bool:
+    """Whether objects of a class are of this project, and neither a robot nor a node."""
+    ours = kind.__module__.split(".", 1)[0] in PACKAGES and ".nodes" not in kind.__module__
+    return ours and not issubclass(kind, (*_LEFT, Enum))
 
 
 def is_frozen(value: object) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
 from models.types import Matrix, Vector
 
 
@@ -22,7 +22,7 @@ def min_jerk(u: float) -> tuple[float, float, float]:
     )
 
 
-@njit("UniTuple(float64, 3)(float64, float64, float64, UniTuple(float64, 3), float64, float64)", cache=True)
+@register_jitable
 def quintic_step(
     position: float, velocity: float, acceleration: float, end: tuple[float, float, float], left: float, dt: float
 ) -> tuple[float, float, float]:
@@ -101,14 +101,9 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
     return c
 
 
-# Its signature is given, so that it is compiled on import and not when a motion starts on a standing robot.
-@njit("void(float64[:,:,::1], int64, float64, float64, float64[:,::1])", cache=True)
+@njit(cache=True)
 def evaluate_quintic(
-    coefficients: NDArray[np.float64],
-    segment: int,
-    u: float,
-    length: float,
-    curve: NDArray[np.float64],
+    coefficients: NDArray[np.float64], segment: int, u: float, length: float, curve: NDArray[np.float64]
 ) -> None:
     """Evaluate a segment of ``quintic_coefficients`` of ``length`` [s] at u in [0, 1].
 
@@ -120,3 +115,7 @@ def evaluate_quintic(
         curve[0, j] = c[0, j] + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
         curve[1, j] = (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / length
         curve[2, j] = (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (length * length)
+
+
+# Compiled on import and not when a motion starts on a standing robot
+evaluate_quintic(np.zeros((1, 6, 1)), 0, 0.0, 1.0, np.zeros((3, 1)))

@@ -115,12 +115,6 @@ def fill_points(
     return times, q, v, tau
 
 
-__all__ = ["TrajectoryLimits", "TrajectorySampler", "default_limits", "thin", "validate_trajectory"]
-
-if TYPE_CHECKING:
-    from models.robot_model import RobotModel
-
-
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TrajectoryLimits:
     """Schema of ``models/config/trajectory.yaml``."""

@@ -61,26 +61,6 @@ class RobotState(Struct, frozen=True):
         """Orientation of B in W, xyzw (4,)."""
         return self.q[3:7]
 
-    @property
-    def base_linear_velocity(self) -> Vector:
-        """Velocity of B's origin relative to W, expressed in B (3,) [m/s]."""
-        return self.v[:3]
-
-    @property
-    def base_angular_velocity(self) -> Vector:
-        """Angular velocity of B relative to W, expressed in B (3,) [rad/s]."""
-        return self.v[3:6]
-
-    @property
-    def joint_positions(self) -> Vector:
-        """Joint positions (nj,) [rad]."""
-        return self.q[7:]
-
-    @property
-    def joint_velocities(self) -> Vector:
-        """Joint velocities (nj,) [rad/s]."""
-        return self.v[6:]
-
 
 class PushEstimate(Struct, frozen=True):
     """External force on the robot besides gravity and the ground, estimated by the force observer."""

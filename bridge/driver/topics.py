@@ -24,7 +24,7 @@ from controllers.joints.motor_driver import check_stamp
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.cdr import NANOSECONDS
+from models.nodes.cdr import NANOSECONDS, numbers_of
 from models.nodes.messages import (
     ImuCodec,
     JointCommandCodec,
@@ -33,7 +33,6 @@ from models.nodes.messages import (
     mode_named,
     set_stamp,
     to_seconds,
-    wrench_vector,
 )
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
@@ -291,7 +290,7 @@ class SimulationServices:
 
     def _on_push(self, message: WrenchStamped) -> None:
         try:
-            self._push(wrench_vector(message.wrench)[:3], message.header.frame_id or "base_link")
+            self._push(numbers_of(message.wrench)[:3], message.header.frame_id or "base_link")
         except PoiseError as error:
             self._node.refuse(topics.PUSH, error)
 

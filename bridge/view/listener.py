@@ -23,7 +23,8 @@ from bridge.ros.processes import in_namespace
 from models.config import STRICT
 from models.errors import PoiseError
 from models.nodes import topics
-from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds, wrench_vector
+from models.nodes.cdr import numbers_of
+from models.nodes.messages import JointStateCodec, WrenchCodec, to_seconds
 from models.nodes.odometry import OdometryCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.nodes.status import subscribe_status
@@ -177,7 +178,7 @@ class Listener:
         return on_word
 
     def _on_push(self, message: WrenchStamped) -> None:
-        self._push = wrench_vector(message.wrench)
+        self._push = numbers_of(message.wrench)
 
     def _on_margin(self, message: Float64) -> None:
         self._margin = float(message.data)

@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from models.constants import NANOSECONDS as NANOSECONDS
 from models.errors import MessageError
@@ -25,100 +24,65 @@ STAMP_OFFSET = 4
 STAMP_SIZE = 8  #: Seconds (int32) and nanoseconds (uint32) [bytes]
 
 
-class Markers:
-    """Distinct doubles that locate the slots of a message in its serialised bytes."""
-
-    def __init__(self) -> None:
-        self._next = 1
-
-    def take(self, size: int) -> Vector:
-        """Fresh markers (size,); none occurs twice."""
-        values = -7.25e301 - 1e290 * np.arange(self._next, self._next + size, dtype=np.float64)
-        self._next += size
-        return values
+def field_of(message: Any, path: str) -> Any:
+    """Field of a message by its path, such as ``header.frame_id`` or ``points.0.effort``."""
+    for part in path.split("."):
+        message = message[int(part)] if part.isdigit() else getattr(message, part)
+    return message
 
 
-def padding(message: Any, size: int) -> NDArray[np.bool_]:
-    """Padding of a serialised message, whose value the serialiser leaves undefined, as flags (size,).
-
-    Raises ``MessageError`` when a field has an unsupported type or the layout does not add up to ``size``.
-    """
-    free = np.zeros(size, dtype=np.bool_)
-    end = _walk(message, "", STAMP_OFFSET, free)
-    if not 0 <= size - end <= _SPARE:  # the serialiser reserves for the worst alignment
-        raise MessageError(f"{type(message).__name__}: {end} bytes laid out, {size} serialised")
-    free[end:] = True
-    return free
-
-
-_WORD = 4  #: Size and alignment of lengths [bytes]
-_SPARE = 16  #: Most bytes that a serialised message may have behind its end [bytes]
-_SIZES = {"double": 8, "int32": 4, "uint32": 4}  #: Size and alignment of the primitive types that occur [bytes]
-
-
-def _walk(value: Any, kind: str, at: int, free: NDArray[np.bool_]) -> int:
-    """Lay out one value of a ROS type at an offset and mark its padding; returns the offset behind it."""
+def numbers_of(value: Any) -> Vector:
+    """Numbers of a field (n,): an array, or a message of numbers, such as a Pose, in the order of its definition."""
     if hasattr(value, "get_fields_and_field_types"):
-        for name, field in value.get_fields_and_field_types().items():
-            at = _walk(getattr(value, name), field, at, free)
-        return at
-    if kind == "string":
-        return _align(at, _WORD, free) + _WORD + len(value.encode()) + 1
-    if kind in _SIZES:
-        return _align(at, _SIZES[kind], free) + _SIZES[kind]
-    if kind.startswith("sequence<"):
-        item = kind[len("sequence<") : -1]
-        at = _align(at, _WORD, free) + _WORD
-    elif kind.endswith("]"):
-        item = kind[: kind.index("[")]
+        return np.concatenate([numbers_of(getattr(value, name)) for name in value.get_fields_and_field_types()])
+    return np.array(value, dtype=np.float64, ndmin=1)
+
+
+def _fill(message: Any, path: str, markers: list[float]) -> None:
+    """Replace the numbers of a field by the first of the markers, which are used up."""
+    value = field_of(message, path)
+    if hasattr(value, "get_fields_and_field_types"):
+        for name in value.get_fields_and_field_types():
+            _fill(value, name, markers)
     else:
-        raise MessageError(f"type '{kind}' has no constant layout that is known here")
-    for element in value:
-        at = _walk(element, item, at, free)
-    return at
-
-
-def _align(at: int, size: int, free: NDArray[np.bool_]) -> int:
-    """Next multiple of ``size``, counted from behind the encapsulation header; marks the skipped bytes as padding."""
-    aligned = at + (STAMP_OFFSET - at) % size
-    free[at:aligned] = True
-    return aligned
+        count = numbers_of(value).size
+        parent, _, name = path.rpartition(".")
+        owner = field_of(message, parent) if parent else message
+        setattr(owner, name, markers[:count] if np.ndim(value) else markers[0])
+        del markers[:count]
 
 
 class Template:
     """Layout of one stamped message whose strings and sizes do not change.
 
     Args:
-        message: Message filled with markers, for example from ``Markers.take``.
-        slots: The marker arrays, each contiguous in the message, in the order in which ``pack`` takes the values.
+        message: Message whose arrays have their sizes; markers are written into its slots.
+        fields: Paths of the slots in the order in which ``pack`` takes their values; see ``field_of``.
 
     Raises:
-        MessageError: A marker is not found in the bytes.
+        MessageError: The numbers of a field are not contiguous in the bytes.
     """
 
-    def __init__(self, message: Any, slots: Sequence[Vector]) -> None:
+    def __init__(self, message: Any, fields: Sequence[str]) -> None:
+        sizes = [numbers_of(field_of(message, path)).size for path in fields]
+        markers = np.split(-7.25e301 - 1e290 * np.arange(1, sum(sizes) + 1), np.cumsum(sizes)[:-1])
+        for path, values in zip(fields, markers, strict=True):
+            _fill(message, path, values.tolist())
         data = bytes(serialize_message(message))
-        offsets = []
-        for slot in slots:
-            offset = data.find(np.ascontiguousarray(slot, dtype="<f8").tobytes())
-            if offset < 0:
-                raise MessageError(f"{type(message).__name__}: a block of {slot.size} numbers is not contiguous")
-            offsets.append(offset)
-        self.size = len(data)
-        self._slots = [(offset, slot.size) for offset, slot in zip(offsets, slots, strict=True)]
-        free = padding(message, self.size)
-        for start, size in [(STAMP_OFFSET, STAMP_SIZE), *((offset, 8 * size) for offset, size in self._slots)]:
-            free[start : start + size] = True
-        self._mask = np.where(free, 0, 255).astype(np.uint8)
-        constant = np.frombuffer(data, np.uint8) & self._mask
-        self._constant = constant.tobytes()
-        self._masked = np.empty_like(self._mask)
-        ends = [(STAMP_OFFSET, STAMP_OFFSET + STAMP_SIZE)]
-        ends += sorted((offset, offset + 8 * size) for offset, size in self._slots)
-        starts, stops = [0, *(stop for _, stop in ends)], [*(start for start, _ in ends), self.size]
+        offsets = [data.find(values.astype("<f8").tobytes()) for values in markers]
+        if min(offsets) < 0:
+            raise MessageError(f"{type(message).__name__}: the numbers of {fields} are not contiguous")
+        self.size, self._marked, self._message = len(data), data, message
+        self._slots = list(zip(offsets, sizes, strict=True))
+        changing = [(STAMP_OFFSET, STAMP_SIZE), *sorted((offset, 8 * size) for offset, size in self._slots)]
+        self._changing = [slice(start, start + size) for start, size in changing]
+        starts, stops = (
+            [0, *(each.stop for each in self._changing)],
+            [*(each.start for each in self._changing), len(data)],
+        )
         self._gaps = [slice(start, stop) for start, stop in zip(starts, stops, strict=True)]
-        self._seen = [self._constant[gap] for gap in self._gaps]
-        self._buffer = bytearray(self._constant)
+        self._seen = [data[gap] for gap in self._gaps]
+        self._buffer = bytearray(data)
         self._views = [np.frombuffer(self._buffer, "<f8", size, offset) for offset, size in self._slots]
 
     def pack(self, stamp_ns: int, values: Sequence[Vector]) -> bytes:
@@ -129,17 +93,26 @@ class Template:
         return bytes(self._buffer)
 
     def matches(self, data: bytes) -> bool:
-        """Whether everything but the stamp, the slots and the padding equals the template."""
+        """Whether everything but the stamp and the slots means the same as in the template.
+
+        Bytes like those of the last message that matched do. Serialisers leave padding undefined, so other bytes are
+        decoded, which takes longer; a sender mostly repeats itself.
+        """
         if len(data) != self.size:
             return False
         found = [data[gap] for gap in self._gaps]
-        if found == self._seen:  # like the last one that matched, padding included: a sender mostly repeats itself
+        if found == self._seen:
             return True
-        np.bitwise_and(np.frombuffer(data, np.uint8), self._mask, out=self._masked)
-        if self._masked.tobytes() != self._constant:
+        marked = bytearray(data)
+        for part in self._changing:
+            marked[part] = self._marked[part]
+        try:
+            same = bool(deserialize_message(bytes(marked), type(self._message)) == self._message)
+        except Exception:  # rclpy raises RuntimeError and RCLError, by version
             return False
-        self._seen = found
-        return True
+        if same:
+            self._seen = found
+        return same
 
     def unpack(self, data: bytes) -> list[Vector] | None:
         """Copies of the slots of a serialised message; None when the layout or the constant part differs."""

@@ -6,17 +6,14 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pinocchio as pin
 from sensor_msgs.msg import Imu
 
 from models.errors import MessageError
 from models.files import part_beside
-from models.nodes.cdr import NANOSECONDS, Markers, Template, stamp_of
-from models.nodes.messages import decode, require_finite
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.messages import Codec
 from models.types import Matrix, Vector
-
-_AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,34 +30,21 @@ class OrientedImuCodec:
     """``ImuSample`` as message; the covariances of rate and force stay 0, which means unknown."""
 
     def __init__(self, frame_id: str) -> None:
-        marks = Markers()
-        slots = [marks.take(4), marks.take(_AXES * _AXES), marks.take(_AXES), marks.take(_AXES)]
-        message = Imu(orientation_covariance=slots[1])
+        message = Imu()
         message.header.frame_id = frame_id
-        o = message.orientation
-        o.x, o.y, o.z, o.w = slots[0].tolist()
-        for vector, slot in ((message.angular_velocity, slots[2]), (message.linear_acceleration, slots[3])):
-            vector.x, vector.y, vector.z = slot.tolist()
-        self._template = Template(message, slots)
+        fields = ("orientation", "orientation_covariance", "angular_velocity", "linear_acceleration")
+        self._codec = Codec[tuple[int, Vector, Vector, Vector, Vector]](message, fields)
 
     def encode(self, stamp: int, sample: ImuSample) -> bytes:
         """Serialised message from a stamp [ns] and a sample."""
-        return self._template.pack(stamp, (sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel))
+        return self._codec.encode(stamp, sample.orientation, sample.covariance.ravel(), sample.gyro, sample.accel)
 
     def decode(self, data: bytes) -> tuple[int, ImuSample]:
         """Stamp [ns] and sample; ``MessageError`` for another message, no orientation, NaN or infinity."""
-        values = self._template.unpack(data)
-        if values is None:
-            message = decode(data, Imu)
-            o, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
-            covariance = np.array(message.orientation_covariance)
-            values = [np.array([o.x, o.y, o.z, o.w]), covariance, *(np.array([v.x, v.y, v.z]) for v in (w, a))]
-        fields = ("orientation", "orientation_covariance", "angular_velocity", "linear_acceleration")
-        for field, value in zip(fields, values, strict=True):
-            require_finite(field, value)
-        if values[1][0] < 0.0:
+        stamp, orientation, covariance, gyro, accel = self._codec.decode(data)
+        if covariance[0] < 0.0:
             raise MessageError("orientation_covariance: there is no orientation")
-        return stamp_of(data), ImuSample(values[0], values[1].reshape(_AXES, _AXES), values[2], values[3])
+        return stamp, ImuSample(orientation, covariance.reshape(3, 3), gyro, accel)
 
 
 #: Header of the CSV file: orientation of the IMU in odom, rate and specific force in its own frame

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from array import array
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -18,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMsg
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from models.errors import JointNameError, MessageError, TrajectoryError
-from models.nodes.cdr import NANOSECONDS, Markers, Template, stamp_of
+from models.nodes.cdr import NANOSECONDS, Template, field_of, numbers_of, stamp_of
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
@@ -66,117 +67,110 @@ def require_finite(field: str, values: Vector, names: tuple[str, ...] | None = N
         raise MessageError(f"{field} of {names[i] if names else f'element {i}'} is {values[i]}")
 
 
-class JointStateCodec:
-    """sensor_msgs/JointState with every joint of one robot, positions, velocities and efforts."""
+S = TypeVar("S", bound=tuple[Any, ...])  #: Stamp [ns] and the numbers of each field
 
-    def __init__(self, model: RobotModel) -> None:
-        self._model = model
-        marks = Markers()
-        slots = [marks.take(model.nj) for _ in range(3)]
-        message = JointState(name=list(model.joint_names))
-        message.position, message.velocity, message.effort = (doubles(slot) for slot in slots)
-        self._template = Template(message, slots)
 
-    def encode(self, stamp: int, q: Vector, v: Vector, tau: Vector) -> bytes:
-        """Serialised message from a stamp [ns], positions, velocities and torques (nj,)."""
-        return self._template.pack(stamp, (q, v, tau))
+class Codec(Generic[S]):
+    """Serialised messages whose numbers change, in ``fields``, and whose other fields mean the same.
 
-    def decode(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
-        """Stamp [ns], positions, velocities, torques, each (nj,) in the order of ``RobotModel.joint_names``.
+    Args:
+        message: A message with its strings and the sizes of its arrays.
+        fields: Paths of the fields of numbers; see ``models.nodes.cdr.field_of``.
+        fixed: Paths of fields in which a message must not differ from this one.
+        names: Of the numbers of every field, for errors; their index when None.
+    """
 
-        Raises ``JointNameError`` for a missing, unknown or duplicate joint, ``MessageError`` for bad size or stamp, NaN
-        or infinity.
+    def __init__(
+        self, message: Any, fields: Sequence[str], fixed: Sequence[str] = (), names: tuple[str, ...] | None = None
+    ) -> None:
+        self._kind, self._fields, self._names = type(message), fields, names
+        self._fixed = {path: field_of(message, path) for path in fixed}
+        self._template = Template(message, fields)
+
+    def encode(self, stamp: int, *values: Vector) -> bytes:
+        """Serialised message from a stamp [ns] and the numbers of each field."""
+        return self._template.pack(stamp, values)
+
+    def decode(self, data: bytes) -> S:
+        """Stamp [ns] and the numbers of each field.
+
+        Raises ``MessageError`` for NaN, infinity, bad sizes, a bad stamp, or a difference in a fixed field.
         """
-        stamp, *values = self.read(data)
-        for field, array_ in zip(("position", "velocity", "effort"), values, strict=True):
-            require_finite(field, array_, self._model.joint_names)
-        return stamp, values[0], values[1], values[2]
+        sample = self.read(data)
+        for field, numbers in zip(self._fields, sample[1:], strict=True):
+            require_finite(field, numbers, self._names)
+        return sample
 
-    def read(self, data: bytes) -> tuple[int, Vector, Vector, Vector]:
+    def read(self, data: bytes) -> S:
         """Like ``decode``, but accepts NaN and infinity: for logs."""
         values = self._template.unpack(data)
         if values is None:
-            values = self._reorder(decode(data, JointState))
-        return stamp_of(data), values[0], values[1], values[2]
+            values = self._values(decode(data, self._kind))
+        return (stamp_of(data), *values)  # type: ignore[return-value]
 
-    def _reorder(self, message: Any) -> list[Vector]:
-        names = list(message.name)
-        values = []
-        for field in ("position", "velocity", "effort"):
-            numbers = np.frombuffer(getattr(message, field), dtype=np.float64)
-            if len(numbers) != len(names):
-                raise MessageError(f"{field}: {len(numbers)} values for {len(names)} names")
-            values.append(self._model.reorder(names, numbers))
-        return values
+    def _values(self, message: Any) -> list[Vector]:
+        """Numbers of each field of a message with another layout."""
+        for path, expected in self._fixed.items():
+            if (found := field_of(message, path)) != expected:
+                raise MessageError(f"{path} is '{found}', expected '{expected}'")
+        return [numbers_of(field_of(message, path)) for path in self._fields]
 
 
-class ImuCodec:
-    """sensor_msgs/Imu with angular velocity and specific force only (``imu/data_raw`` of REP-145)."""
+class JointCodec(Codec[S]):
+    """sensor_msgs/JointState with every joint of one robot: numbers (nj,) of some fields.
+
+    They are in the order of ``RobotModel.joint_names``; ``JointNameError`` for a missing, unknown or duplicate joint.
+    """
+
+    def __init__(self, model: RobotModel, fields: Sequence[str]) -> None:
+        self._model = model
+        message = JointState(name=list(model.joint_names), **dict.fromkeys(fields, [0.0] * model.nj))
+        super().__init__(message, fields, names=model.joint_names)
+
+    def _values(self, message: Any) -> list[Vector]:
+        return ordered(self._model, message.name, message, self._fields)
+
+
+class JointStateCodec(JointCodec[tuple[int, Vector, Vector, Vector]]):
+    """Positions [rad], velocities [rad/s] and torques [N.m]."""
+
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__(model, ("position", "velocity", "effort"))
+
+
+class TorqueCodec(JointCodec[tuple[int, Vector]]):
+    """Torques [N.m]; no positions and no velocities."""
+
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__(model, ("effort",))
+
+
+def ordered(model: RobotModel, names: Sequence[str], message: Any, fields: Sequence[str]) -> list[Vector]:
+    """Values by name, of each field of a message, in the order of ``RobotModel.joint_names`` (nj,)."""
+    found = [(field, np.frombuffer(getattr(message, field), dtype=np.float64)) for field in fields]
+    for field, numbers in found:
+        if len(numbers) != len(names):
+            raise MessageError(f"{field}: {len(numbers)} values for {len(names)} names")
+    return [model.reorder(list(names), numbers) for _, numbers in found]
+
+
+class ImuCodec(Codec[tuple[int, Vector, Vector]]):
+    """sensor_msgs/Imu: gyro (3,) [rad/s] and accelerometer (3,) [m/s^2] only (``imu/data_raw`` of REP-145)."""
 
     def __init__(self, frame_id: str) -> None:
-        marks = Markers()
-        slots = [marks.take(3) for _ in range(2)]
         message = Imu()
         message.header.frame_id = frame_id
         message.orientation_covariance[0] = UNKNOWN_COVARIANCE
-        for vector, slot in ((message.angular_velocity, slots[0]), (message.linear_acceleration, slots[1])):
-            vector.x, vector.y, vector.z = slot.tolist()
-        self._frame_id = frame_id
-        self._template = Template(message, slots)
-
-    def encode(self, stamp: int, gyro: Vector, accel: Vector) -> bytes:
-        """Serialised message from a stamp [ns], gyro (3,) [rad/s] and accelerometer (3,) [m/s^2]."""
-        return self._template.pack(stamp, (gyro, accel))
-
-    def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Stamp [ns], gyro and accelerometer (3,) in the IMU frame; ``MessageError``: other frame, NaN, infinity."""
-        stamp, gyro, accel = self.read(data)
-        require_finite("angular_velocity", gyro)
-        require_finite("linear_acceleration", accel)
-        return stamp, gyro, accel
-
-    def read(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Like ``decode``, but accepts NaN and infinity: for logs."""
-        values = self._template.unpack(data)
-        if values is None:
-            message = decode(data, Imu)
-            if message.header.frame_id != self._frame_id:
-                raise MessageError(f"header.frame_id is '{message.header.frame_id}', expected '{self._frame_id}'")
-            w, a = message.angular_velocity, message.linear_acceleration
-            values = [np.array([w.x, w.y, w.z]), np.array([a.x, a.y, a.z])]
-        return stamp_of(data), values[0], values[1]
+        super().__init__(message, ("angular_velocity", "linear_acceleration"), ("header.frame_id",))
 
 
-class WrenchCodec:
-    """geometry_msgs/WrenchStamped of one sole: ground reaction in the sole frame."""
+class WrenchCodec(Codec[tuple[int, Vector]]):
+    """geometry_msgs/WrenchStamped of one sole: ground reaction in the sole frame (6,) [N, N.m]."""
 
     def __init__(self, frame_id: str) -> None:
-        slots = [Markers().take(6)]
         message = WrenchStamped()
         message.header.frame_id = frame_id
-        _fill_wrench(message.wrench, slots[0])
-        self._frame_id = frame_id
-        self._template = Template(message, slots)
-
-    def encode(self, stamp: int, wrench: Vector) -> bytes:
-        """Serialised message from a stamp [ns] and a wrench (6,) [N, N.m]."""
-        return self._template.pack(stamp, (wrench,))
-
-    def decode(self, data: bytes) -> tuple[int, Vector]:
-        """Stamp [ns] and wrench (6,) in the sole frame; ``MessageError`` for another frame, NaN or infinity."""
-        stamp, wrench = self.read(data)
-        require_finite("wrench", wrench)
-        return stamp, wrench
-
-    def read(self, data: bytes) -> tuple[int, Vector]:
-        """Like ``decode``, but accepts NaN and infinity: for logs."""
-        values = self._template.unpack(data)
-        if values is None:
-            message = decode(data, WrenchStamped)
-            if message.header.frame_id != self._frame_id:
-                raise MessageError(f"header.frame_id is '{message.header.frame_id}', expected '{self._frame_id}'")
-            values = [wrench_vector(message.wrench)]
-        return stamp_of(data), values[0]
+        super().__init__(message, ("wrench",), ("header.frame_id",))
 
 
 class JointCommandCodec:
@@ -186,12 +180,10 @@ class JointCommandCodec:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self._model = model
-        marks = Markers()
-        slots = [marks.take(model.nj) for _ in range(3)]
-        point = JointTrajectoryPoint()
-        point.positions, point.velocities, point.effort = (doubles(slot) for slot in slots)
-        self._template = Template(JointTrajectoryMsg(joint_names=list(model.joint_names), points=[point]), slots)
+        self._model, zero = model, [0.0] * model.nj
+        point = JointTrajectoryPoint(**dict.fromkeys(_FIELDS, zero))
+        message = JointTrajectoryMsg(joint_names=list(model.joint_names), points=[point])
+        self._template = Template(message, [f"points.0.{field}" for field in _FIELDS])
 
     def encode(self, stamp: int, command: JointCommand) -> bytes:
         """Serialised message from a stamp [ns] and a command."""
@@ -208,17 +200,10 @@ class JointCommandCodec:
             message = decode(data, JointTrajectoryMsg)
             if not _is_set_point(message):
                 return stamp_of(data), trajectory_from_message(message)
-            point = message.points[0]
-            values = [self._ordered(message.joint_names, point, field) for field in _FIELDS]
+            values = ordered(self._model, message.joint_names, message.points[0], _FIELDS)
         for field, numbers in zip(_FIELDS, values, strict=True):
             require_finite(field, numbers, self._model.joint_names)
         return stamp_of(data), JointCommand(*values)
-
-    def _ordered(self, names: list[str], point: Any, field: str) -> Vector:
-        numbers = np.frombuffer(getattr(point, field), dtype=np.float64)
-        if len(numbers) != len(names):
-            raise MessageError(f"{field}: {len(numbers)} values for {len(names)} names")
-        return self._model.reorder(names, numbers)
 
 
 _FIELDS = ("positions", "velocities", "effort")
@@ -266,47 +251,11 @@ def trajectory_to_message(trajectory: JointTrajectory) -> JointTrajectoryMsg:
     return message
 
 
-def wrench_vector(wrench: Any) -> Vector:
-    """geometry_msgs/Wrench to force, torque (6,) [N, N.m]."""
-    f, m = wrench.force, wrench.torque
-    return np.array([f.x, f.y, f.z, m.x, m.y, m.z])
-
-
-def _fill_wrench(wrench: Any, values: Vector) -> None:
-    f, m = wrench.force, wrench.torque
-    f.x, f.y, f.z, m.x, m.y, m.z = values.tolist()
-
-
 def _column(message: Any, field: str, size: int) -> Vector:
     for i, point in enumerate(message.points):
         if len(getattr(point, field)) != size:
             raise TrajectoryError(f"{field}: point {i} has {len(getattr(point, field))} values for {size} joints")
     return np.array([list(getattr(p, field)) for p in message.points], dtype=np.float64).reshape(-1, size)
-
-
-class TorqueCodec:
-    """Torques of every joint of one robot, by name; no positions and no velocities."""
-
-    def __init__(self, model: RobotModel) -> None:
-        self._model = model
-        slot = Markers().take(model.nj)
-        self._template = Template(JointState(name=list(model.joint_names), effort=doubles(slot)), [slot])
-
-    def encode(self, stamp: int, tau: Vector) -> bytes:
-        """Serialised message from a stamp [ns] and torques (nj,) [N.m]."""
-        return self._template.pack(stamp, (tau,))
-
-    def decode(self, data: bytes) -> tuple[int, Vector]:
-        """Stamp [ns] and torques (nj,) [N.m] in the order of ``joint_names``; errors as ``JointStateCodec.decode``."""
-        values = self._template.unpack(data)
-        if values is None:
-            message = decode(data, JointState)
-            numbers = np.frombuffer(message.effort, dtype=np.float64)
-            if len(numbers) != len(message.name):
-                raise MessageError(f"effort: {len(numbers)} values for {len(message.name)} names")
-            values = [self._model.reorder(list(message.name), numbers)]
-        require_finite("effort", values[0], self._model.joint_names)
-        return stamp_of(data), values[0]
 
 
 PAN, TILT = "pan", "tilt"  #: Names in the messages; the profile maps them to joints

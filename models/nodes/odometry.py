@@ -13,31 +13,23 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 
 from models.errors import MessageError
-from models.nodes.cdr import Markers, Template, stamp_of
-from models.nodes.messages import decode, require_finite
+from models.nodes.messages import Codec, require_finite
 from models.nodes.topics import BASE_FRAME
 from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
 
 QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1 [-]
-_COVARIANCE = 36  #: Elements of a covariance of six quantities
 
 
 class OdometryCodec:
     """Pose of the base in ``odom`` and its twist in ``base_link`` (REP-105): ``q[:7]`` and ``v[:6]`` of a state."""
 
     def __init__(self, frame_id: str = "odom", child_frame_id: str = "base_link") -> None:
-        marks = Markers()
-        slots = [marks.take(7), marks.take(_COVARIANCE), marks.take(6), marks.take(_COVARIANCE)]
         message = Odometry(child_frame_id=child_frame_id)
-        message.pose.covariance, message.twist.covariance = slots[1], slots[3]
         message.header.frame_id = frame_id
-        p, o = message.pose.pose.position, message.pose.pose.orientation
-        p.x, p.y, p.z, o.x, o.y, o.z, o.w = slots[0].tolist()
-        linear, angular = message.twist.twist.linear, message.twist.twist.angular
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = slots[2].tolist()
-        self._frames = (frame_id, child_frame_id)
-        self._template = Template(message, slots)
-        self._covariance = np.zeros((2, _COVARIANCE))
+        fields = ("pose.pose", "pose.covariance", "twist.twist", "twist.covariance")
+        fixed = ("header.frame_id", "child_frame_id")
+        self._codec = Codec[tuple[int, Vector, Vector, Vector, Vector]](message, fields, fixed)
+        self._covariance = np.zeros((2, 36))
 
     def set_covariance(self, pose: Matrix, twist: Matrix) -> None:
         """Set the covariances (6, 6) of pose (rotation about fixed axes) and twist; 0 before, which means unknown."""
@@ -46,32 +38,20 @@ class OdometryCodec:
     def encode(self, stamp: int, state: RobotState) -> bytes:
         """Serialised message from a stamp [ns] and a state."""
         pose, twist = self._covariance
-        return self._template.pack(stamp, (state.q[:7], pose, state.v[:6], twist))
+        return self._codec.encode(stamp, state.q[:7], pose, state.v[:6], twist)
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
         """Stamp [ns], pose (7,) (position, quaternion xyzw) and twist in the base frame (6,).
 
         Raises ``MessageError`` for wrong frames, NaN, infinity, or a quaternion that is not of unit length.
         """
-        values = self._template.unpack(data)
-        if values is None:
-            values = self._decode_slowly(decode(data, Odometry))
-        pose, _, twist, _ = values
+        stamp, pose, _, twist, _ = self._codec.read(data)
         require_finite("pose", pose)
         require_finite("twist", twist)
         norm = float(np.linalg.norm(pose[3:]))
         if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             raise MessageError(f"pose.orientation: quaternion of norm {norm:.4f}")
-        return stamp_of(data), pose, twist
-
-    def _decode_slowly(self, message: Any) -> list[Vector]:
-        frames = (message.header.frame_id, message.child_frame_id)
-        if frames != self._frames:
-            raise MessageError(f"frames are {frames}, expected {self._frames}")
-        p, o = message.pose.pose.position, message.pose.pose.orientation
-        v, w = message.twist.twist.linear, message.twist.twist.angular
-        pose, twist = np.array([p.x, p.y, p.z, o.x, o.y, o.z, o.w]), np.array([v.x, v.y, v.z, w.x, w.y, w.z])
-        return [pose, np.array(message.pose.covariance), twist, np.array(message.twist.covariance)]
+        return stamp, pose, twist
 
 
 def contacts_to_bytes(contacts: tuple[ContactState, ContactState]) -> bytes:

@@ -17,50 +17,29 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
+
+def _keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: float | None = None) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        **({} if deadline_s is None else {"deadline": Duration(nanoseconds=round(deadline_s * 1e9))}),
+    )
+
+
 #: Sensors and states: only the newest sample matters
-SENSOR = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+SENSOR = _keep_last(1, reliable=False)
 #: Sensors for a subscriber that counts or logs: deep enough for a busy one
-SENSOR_QUEUE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+SENSOR_QUEUE = _keep_last(100, reliable=False)
 #: ``/robot_description``, ``/mode``: late subscribers get the last value
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATCHED = _keep_last(1, reliable=True, latched=True)
 #: Requests and replies: none may be lost
-EVENT = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+EVENT = _keep_last(10, reliable=True)
 #: Joint commands without an offered or requested deadline, for commanders slower than the controller
-COMMAND = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-
-
+COMMAND = _keep_last(1, reliable=True)
 #: Sensors in lockstep: the plant waits for the answer, so no sample may be lost
-SENSOR_RELIABLE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+SENSOR_RELIABLE = _keep_last(10, reliable=True)
 
 
 def sensor(*, reliable: bool) -> QoSProfile:
@@ -70,15 +49,7 @@ def sensor(*, reliable: bool) -> QoSProfile:
 
 def command(deadline_s: float | None = None) -> QoSProfile:
     """Joint commands: reliable, newest only; DDS watches the deadline [s], disabled when None."""
-    if deadline_s is None:
-        return COMMAND
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.VOLATILE,
-        deadline=Duration(nanoseconds=round(deadline_s * 1e9)),
-    )
+    return COMMAND if deadline_s is None else _keep_last(1, reliable=True, deadline_s=deadline_s)
 
 
 #: Time for which a mismatch counts without the graph: the event may precede the discovery of the other end [s]
