@@ -111,7 +111,8 @@ class LawState:
 
     def is_looked_into(self, value: Any) -> bool:
         """Whether an object is of this project, and neither a constant nor apart."""
-        return is_ours(type(value)) and id(value) not in self._apart
+        kind: Any = type(value)
+        return is_ours(kind) and id(value) not in self._apart
 
     def memory(self) -> list[NDArray[Any]]:
         """Memory that ``capture`` can fill; touched, so that no page is missing later."""
@@ -223,7 +224,7 @@ _CALLED: tuple[Any, ...] = (
 #: All that is called to make a state: NumPy's functions for arrays and numbers, containers, and objects of this project
 _MAKERS = {(maker.__module__, maker.__qualname__): maker for maker in _CALLED}
 #: By content, besides own objects
-_PICKLED = (tuple, *_CONTAINERS, Enum, np.generic, np.dtype, pickle.PickleBuffer)
+_PICKLED = (tuple, *_CONTAINERS, Enum, np.ndarray, np.generic, np.dtype, pickle.PickleBuffer)
 
 
 def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from models.config import default_config
 from models.errors import ConfigError, RobotModelError
-from models.mujoco_spec import HOLD, ROOT_JOINT, build_spec, build_world_spec, prefix
+from models.mujoco_spec import HOLD, ROOT_JOINT, build_spec, prefix
 from models.plant_config import PlantConfig
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
@@ -97,21 +97,15 @@ def build_mujoco(
         ConfigError: An argument is out of range, or the terrain is unknown.
         RobotModelError: MuJoCo refuses the URDF; the file and MuJoCo's reason are named.
     """
-    _check(timestep, friction, payload_kg)
-    ground = terrain_named(terrain)
-    try:
-        spec = build_spec(
-            model,
-            timestep=timestep,
-            visuals=visuals,
-            friction=friction or model.profile.feet.friction,
-            payload_kg=payload_kg,
-            terrain=ground,
-            config=config or default_config(PlantConfig, "models", "mujoco"),
-        )
-        return _index(spec.compile(), model)
-    except ValueError as error:
-        raise RobotModelError(f"{model.urdf}: MuJoCo refuses it: {error}") from error
+    return build_mujoco_world(
+        {"": model},
+        timestep=timestep,
+        visuals=visuals,
+        friction=friction,
+        payload_kg={"": payload_kg},
+        terrain=terrain,
+        config=config,
+    )[""]
 
 
 def build_mujoco_world(
@@ -134,12 +128,17 @@ def build_mujoco_world(
         RobotModelError: MuJoCo refuses a robot.
     """
     payloads = payload_kg or {}
-    for payload in (0.0, *payloads.values()):
-        _check(timestep, friction, payload)
+    if not timestep > 0.0:
+        raise ConfigError(f"timestep: {timestep} s is not positive")
+    if friction is not None and not friction > 0.0:
+        raise ConfigError(f"friction: {friction} is not positive")
+    for payload in payloads.values():
+        if not payload >= 0.0:
+            raise ConfigError(f"payload_kg: {payload} kg is negative")
     if not 0 < len(robots) <= ROBOTS_MAX:
         raise ConfigError(f"robots: {len(robots)}; from 1 to {ROBOTS_MAX} are possible")
     try:
-        compiled = build_world_spec(
+        compiled = build_spec(
             robots,
             timestep=timestep,
             visuals=visuals,
@@ -150,17 +149,8 @@ def build_mujoco_world(
         ).compile()
         return {name: _index(compiled, model, prefix(name)) for name, model in robots.items()}
     except ValueError as error:
-        raise RobotModelError(f"world of {', '.join(robots)}: MuJoCo refuses it: {error}") from error
-
-
-def _check(timestep: float, friction: float | None, payload_kg: float) -> None:
-    """Raise ``ConfigError`` where an argument is out of range."""
-    if not timestep > 0.0:
-        raise ConfigError(f"timestep: {timestep} s is not positive")
-    if friction is not None and not friction > 0.0:
-        raise ConfigError(f"friction: {friction} is not positive")
-    if not payload_kg >= 0.0:
-        raise ConfigError(f"payload_kg: {payload_kg} kg is negative")
+        refused = ", ".join(dict.fromkeys(str(model.urdf) for model in robots.values()))
+        raise RobotModelError(f"{refused}: MuJoCo refuses it: {error}") from error
 
 
 def pin_to_mujoco(model: RobotModel, mj: MujocoModel, q: Vector, v: Vector) -> tuple[Vector, Vector]:

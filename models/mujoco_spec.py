@@ -31,34 +31,6 @@ _BELOW = 1.0  # how far under the lowest block the plane lies [m]
 
 
 def build_spec(
-    model: RobotModel,
-    *,
-    timestep: float,
-    visuals: bool,
-    friction: float,
-    payload_kg: float,
-    terrain: Terrain,
-    config: PlantConfig,
-) -> mujoco.MjSpec:
-    """Specification of the simulated robot and its floor; arguments as for ``models.mujoco_model.build_mujoco``.
-
-    Raises:
-        ValueError: MuJoCo refuses the URDF.
-    """
-    spec = _read(model, visuals)
-    _set_options(spec, timestep, config)
-    _add_ground(spec, terrain, friction, config, visuals)
-    _add_robot(spec, model, payload_kg, terrain, config)
-    if terrain.obstacle is not None:
-        _add_obstacle(spec, terrain, terrain.obstacle, friction, config, visuals)
-    if visuals:
-        _add_camera(spec, model, config)
-        _add_light(spec, model, config)
-        _add_sky(spec, config)
-    return spec
-
-
-def build_world_spec(
     robots: Mapping[str, RobotModel],
     *,
     timestep: float,
@@ -68,28 +40,30 @@ def build_world_spec(
     terrain: Terrain,
     config: PlantConfig,
 ) -> mujoco.MjSpec:
-    """Specification of several robots on one floor, each with its name and a slash as prefix; see ``build_spec``.
+    """Specification of simulated robots on one floor; arguments as for ``models.mujoco_model.build_mujoco_world``.
 
-    They touch and see each other by soles, hulls and the capsules between the hulls. ``payload_kg`` is by the robot's
-    name.
+    A robot without a name is alone. Others have their name and a slash as prefix; they touch and see each other by
+    soles, hulls and the capsules between the hulls.
 
     Raises:
         ValueError: MuJoCo refuses a URDF.
     """
-    world = mujoco.MjSpec()
+    alone = "" in robots
+    world = _read(robots[""], visuals) if alone else mujoco.MjSpec()
     _set_options(world, timestep, config)
     _add_ground(world, terrain, friction, config, visuals)
     for number, (name, model) in enumerate(robots.items()):
-        spec = _read(model, visuals)
-        _set_options(spec, timestep, config)  # attached with other options it would be refused
+        spec = world if alone else _read(model, visuals)
         _add_robot(spec, model, payload_kg.get(name, 0.0), terrain, config)
-        _fill_gaps(spec, model)
-        _let_touch(spec, number)
         if visuals:
             _add_camera(spec, model, config)
             if number == 0:
                 _add_light(spec, model, config)
-        world.attach(spec, prefix=prefix(name), frame=world.worldbody.add_frame())
+        if not alone:
+            _set_options(spec, timestep, config)  # attached with other options it would be refused
+            _fill_gaps(spec, model)
+            _let_touch(spec, number)
+            world.attach(spec, prefix=prefix(name), frame=world.worldbody.add_frame())
     if terrain.obstacle is not None:
         _add_obstacle(world, terrain, terrain.obstacle, friction, config, visuals)
     if visuals:
@@ -98,8 +72,8 @@ def build_world_spec(
 
 
 def prefix(name: str) -> str:
-    """Prefix of a robot's names in a world of several."""
-    return f"{name}/"
+    """Prefix of a robot's names in a world of several; empty for a robot without a name."""
+    return f"{name}/" if name else ""
 
 
 def _read(model: RobotModel, visuals: bool) -> Any:
@@ -180,7 +154,7 @@ def _add_ground(spec: Any, terrain: Terrain, friction: float, config: PlantConfi
     floor.pos = [0.0, 0.0, Ground(terrain).lowest - _BELOW]
     for i, block in enumerate(pieces):
         geom = spec.worldbody.add_geom(name=f"ground_{i}", type=mujoco.mjtGeom.mjGEOM_BOX, size=block.half_sizes)
-        geom.pos, geom.quat = block.centre, np.roll(pin.Quaternion(block.rotation).coeffs(), 1)
+        geom.pos, geom.quat = block.centre, _wxyz(block.rotation)
         _set_surface(geom, terrain, friction, config, visuals)
 
 

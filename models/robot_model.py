@@ -178,14 +178,19 @@ class RobotModel:
         return result
 
     def standing_configuration(self, posture: str = "stand") -> Vector:
-        """Configuration with the soles on the floor: mid-point of the soles at x = y = z = 0, yaw 0 (nq,) [m, rad].
+        """Configuration with the mid-point of the soles at x = y = z = 0, yaw 0 (nq,) [m, rad]; see ``planted``.
 
-        The base is placed so that the mean of both sole orientations is the world's; soles that are parallel and level
-        in the posture then lie flat on z = 0.
+        Soles that are parallel and level in the posture lie flat on z = 0.
+        """
+        return self.planted(self.posture(posture), self.data())
+
+    def planted(self, joints: Vector, data: pin.Data) -> Vector:
+        """Configuration (nq,) of joints (nj,) [rad] with the mean of both sole poses at the origin.
+
+        T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right.
         """
         q: Vector = pin.neutral(self.pin)
-        q[_BASE_NQ:] = self.posture(posture)
-        data = self.data()
+        q[_BASE_NQ:] = joints
         pin.framesForwardKinematics(self.pin, data, q)
         left, right = (data.oMf[foot.frame_id] for foot in self.feet)
         rotation = left.rotation @ pin.exp3(0.5 * pin.log3(left.rotation.T @ right.rotation))

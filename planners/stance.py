@@ -30,16 +30,9 @@ class Stance:
 def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tuple[pin.SE3, pin.SE3]]:
     """Configuration (nq,) with the mean of both sole poses at the origin, and the poses of the left and the right sole.
 
-    T_WB = (mean of T_BL and T_BR)^-1, with the mean rotation half-way on the geodesic from left to right. ``data``
-    holds the frames of the result afterwards.
+    ``data`` holds the frames of the result afterwards; see ``RobotModel.planted``.
     """
-    q = pin.neutral(model.pin)
-    q[7:] = joints
-    pin.framesForwardKinematics(model.pin, data, q)
-    left, right = (data.oMf[foot.frame_id] for foot in model.feet)
-    rotation = left.rotation @ pin.exp3(0.5 * pin.log3(left.rotation.T @ right.rotation))
-    to_world = pin.SE3(rotation, 0.5 * (left.translation + right.translation)).inverse()
-    q[:7] = pin.SE3ToXYZQUAT(to_world)
+    q = model.planted(joints, data)
     pin.framesForwardKinematics(model.pin, data, q)
     left, right = (data.oMf[foot.frame_id].copy() for foot in model.feet)
     return q, (left, right)

@@ -5,12 +5,23 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
-import pinocchio as pin
 
 from models.constants import GRAVITY
 from models.profile import REQUIRED_FRAMES, RESERVED_FRAMES
 from models.proposal.config import RepairConfig
-from models.proposal.shapes import Finding, end, link_points, links_below, longest_chain, masses, named, numbers
+from models.proposal.shapes import (
+    Finding,
+    child,
+    end,
+    link_points,
+    links_below,
+    links_by_name,
+    longest_chain,
+    masses,
+    named,
+    numbers,
+    origin_of,
+)
 from models.proposal.skeleton import BASE, Skeleton
 from models.types import Matrix
 from models.urdf import possible
@@ -36,10 +47,14 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     for joint in continuous:
         joint.set("type", "revolute")
         for key in ("lower", "upper"):
-            _limit(joint).attrib.pop(key, None)
+            child(joint, "limit").attrib.pop(key, None)
     findings += _fill_torque(robot, config)
-    findings += _fill(robot, "velocity", config.velocity, "rad/s")
-    findings += _fill_range(robot, config.range)
+    joints = [joint for joint in _moving(robot) if _value(joint, "velocity") <= 0.0]
+    remedy = f"{config.velocity:g} rad/s assumed: set velocity_limit"
+    findings += _assume(joints, {"velocity": config.velocity}, "no velocity limit", remedy)
+    joints = [joint for joint in _moving(robot) if not _value(joint, "lower") < _value(joint, "upper")]
+    limits = {"lower": -config.range, "upper": config.range}
+    findings += _assume(joints, limits, "no position limits", f"{config.range:g} rad to both sides assumed")
     return findings
 
 
@@ -49,7 +64,7 @@ def rename_links(robot: ET.Element) -> list[Finding]:
     /tf would have two frames of one name, and MuJoCo two bodies.
     """
     children = {end(joint, "child") for joint in robot.findall("joint")}
-    links = {link.get("name", ""): link for link in robot.findall("link")}
+    links = links_by_name(robot)
     renamed = {}
     for name in (*REQUIRED_FRAMES, *RESERVED_FRAMES):
         if name not in links or (name == BASE_LINK and name not in children):
@@ -74,11 +89,6 @@ def _moving(robot: ET.Element) -> list[ET.Element]:
 
 def _names(joints: list[ET.Element]) -> str:
     return named("joint", [joint.get("name", "") for joint in joints])
-
-
-def _limit(joint: ET.Element) -> ET.Element:
-    limit = joint.find("limit")
-    return ET.SubElement(joint, "limit") if limit is None else limit
 
 
 def _value(joint: ET.Element, key: str) -> float:
@@ -121,31 +131,16 @@ def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
     findings = _fix(light, "no torque limit, and next to nothing to move")
     heavy = [joint for joint in without if joint not in light]
     torque = float(f"{config.torque * mass * GRAVITY * longest_chain(robot):.3g}")
-    for joint in heavy:
-        _limit(joint).set("effort", f"{torque:g}")
-    if heavy:
-        remedy = f"{torque:g} N.m assumed, a guess by mass and size: set torque_limit"
-        findings.append(Finding("wrong", _names(heavy), "no torque limit (effort missing or zero)", remedy))
-    return findings
+    remedy = f"{torque:g} N.m assumed, a guess by mass and size: set torque_limit"
+    return findings + _assume(heavy, {"effort": torque}, "no torque limit (effort missing or zero)", remedy)
 
 
-def _fill(robot: ET.Element, key: str, value: float, unit: str) -> list[Finding]:
-    without = [joint for joint in _moving(robot) if _value(joint, key) <= 0.0]
-    for joint in without:
-        _limit(joint).set(key, f"{value:g}")
-    if not without:
-        return []
-    return [Finding("wrong", _names(without), f"no {key} limit", f"{value:g} {unit} assumed: set {key}_limit")]
-
-
-def _fill_range(robot: ET.Element, reach: float) -> list[Finding]:
-    without = [joint for joint in _moving(robot) if not _value(joint, "lower") < _value(joint, "upper")]
-    for joint in without:
-        _limit(joint).set("lower", f"{-reach:g}")
-        _limit(joint).set("upper", f"{reach:g}")
-    if not without:
-        return []
-    return [Finding("wrong", _names(without), "no position limits", f"{reach:g} rad to both sides assumed")]
+def _assume(joints: list[ET.Element], limits: dict[str, float], fault: str, remedy: str) -> list[Finding]:
+    """Set limits of joints that have none."""
+    for joint in joints:
+        for key, value in limits.items():
+            child(joint, "limit").set(key, f"{value:g}")
+    return [Finding("wrong", _names(joints), fault, remedy)] if joints else []
 
 
 _MIRROR = np.diag([1.0, -1.0, 1.0])
@@ -162,7 +157,7 @@ def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
 
     MuJoCo requires a possible inertia of every link with mass, also of one that is welded to others.
     """
-    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    elements = links_by_name(robot)
     weights = masses(robot)
     findings = []
     usable = {name for name, link in elements.items() if weights[name] > 0.0 and possible(_inertia(link))}
@@ -212,9 +207,7 @@ def _inertia(link: ET.Element) -> Matrix:
 
 def _rotation(link: ET.Element, skeleton: Skeleton, name: str) -> Matrix:
     """Axes of <inertial> in the base at zero (3, 3)."""
-    origin = link.find("inertial/origin")
-    rpy = numbers(None if origin is None else origin.get("rpy"), (0.0, 0.0, 0.0))
-    return np.asarray(skeleton.place(name).rotation @ pin.rpy.rpyToMatrix(*rpy))
+    return np.asarray(skeleton.place(name).rotation @ origin_of(link.find("inertial/origin"))[1])
 
 
 def _solid(link: ET.Element, mass: float) -> Matrix:

@@ -48,10 +48,27 @@ def numbers(text: str | None, default: tuple[float, ...]) -> Vector:
     return np.array(values if usable else default)
 
 
+def origin_of(element: ET.Element | None) -> tuple[Vector, Matrix]:
+    """Position (3,) [m] and rotation (3, 3) of an <origin>; none without one."""
+    xyz, rpy = (numbers(None if element is None else element.get(key), (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    return xyz, pin.rpy.rpyToMatrix(*rpy)
+
+
+def links_by_name(robot: ET.Element) -> dict[str, ET.Element]:
+    """Links of a robot."""
+    return {link.get("name", ""): link for link in robot.findall("link")}
+
+
 def end(joint: ET.Element, role: str) -> str:
     """Name of a joint's 'parent' or 'child' link; empty where it has none."""
     element = joint.find(role)
     return "" if element is None else element.get("link", "")
+
+
+def child(element: ET.Element, tag: str) -> ET.Element:
+    """The child of an element with a tag; a new one where there is none."""
+    found = element.find(tag)
+    return ET.SubElement(element, tag) if found is None else found
 
 
 def masses(robot: ET.Element) -> dict[str, float]:
@@ -85,9 +102,7 @@ def longest_chain(robot: ET.Element) -> float:
         total, seen = 0.0, set[str]()
         while link in joints and link not in seen:
             seen.add(link)
-            origin = joints[link].find("origin")
-            xyz = numbers(None if origin is None else origin.get("xyz"), (0.0, 0.0, 0.0))
-            total += float(np.linalg.norm(xyz))
+            total += float(np.linalg.norm(origin_of(joints[link].find("origin"))[0]))
             link = end(joints[link], "parent")
         return total
 
@@ -187,10 +202,7 @@ def link_points(link: ET.Element, upright: Matrix, kinds: Sequence[str] = ("coll
 
 
 def _placed(shape: ET.Element, upright: Matrix) -> Matrix:
-    origin = shape.find("origin")
-    xyz = numbers(None if origin is None else origin.get("xyz"), (0.0, 0.0, 0.0))
-    rpy = numbers(None if origin is None else origin.get("rpy"), (0.0, 0.0, 0.0))
-    rotation = pin.rpy.rpyToMatrix(*rpy)
+    xyz, rotation = origin_of(shape.find("origin"))
     geometry = shape.find("geometry")
     sphere = None if geometry is None else geometry.find("sphere")
     if sphere is not None:
@@ -235,26 +247,20 @@ def _mesh(file: str) -> tuple[Matrix | None, float]:
 
 def _raise(shape: ET.Element) -> None:
     """Turn a shape about its own x axis by the quarter turn that makes its y axis point up."""
-    origin = shape.find("origin")
-    if origin is None:
-        origin = ET.SubElement(shape, "origin")
-    rpy = numbers(origin.get("rpy"), (0.0, 0.0, 0.0))
-    turned = pin.rpy.rpyToMatrix(*rpy) @ pin.rpy.rpyToMatrix(0.5 * np.pi, 0.0, 0.0)
-    origin.set("rpy", " ".join(f"{value:.9g}" for value in pin.rpy.matrixToRpy(turned)))
+    turned = origin_of(shape.find("origin"))[1] @ pin.rpy.rpyToMatrix(0.5 * np.pi, 0.0, 0.0)
+    text = " ".join(f"{value:.9g}" for value in pin.rpy.matrixToRpy(turned))
+    child(shape, "origin").set("rpy", text)
 
 
 def _box(shape: ET.Element, vertices: Matrix) -> None:
     """Put the box of the bounds of a mesh in its place."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    origin = shape.find("origin")
-    if origin is None:
-        origin = ET.SubElement(shape, "origin")
-    rpy = numbers(origin.get("rpy"), (0.0, 0.0, 0.0))
-    centre = numbers(origin.get("xyz"), (0.0, 0.0, 0.0)) + pin.rpy.rpyToMatrix(*rpy) @ (0.5 * (low + high))
-    origin.set("xyz", " ".join(f"{value:.6g}" for value in centre))
+    xyz, rotation = origin_of(shape.find("origin"))
+    centre = xyz + rotation @ (0.5 * (low + high))
+    child(shape, "origin").set("xyz", " ".join(f"{value:.6g}" for value in centre))
     geometry = shape.find("geometry")
     if geometry is not None:
-        for child in list(geometry):
-            geometry.remove(child)
+        for each in list(geometry):
+            geometry.remove(each)
         size = np.maximum(high - low, 1e-4)  # a plane has no box: a sheet of 0.1 mm
         ET.SubElement(geometry, "box", size=" ".join(f"{value:.6g}" for value in size))

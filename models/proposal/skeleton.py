@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from models.errors import RobotModelError
 from models.profile import Frame
-from models.proposal.shapes import Finding, link_points, named
+from models.proposal.shapes import Finding, link_points, links_by_name, named
 from models.types import Matrix, Vector
 
 BASE = 1  #: Pinocchio's index of the free flyer; the joints of the URDF follow
@@ -93,6 +93,11 @@ class Skeleton:
         """Pose of a link in the base."""
         return self.data.oMf[self.model.getFrameId(link, pin.FrameType.BODY)]
 
+    def points(self, link: ET.Element) -> Matrix:
+        """Points of a link's shapes in the base (n, 3) [m]; see ``link_points``."""
+        place = self.place(link.get("name", ""))
+        return np.asarray(link_points(link, place.rotation) @ place.rotation.T + place.translation)
+
     def reach(self, chain: list[int]) -> float:
         """Length of a chain from its first joint to its last [m]."""
         points: Vector = self.origins[chain]
@@ -129,7 +134,7 @@ def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
         for j in range(BASE + 1, skeleton.model.njoints)
         if not skeleton.children[j] and skeleton.origins[j][1] > 0.0 and skeleton.partners.get(j, j) != j
     ]
-    hanging = [j for j in leaves if _apart(skeleton, j) and _below(skeleton, j)]
+    hanging = [j for j in leaves if _hangs(skeleton, j)]
     if not hanging:
         raise RobotModelError(
             f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_lonely(skeleton)}"
@@ -145,14 +150,11 @@ def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
     return Legs(left, right)
 
 
-def _apart(skeleton: Skeleton, joint: int) -> bool:
-    """Whether the chain to a joint and its mirror image share nothing but the base."""
-    return not any(skeleton.central(j) for j in skeleton.chain(joint))
-
-
-def _below(skeleton: Skeleton, joint: int) -> bool:
+def _hangs(skeleton: Skeleton, joint: int) -> bool:
+    """Whether a chain leads down to a joint and shares nothing but the base with its mirror image."""
     chain = skeleton.chain(joint)
-    return bool(skeleton.origins[joint][2] < skeleton.origins[chain[0]][2] - 0.5 * skeleton.reach(chain))
+    down = skeleton.origins[joint][2] < skeleton.origins[chain[0]][2] - 0.5 * skeleton.reach(chain)
+    return bool(down) and not any(map(skeleton.central, chain))
 
 
 def _lonely(skeleton: Skeleton) -> str:
@@ -277,33 +279,23 @@ def _trunk(skeleton: Skeleton, arm: tuple[int, ...]) -> int:
 
 def _gaze(robot: ET.Element, skeleton: Skeleton, torso: int, height: float, findings: list[Finding]) -> Frame:
     """A camera, else a link called head, else the top of the links on the torso; it looks ahead."""
-    upper = [
-        link
-        for joint in skeleton.below(torso)
-        if joint == torso or _middle(skeleton, joint)
-        for link in skeleton.links(joint)
-    ]
+    middle = [j for j in skeleton.below(torso) if j == torso or all(map(skeleton.central, skeleton.chain(j)))]
+    upper = [link for joint in middle for link in skeleton.links(joint)]  # of torso, neck and head
     for pattern in (_CAMERA, _HEAD):
         matches = [link for link in upper if pattern.search(link)]
         if matches:
             return level(skeleton, max(matches, key=lambda link: float(skeleton.place(link).translation[2])))
-    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    elements = links_by_name(robot)
     tops = {}
     for link in upper:
-        place = skeleton.place(link)
-        points = link_points(elements[link], place.rotation) @ place.rotation.T + place.translation
-        tops[link] = float(points[:, 2].max()) if len(points) else float(place.translation[2])
+        points = skeleton.points(elements[link])
+        tops[link] = float(points[:, 2].max()) if len(points) else float(skeleton.place(link).translation[2])
     link = max(tops, key=lambda name: tops[name])
     place = skeleton.place(link)
     top = max(tops[link], height)
     findings.append(Finding("note", f"link '{link}'", "no link is called head or camera", "gaze placed on top of it"))
     lift = place.actInv(np.array([place.translation[0], 0.0, top]))
     return level(skeleton, link, (round(float(lift[0]), 4), round(float(lift[1]), 4), round(float(lift[2]), 4)))
-
-
-def _middle(skeleton: Skeleton, joint: int) -> bool:
-    """Whether a joint and its ancestors are on the middle plane: neck and head."""
-    return all(skeleton.central(j) for j in skeleton.chain(joint))
 
 
 def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) -> Frame:

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from models.errors import RobotModelError
 from models.profile import Hull
 from models.proposal.config import SoleConfig
-from models.proposal.shapes import Finding, link_points
+from models.proposal.shapes import Finding, link_points, links_by_name
 from models.proposal.skeleton import BASE, Legs, Limbs, Skeleton
 from models.types import Matrix, Vector
 
@@ -36,13 +36,9 @@ class SoleShape:
 
 def foot_points(robot: ET.Element, skeleton: Skeleton, joint: int) -> Matrix:
     """Points of all that a foot's last joint moves, from the ankle, in the axes of the base at zero (n, 3) [m]."""
-    elements = {link.get("name", ""): link for link in robot.findall("link")}
-    clouds = [np.zeros((0, 3))]
-    for name in skeleton.links(joint):
-        place = skeleton.place(name)
-        points = link_points(elements[name], place.rotation)
-        clouds.append(points @ place.rotation.T + place.translation - skeleton.origins[joint])
-    return np.vstack(clouds)
+    elements = links_by_name(robot)
+    clouds = [skeleton.points(elements[name]) - skeleton.origins[joint] for name in skeleton.links(joint)]
+    return np.vstack([np.zeros((0, 3)), *clouds])
 
 
 def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], config: SoleConfig, urdf: Path) -> SoleShape:
@@ -167,7 +163,7 @@ def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limb
         parts[f"{side}_thigh"] = leg[len(leg) // 2 - 1]
         if arm:
             parts[f"{side}_hand"] = arm[-1]
-    elements = {link.get("name", ""): link for link in robot.findall("link")}
+    elements = links_by_name(robot)
     hulls = {}
     for part, joint in parts.items():
         for link in skeleton.links(joint):
