@@ -1,7 +1,5 @@
 """Calibrations in the closed loop: motions, samples and result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from bridge.loop.lockstep import Lockstep

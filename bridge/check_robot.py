@@ -1,7 +1,5 @@
 """``poise check-robot``: propose a profile for a URDF, try it in the closed loop, and report errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``poise``: the command line. Modules are imported by the command that needs them, so that help is immediate."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Annotated, Any

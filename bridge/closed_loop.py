@@ -1,7 +1,5 @@
 """The whole robot in one process, without ROS, in lockstep: for tests, sweeps and notebooks."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Literal

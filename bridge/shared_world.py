@@ -1,7 +1,5 @@
 """Several robots in one world, in one process, without ROS, in lockstep."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Balance of one state, and stability of a run: CoM, divergent component of motion, zero-moment point, margin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

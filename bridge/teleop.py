@@ -1,7 +1,5 @@
 """``poise teleop``: words and velocities from keyboard or gamepad."""
 
-from __future__ import annotations
-
 import os
 import select
 import struct

@@ -4,8 +4,6 @@ Each law compiles at construction the kernels of its ticks; here that happens be
 Only NumPy, SciPy, numba, Pinocchio and the QP solvers are needed, so that the rest can be installed meanwhile.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context

@@ -1,7 +1,5 @@
 """The control stack: sensors in, joint command out. Every user of the laws runs this object; none assembles them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The calibration file of a robot: written atomically, checked when read, with its predecessors kept."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import field, replace
 from datetime import datetime

@@ -1,7 +1,5 @@
 """YAML configuration: a frozen pydantic dataclass is the schema, and every refusal names the file and the key."""
 
-from __future__ import annotations
-
 import json
 from importlib.resources import files
 from pathlib import Path

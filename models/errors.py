@@ -1,7 +1,5 @@
 """The error tree. Errors are raised when something is built, never inside the control loop."""
 
-from __future__ import annotations
-
 
 class PoiseError(Exception):
     """Base of every error that poise raises on purpose."""

@@ -1,7 +1,5 @@
 """Folder of files kept from run to run, and files that get their name once they are complete."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Yaw of a rotation, turning by it, and frame ``base_footprint`` of REP-120."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ part, so a change of a law cannot leave state out. Constants are excluded: the r
 libraries. ``restore`` makes arrays and records of this project only, and never executes its content.
 """
 
-from __future__ import annotations
-
 import pickle
 from collections import deque
 from collections.abc import Collection

@@ -9,8 +9,6 @@ with joints matched by name through the index arrays of ``MujocoModel``. In a wo
 MuJoCo's arrays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

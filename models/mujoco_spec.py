@@ -1,7 +1,5 @@
 """MuJoCo's description of the robot and its floor: the URDF, and everything that a URDF cannot express."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Schema of ``models/config/mujoco.yaml``: floor, solver and pictures of the simulated world."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

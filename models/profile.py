@@ -4,8 +4,6 @@ A profile is named (``g1``) when it is packaged in ``models/robots``, or given a
 Lengths are in metres, angles in radians, and every field below states its unit.
 """
 
-from __future__ import annotations
-
 from dataclasses import field
 from importlib.resources import files
 from pathlib import Path

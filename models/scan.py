@@ -1,7 +1,5 @@
 """One turn of a planar laser scanner, and its validation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Smooth curves through points: velocities and accelerations that are not given, and the quintics between points."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

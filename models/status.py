@@ -3,8 +3,6 @@
 ``models.nodes.status`` converts them to messages. Diagnostics repeat them as text for people; no program parses these.
 """
 
-from __future__ import annotations
-
 import math
 from enum import Enum
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Ground as data: tiles, slopes and stairs as blocks, and the height of the ground anywhere."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -4,8 +4,6 @@ Laws that need every body on every tick (posture reference, sole poses, generali
 their kernel. A structured array costs a kernel as little as one plain array.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

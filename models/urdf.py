@@ -1,7 +1,5 @@
 """Finding and reading a URDF for Pinocchio and MuJoCo; an unusable one is refused with file, part, and cause."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Self-collision: convex hulls of the URDF's collision bodies and the distances between them."""
 
-from __future__ import annotations
-
 import coal
 import numpy as np
 import pinocchio as pin

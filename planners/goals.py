@@ -1,7 +1,5 @@
 """Goals of a motion: key poses and a caller's targets, validated and in base_footprint, the mid-point of the soles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

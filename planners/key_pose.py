@@ -1,7 +1,5 @@
 """One key pose: bounds of a start, the configuration that reaches the pose, or the reason why none does."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

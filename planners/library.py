@@ -1,7 +1,5 @@
 """Motions as data: the schema of ``planners/motions/*.yaml``, and the files that are read."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from dataclasses import field
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """Motion planning: key poses in, a joint trajectory that the robot can execute on both feet out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Schema of ``planners/config/motion.yaml``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

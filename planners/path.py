@@ -1,7 +1,5 @@
 """The path of a motion in time: minimum-jerk blends slowed to the joints' abilities, and a last check of all bounds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Stance for given joints: base and soles on the floor, and the support polygon."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -16,8 +16,6 @@ References:
     framework to inequality tasks", IEEE T-RO 2011.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 

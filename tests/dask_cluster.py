@@ -1,7 +1,5 @@
 """A scheduler of dask and workers, each a process of its own as the documentation says, for tests of sweeps."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

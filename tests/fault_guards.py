@@ -1,7 +1,5 @@
 """The guard behind each row of ``poise bench faults``, and how to take it away, it alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace

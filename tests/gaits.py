@@ -1,7 +1,5 @@
 """Gaits of the tests, brought to where something is to happen."""
 
-from __future__ import annotations
-
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
 from planners.gait.planner import GaitPlanner

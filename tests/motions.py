@@ -1,7 +1,5 @@
 """Motion planners of the tests, one a robot."""
 
-from __future__ import annotations
-
 from functools import cache
 
 from models.robot_model import RobotModel

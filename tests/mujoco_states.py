@@ -1,7 +1,5 @@
 """The robots in MuJoCo, and states to put them in."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mujoco

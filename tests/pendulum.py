@@ -1,7 +1,5 @@
 """The pendulum that tests of the DCM's closed forms walk, and where its steps begin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

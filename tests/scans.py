@@ -1,7 +1,5 @@
 """Made-up scans."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Joint servos that stand, and their commands."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """What tests of several parts set up alike."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from models.constants import GRAVITY

@@ -1,7 +1,5 @@
 """Cases for tests of the runner: they tell who measured them, and can be slow or kill their worker."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """The robot in lockstep with a controller that tests look into, and what is compared of its log."""
 
-from __future__ import annotations
-
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray

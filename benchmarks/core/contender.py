@@ -4,8 +4,6 @@ A contender is a class of three methods. It gets the sensors with noise and dela
 plant, drivers, delay, pushes, ground and scores are those of ``ClosedLoop``.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Protocol
 

@@ -4,8 +4,6 @@ A worker that dies is restarted by its nanny, and the scheduler gives its case t
 scheduler that dies ends the sweep.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import time

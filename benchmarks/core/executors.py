@@ -1,7 +1,5 @@
 """One measured case, and where cases are measured: this process, a pool of processes, or dask on many machines."""
 
-from __future__ import annotations
-
 import os
 import socket
 import time

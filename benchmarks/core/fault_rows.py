@@ -1,7 +1,5 @@
 """What all benchmarks of faults share: rows, figures, table and picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shared by all benchmarks: seeded cases run by worker processes, one JSON schema (``Report.to_dict``), one table."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Shared by benchmarks of a closed loop: commands that must be accepted, falls, torque steps, search of a bound."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Processor and memory use of processes, and what of a machine decides whether it keeps 1 kHz."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

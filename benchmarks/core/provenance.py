@@ -1,7 +1,5 @@
 """Where a figure comes from: versions, source, configuration and machine, the latter in general terms only."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

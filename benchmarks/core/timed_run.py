@@ -1,7 +1,5 @@
 """What the benchmarks of time share: how they run, how figures are judged over seeds, quantiles, the plot of tails."""
 
-from __future__ import annotations
-
 import gc
 import resource
 from collections.abc import Callable, Iterator, Mapping, Sequence

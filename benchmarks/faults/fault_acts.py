@@ -1,7 +1,5 @@
 """Acts of fault rows: spoilt trajectories, commands at the wrong time, the world, the solver."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Faults of sensors, motors, solver, users and world in lockstep: what the robot must do, and what it does."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 import xml.etree.ElementTree as ET

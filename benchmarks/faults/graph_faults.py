@@ -4,8 +4,6 @@ One graph for all rows of a kind; after each the robot recovers by ``reset_fault
 act to the message with the reaction, on the monotonic clock, transport (some milliseconds) included.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator, Sequence

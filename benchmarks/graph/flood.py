@@ -1,7 +1,5 @@
 """Processes that overload the graph or the machine until they are killed; few imports, so that they start fast."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Acts of rows of ``poise bench graph_faults``: on processes, topics and the machine, and commands."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

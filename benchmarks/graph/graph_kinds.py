@@ -3,8 +3,6 @@
 One kind of graph has a wrong clock (``wall_clock_shift.c``).
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import random

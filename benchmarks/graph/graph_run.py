@@ -1,7 +1,5 @@
 """Runs graphs under a scenario, each in a process with its companions, and returns the rows of its processes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """A process that listens to every topic of the tick and does nothing with it: what one more subscriber costs."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Signals that prod a process of the graph: SIGUSR1 collects garbage, SIGUSR2 has its next callback raise."""
 
-from __future__ import annotations
-
 import gc
 import signal
 from typing import Any

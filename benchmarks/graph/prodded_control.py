@@ -1,7 +1,5 @@
 """Estimator, gait planner and controller as in the graph, in a process with the signal handlers of ``prod.py``."""
 
-from __future__ import annotations
-
 from benchmarks.graph import prod
 from bridge.nodes.control import main
 from controllers.nodes.sample_topics import SampleTopics

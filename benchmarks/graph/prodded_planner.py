@@ -1,7 +1,5 @@
 """Planner of motions as in the graph, in a process with the signal handlers of ``prod.py``."""
 
-from __future__ import annotations
-
 from benchmarks.graph import prod
 from models.nodes.base import PoiseNode
 from planners.nodes.motion_planner import main

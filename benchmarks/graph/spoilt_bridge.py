@@ -1,7 +1,5 @@
 """A bridge with messages that are spoilt on command: ``/spoil`` takes ``TOPIC KIND COUNT``."""
 
-from __future__ import annotations
-
 import sys
 from array import array
 from collections.abc import Callable

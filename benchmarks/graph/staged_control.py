@@ -3,8 +3,6 @@
 The parameter ``latency_file`` of ``state_estimator`` names the file of the rows.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

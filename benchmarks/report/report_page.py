@@ -1,7 +1,5 @@
 """The report of a suite: tables and pictures in ``report.md``, and ``report.html`` that holds all in one file."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math

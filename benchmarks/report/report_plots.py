@@ -1,7 +1,5 @@
 """Pictures of speeds, costs, errors, delays and times, of all robots in one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Shares survived with their intervals, and their pictures: curves over time and size, push maps, uneven ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ not be run has ``bench``, ``robot``, ``error``, ``trace`` and ``revision``. A la
 replaces an earlier one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path

@@ -6,8 +6,6 @@ judged like the standing one (``tick.py``). placo empties the caches, so it runs
 ratio to it is taken from those. Pre-empted samples are left out and counted, and the garbage collector is off.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -9,8 +9,6 @@ Bounds of the idle graph: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick
 measured when chosen and have no bound; their figures are prefixed, and the verdict on the machine judges them.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Splits the way from sensors to command into stages, by the rows of both processes; pure arithmetic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

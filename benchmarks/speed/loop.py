@@ -8,8 +8,6 @@ Speed is judged by the processor time of all its threads, which other load does 
 The garbage collector is off.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager

@@ -6,8 +6,6 @@ starts from the active rows of the tick before, as in the tick; the others start
 Python of qpsolvers. Answers are certified alike (``certify``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

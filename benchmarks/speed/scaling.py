@@ -5,8 +5,6 @@ its compiled code before the measurement. It passes when all cases return bitwis
 there is no bound on the time.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from functools import partial

@@ -8,8 +8,6 @@ pink and mink are installed, a separate shorter run has their inverse kinematics
 cool its caches nor count as its allocations. Another run times the whole ``ControlStack`` (``time_stack``).
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial

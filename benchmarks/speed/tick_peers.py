@@ -9,8 +9,6 @@ upper bound on the normal force; it draws wrenches to zero, ours to the planned 
 residual, ours is checked on every tick. Copying state and references into placo is not timed.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from abc import ABC, abstractmethod
 from collections.abc import Callable

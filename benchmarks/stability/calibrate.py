@@ -1,7 +1,5 @@
 """Injected sensor errors: how much of them the calibrations leave, and how the robot stands with and without."""
 
-from __future__ import annotations
-
 import math
 from functools import cache, partial
 from pathlib import Path

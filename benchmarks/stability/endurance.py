@@ -4,8 +4,6 @@ Texts, velocities, pushes and invalid commands come at random moments; refused o
 fault the robot starts over, and the hour goes on.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

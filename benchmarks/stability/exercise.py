@@ -1,7 +1,5 @@
 """Waving while pushed from all sides: what the robot does while its tick and its estimator are timed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """The last moments of a failed trial: signals as plain numbers (``last_moments``) and their picture (``draw_fall``)."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ support polygon in the direction of the push. What exceeds it comes from moving 
 the bound that the joints' torques leave of it (``push_bounds.torque_bound``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -30,8 +30,6 @@ References:
     Orsolino et al.: Feasible region: an actuation-aware extension of the support region, T-RO 2020 (with them).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

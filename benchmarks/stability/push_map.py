@@ -6,8 +6,6 @@ tried (phases of the stride; standing, seeds): a bisection on all of them at onc
 not fall, its legs do not intersect, and some seconds later it stands still, or walks on.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cache, partial

@@ -1,7 +1,5 @@
 """A minute of quiet standing, start included, and motions while pushed: every seed must hold every bound."""
 
-from __future__ import annotations
-
 import math
 from functools import cache, partial
 from pathlib import Path

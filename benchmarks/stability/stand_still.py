@@ -7,8 +7,6 @@ the stiffness of its ankles, and it does not walk. It is there as the pattern fo
 ``poise bench push --contender benchmarks.stability.stand_still:StandStill``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Blind walking on uneven, slippery and soft ground, with a payload and with late commands: who gets through."""
 
-from __future__ import annotations
-
 import math
 from functools import cache, partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Walking at commanded velocities: who falls, how fast it really goes, what it costs, and whether it stops."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The walking test: settings, measures of a walk by the true state, and how each kind of case is measured."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Run as ``python -m bridge.commands.reference [FILE]``, or ``make reference``.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Commands to a running robot: texts, modes, walks, reaching, calibrations and the crane."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Measures and report of ``poise demo``."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``poise demo``: a real-time run over ROS 2 of stand, wave, squat, push and walk, with a report."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Steps of ``poise demo`` on a running graph, and its walk along a square."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Plant and joint servo in step: modes and commands in, commands of the drives out; no ROS."""
 
-from __future__ import annotations
-
 from bridge.plants.base import Plant, ReleaseGate, SimulatedPlant, hanging_command
 from bridge.plants.config import LoopConfig
 from controllers.estimation.assembler import mean_sample

@@ -1,7 +1,5 @@
 """Times of the stages of a tick on the monotonic clock, in the driver and in the process of the laws."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

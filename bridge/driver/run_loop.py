@@ -1,7 +1,5 @@
 """Paces a plant: absolute deadlines in real time, or one command per tick in lockstep."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Topics and services of the driver: commands and mode in; sensors, state, time and the truth out; the simulation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

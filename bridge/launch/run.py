@@ -1,7 +1,5 @@
 """Runs one graph or several until a signal, and reports events on the terminal."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Mapping

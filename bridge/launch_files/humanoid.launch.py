@@ -4,8 +4,6 @@ Like ``poise up``, one process starts, configures, activates, supervises and end
 of poise: the Python of ``ros2`` may be another one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

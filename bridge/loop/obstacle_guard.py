@@ -1,7 +1,5 @@
 """Scanner and obstacle stop between a commanded velocity and the gait, in the closed loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from bridge.loop.lockstep import Lockstep

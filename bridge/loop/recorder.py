@@ -1,7 +1,5 @@
 """Writes a run of the closed loop as the topics of the graph, with all inputs of a replay; needs no graph."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Node ``action_server``: long motions as ROS 2 actions, made of the topics and services of the graph."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

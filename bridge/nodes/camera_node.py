@@ -1,7 +1,5 @@
 """Node ``camera_node``: images of the simulated robot's camera, rendered beside the plant."""
 
-from __future__ import annotations
-
 import ctypes.util
 import os
 import sys

@@ -1,7 +1,5 @@
 """Estimator, gait planner and controller as three nodes in one process, the default by ``docs/graph.md``."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ``robot_driver``: a plant and its joint drivers behind the topics of a robot."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from functools import partial

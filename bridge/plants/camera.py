@@ -4,8 +4,6 @@ Software rendering takes tens of milliseconds and needs OpenGL, so it runs in a 
 (``bridge/nodes/camera_node.py``). ``MUJOCO_GL`` must be set before MuJoCo is imported.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray

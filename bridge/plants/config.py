@@ -1,7 +1,5 @@
 """Schemas of ``closed_loop.yaml``, ``camera.yaml`` and ``robot_driver.yaml`` in ``bridge/config``."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """The effect of a fault: which channels it changes, and their values tick by tick."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

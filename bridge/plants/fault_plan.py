@@ -1,7 +1,5 @@
 """Faults of the simulated sensors and motors: target, kind and times, and the YAML that lists them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

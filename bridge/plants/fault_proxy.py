@@ -1,7 +1,5 @@
 """Applies faults to the sensors and drives of a simulated robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The simulated robot: MuJoCo as a plant."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

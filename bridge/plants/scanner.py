@@ -1,7 +1,5 @@
 """The simulated planar laser scanner."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Errors of the simulated sensors: those of the robot's profile, and further ones."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields

@@ -1,7 +1,5 @@
 """Cuts a recording into episodes for learning: observations, actions, and the task in words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

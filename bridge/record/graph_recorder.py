@@ -1,7 +1,5 @@
 """Records the topics of the running graph, all of them or the IMU alone."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -9,8 +9,6 @@
 Source: huggingface/lerobot, ``datasets/lerobot_dataset.py`` and ``datasets/utils.py``, ``CODEBASE_VERSION`` v3.0.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """MCAP files of serialised ROS 2 messages, for Foxglove, PlotJuggler and ``ros2 bag``, and their topics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path

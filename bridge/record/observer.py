@@ -1,7 +1,5 @@
 """Records a running robot from its topics at little cost to the graph: it polls a hundred times a second."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

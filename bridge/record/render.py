@@ -4,8 +4,6 @@ Run as ``python -m bridge.record.render [--profile PROFILE] RECORDING... PICTURE
 libraries end the process that loads them.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes.util
 import os

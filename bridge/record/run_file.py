@@ -1,7 +1,5 @@
 """Reads a recording of the graph or of the closed loop: samples, commands, motions, and inputs of the laws."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field

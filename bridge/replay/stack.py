@@ -1,7 +1,5 @@
 """The control stack of a recording, run on the same samples and inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """How processes join the graph: environment, loopback only by default, free domains, and short-lived participants."""
 
-from __future__ import annotations
-
 import fcntl
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Commands of an operator: words, services, velocities and pushes, all from one loop."""
 
-from __future__ import annotations
-
 import queue
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Processes of the graph: layout, parameters, start, end, and lifecycle transitions of their nodes."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

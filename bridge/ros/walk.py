@@ -1,7 +1,5 @@
 """Longer requests to a running robot: walks at a velocity or to a pose, and reaching."""
 
-from __future__ import annotations
-
 import math
 import time
 

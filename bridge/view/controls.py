@@ -1,7 +1,5 @@
 """Controls and live plots of the page."""
 
-from __future__ import annotations
-
 import html
 import math
 import time

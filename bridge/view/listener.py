@@ -1,7 +1,5 @@
 """Settings and subscriptions of the page, and the records to draw."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """``poise view``: a page in the browser that shows a running robot and steers it."""
 
-from __future__ import annotations
-
 import socket
 import time
 from collections.abc import Callable

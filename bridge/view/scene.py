@@ -1,7 +1,5 @@
 """The robot's meshes, its balance and its footsteps in a viser scene."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Balance: DCM feedback on a posture, a motion or the steps of a gait, executed by the whole-body QP."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Gains that depend on whether the robot stands or steps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled parts of the balance law."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

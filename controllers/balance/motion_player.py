@@ -1,7 +1,5 @@
 """Posture of every tick: a held one, a motion of the whole body, or one of arms and head while the legs walk."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

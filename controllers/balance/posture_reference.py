@@ -1,7 +1,5 @@
 """Turns joint positions into whole-body references for a robot whose soles stay where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

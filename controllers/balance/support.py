@@ -1,7 +1,5 @@
 """The support polygon: convex hull of the soles' contact rectangles, and projection onto it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The balance law's parts of one tick, each as one compiled call."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

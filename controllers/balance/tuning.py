@@ -1,7 +1,5 @@
 """Gains of standing that change at run time, without a step of the command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

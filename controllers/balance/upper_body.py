@@ -1,7 +1,5 @@
 """A motion of arms and head, blended into the posture of a walk."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Calibration of the leg encoders on both soles, from the closed chain and gravity."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

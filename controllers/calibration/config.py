@@ -1,7 +1,5 @@
 """Schema of ``controllers/config/calibration.yaml``; the file holds the values, this holds units and bounds."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

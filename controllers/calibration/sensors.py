@@ -1,7 +1,5 @@
 """Calibrations of single sensors: IMU at rest, foot sensors by the weight, encoders in a jig."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

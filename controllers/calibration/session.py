@@ -1,7 +1,5 @@
 """A calibration from start to outcome: samples collected and evaluated, driven by a closed loop or over the graph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum

@@ -1,7 +1,5 @@
 """Samples averaged over short windows, whether the robot was at rest in them, and the outcome of a calibration."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

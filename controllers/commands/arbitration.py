@@ -1,7 +1,5 @@
 """Arbitration of command sources with priorities, timeouts and locks, as in twist_mux; here for text commands too."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

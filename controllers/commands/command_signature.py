@@ -21,8 +21,6 @@ Limits:
 A key file holds random bytes in hexadecimal, readable by their owner alone.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import os

@@ -1,7 +1,5 @@
 """Obstacle stop: limits a walking velocity by the readings of a planar scanner in the direction of travel."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Joins samples that arrive one by one on several topics."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The state estimator: sensors in, ``RobotState`` out."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Foot sensors, contacts and slips: which feet bear load, and how far each measurement is used."""
 
-from __future__ import annotations
-
 import math
 from enum import StrEnum
 from typing import NamedTuple

@@ -15,8 +15,6 @@ References:
     IROS 2013 (flat feet as in N. Rotella et al., IROS 2014).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

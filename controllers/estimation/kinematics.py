@@ -1,7 +1,5 @@
 """Sole poses relative to the inertial unit, and pose, twist and covariance of the base from those of the unit."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Generalised momentum of the robot for the force observer, in two sweeps over the tree."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Momentum observer: pushes on the robot, and the sole wrenches that follow from the leg torques."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Complementary filter: orientation of an IMU from its gyro and accelerometer alone."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Replaces and counts unusable parts of samples: values that are not finite, not new or at full scale."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

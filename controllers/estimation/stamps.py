@@ -1,7 +1,5 @@
 """Stamps that are refused: those that repeat or go back, and single jumps ahead."""
 
-from __future__ import annotations
-
 import math
 
 from models.errors import MessageError

@@ -1,7 +1,5 @@
 """Head angles at the time of a picture."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Joint servo: the law of the joint drivers, between a setpoint and the command of each drive."""
 
-from __future__ import annotations
-
 from enum import Enum
 from math import inf
 from typing import Annotated

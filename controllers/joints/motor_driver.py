@@ -1,7 +1,5 @@
 """Motor drivers: which modes and commands they accept, and ``JointServo`` on the clock of joint samples."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Annotated
 

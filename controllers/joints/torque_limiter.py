@@ -1,7 +1,5 @@
 """Last guard between a law and the motors: torque, joint range, speed and torque-rate limits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from models.numerics.compiled import njit

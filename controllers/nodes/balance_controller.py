@@ -1,7 +1,5 @@
 """Node ``balance_controller``: state in, one joint command for each state out while the mode lets the robot move."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus

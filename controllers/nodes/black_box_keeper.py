@@ -1,7 +1,5 @@
 """Black box of the control process: filled after each command, written by a thread once the robot is damped."""
 
-from __future__ import annotations
-
 import threading
 import time
 from typing import Any

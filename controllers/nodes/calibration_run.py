@@ -1,7 +1,5 @@
 """Services ``calibrate/{imu,joints,feet}``: motions, samples, and a solver in a separate process."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Calibration in the estimator's node: corrects its samples, and offers the calibration services."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Commands and velocities from all sources: arbitration, and the velocity of the gait."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

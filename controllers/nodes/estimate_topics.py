@@ -1,7 +1,5 @@
 """State estimate as topics: odometry, contacts, IMU orientation, pushes, transforms."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ``foot_sensor_node``: ground reactions in; contact and centre of pressure of each foot out."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

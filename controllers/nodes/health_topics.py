@@ -1,7 +1,5 @@
 """Reports of the other nodes, as the ``Health`` that the supervisor judges."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

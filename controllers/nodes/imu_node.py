@@ -1,7 +1,5 @@
 """Node ``imu_node``: raw samples of the IMU in; orientation without gyro bias out, and into a table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Motions and head of the balance controller: requests, trajectories and head targets in, their status out."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ``motor_controller``: joint states and joint commands in, torques for the motors of a real robot out."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Collects the evidence for the preflight checks; subscribes to the fast topics only meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any

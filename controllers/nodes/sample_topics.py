@@ -1,7 +1,5 @@
 """Sensor topics as ``SensorData``, and state topics as ``RobotState`` for a controller in another process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

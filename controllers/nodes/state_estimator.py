@@ -1,7 +1,5 @@
 """Node ``state_estimator``: joints, IMU and feet in; odometry, contacts, orientation and transforms out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ``supervisor``: modes, text commands, preflight and faults."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

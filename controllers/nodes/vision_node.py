@@ -1,7 +1,5 @@
 """Node ``vision_node``: images in, bearing of a target out; optionally the head follows it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Own solver of the whole-body QP: the minimum without rows, then with the few rows that are active, and its proof."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

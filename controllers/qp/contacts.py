@@ -17,8 +17,6 @@ foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, s
 ``z`` is ordered: joints outside of the contact chains, coordinates of the chains, ``phi``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

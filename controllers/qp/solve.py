@@ -1,7 +1,5 @@
 """Solves the reduced QP by a chosen back-end, proves every answer, and falls back in order."""
 
-from __future__ import annotations
-
 from time import perf_counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Every model term that one tick needs, updated once and shared by tasks, limits, contacts and laws."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

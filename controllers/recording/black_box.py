@@ -5,8 +5,6 @@
 nothing, so the two never touch the same row.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 from typing import Annotated, Any

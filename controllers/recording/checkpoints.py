@@ -1,7 +1,5 @@
 """States of the control stack from the last seconds, so that the record of a black box can be run again."""
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Reports of the other nodes at one instant, for the supervisor, and the problems that follow."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import IntEnum

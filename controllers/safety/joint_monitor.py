@@ -1,7 +1,5 @@
 """Finds motors that do not give the commanded torque, and encoders that are stuck."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

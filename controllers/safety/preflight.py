@@ -1,7 +1,5 @@
 """Checks before the robot may move: whether the messages match the robot that the laws were built for."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field

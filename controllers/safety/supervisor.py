@@ -14,8 +14,6 @@ It has no clock and no I/O: time is an argument of ``update``. The node around i
 from ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
 """
 
-from __future__ import annotations
-
 from controllers.commands.arbitration import Velocity
 from controllers.safety.health import Health, Severity, SupervisorConfig
 from models.config import default_config

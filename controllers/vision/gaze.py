@@ -1,7 +1,5 @@
 """Head angles that point the camera at a target in its picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

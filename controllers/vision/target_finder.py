@@ -1,7 +1,5 @@
 """Finds a target by its colour in a picture."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Annotated
 

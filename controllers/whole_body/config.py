@@ -1,7 +1,5 @@
 """Schema of ``config/whole_body.yaml`` and ``config/balance.yaml``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Whole-body controller: terms, tasks, limits, QP, solution, driver set-points, with a documented fallback."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Builds the reduced whole-body QP from terms, tasks, contacts and limits. Pure: solving is elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import NamedTuple

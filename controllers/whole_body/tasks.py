@@ -1,7 +1,5 @@
 """Tasks of the whole-body QP, one class each with its compiled code."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple

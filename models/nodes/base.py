@@ -1,7 +1,5 @@
 """Base of every node: lifecycle with reasons, counted refusals, diagnostics, status, real-time set-up."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable

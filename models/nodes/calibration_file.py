@@ -1,7 +1,5 @@
 """The calibration file of a node's robot: location, and refused files in log and diagnostics."""
 
-from __future__ import annotations
-
 from models.calibration import Calibration
 from models.calibration_store import CalibrationStore
 from models.nodes.base import PoiseNode

@@ -6,8 +6,6 @@ numbers into the bytes and unpacks by reading them, after comparing all other by
 unknown name, size), ``unpack`` returns None and the caller decodes the whole message.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """sensor_msgs/Imu with orientation, as messages and as CSV."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,8 +7,6 @@ their steps: definitions to IDL, IDL to C and Python, C to libraries. An importa
 colcon, is left alone. Without a compiler the graph works without these types, and the message names what is missing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib.util

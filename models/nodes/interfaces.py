@@ -1,7 +1,5 @@
 """Types of packages that may not be built: features that need them are left out with a message."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

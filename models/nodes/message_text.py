@@ -1,7 +1,5 @@
 """Text of message definitions for logs, from the installed packages."""
 
-from __future__ import annotations
-
 import os
 import sysconfig
 from functools import cache

@@ -1,7 +1,5 @@
 """nav_msgs/Odometry, contact flags, and walking velocities as geometry_msgs/Twist."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """A law's configuration as ROS parameters: declared from its schema, with description, range and read-only flag."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import math

@@ -1,7 +1,5 @@
 """Camera and laser scanner: sensor_msgs/Image, CameraInfo and LaserScan."""
 
-from __future__ import annotations
-
 from array import array
 from typing import Any
 

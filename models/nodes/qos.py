@@ -1,7 +1,5 @@
 """Quality of service of every topic of the graph, and the detection of endpoints that do not match."""
 
-from __future__ import annotations
-
 import time
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Real-time set-up of a process, each step optional and logged when not permitted, and the time of its ticks."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import fcntl

@@ -1,7 +1,5 @@
 """Services with types of this project, where these are built, and services that answer later."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Run nodes in one process until a signal, with an exit code that reports failures."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -4,8 +4,6 @@ The message is ``rcl_interfaces/ParameterEvent``: the node, the stamp, and one t
 rclpy, so supervision needs no compiler, and all machines of a graph agree on the type.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

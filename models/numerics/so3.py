@@ -1,7 +1,5 @@
 """Compiled rotation kernels: exponential, logarithm, left Jacobian and small products, all without allocation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -16,8 +16,6 @@ Arrays read from a handle are borrowed: kernels do not count references to them,
 kernel does. So a kernel must not return one, nor store it in another record.
 """
 
-from __future__ import annotations
-
 from typing import Any, Generic, TypeVar
 
 from numba.core import cgutils, types

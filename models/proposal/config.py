@@ -1,7 +1,5 @@
 """Schema of ``models/config/proposal.yaml``: assumptions about a robot where its URDF is silent."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -11,8 +11,6 @@ the wrist below and ahead of the shoulder and are drawn to their zero otherwise.
 Whether each leg could carry the robot alone is checked for this posture.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A proposed profile as commented YAML, and the files that it needs."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import asdict, fields
 from pathlib import Path

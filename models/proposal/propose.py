@@ -9,8 +9,6 @@ a, k and T lie between those of the G1 and of TALOS. kd stays below c I / dt, wi
 the joint and the tick dt of its driver: beyond, the sampled velocity gain of a light wrist oscillates.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence

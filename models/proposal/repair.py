@@ -1,7 +1,5 @@
 """Repairs of a URDF that the loader would refuse: joints, names of links, and impossible inertias."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The URDF as XML: findings, links, joints, and the points of shapes; meshes that MuJoCo cannot read become boxes."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence

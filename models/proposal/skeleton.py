@@ -1,7 +1,5 @@
 """Joints in the zero posture and what they form: mirrored partners, legs, arms, torso, head and inertial unit."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Contact shapes: the flat part of each foot, and coarse hulls of the links that hit the floor first."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path

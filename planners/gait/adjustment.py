@@ -1,7 +1,5 @@
 """Step adjustment: nominal footholds, and place and time of the next one, given the measured DCM."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

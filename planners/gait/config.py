@@ -1,7 +1,5 @@
 """Schema of ``config/gait.yaml``, whose lengths are those of a reference leg, and scaling to the legs of a robot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.resources import files
 from typing import Annotated, TypeVar

@@ -1,7 +1,5 @@
 """Contact of the soles: their measurement, planted footholds, expected ground, and a robot off the floor."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

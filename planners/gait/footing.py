@@ -1,7 +1,5 @@
 """Partial contact: the part of each planted sole that bears. A sole that turns over an edge has ground on one side."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 from typing import NamedTuple
 

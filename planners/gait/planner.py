@@ -1,7 +1,5 @@
 """The gait: lift-off and touchdown of the feet, and the reference of the whole body meanwhile."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

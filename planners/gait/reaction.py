@@ -22,8 +22,6 @@ References:
     Popovic, Goswami, Herr: Ground reference points in legged locomotion, IJRR 2005 (CMP).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Reference of the whole-body controller from the state of a gait."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

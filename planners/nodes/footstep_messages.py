@@ -1,7 +1,5 @@
 """Footsteps and goals as geometry_msgs/PoseStamped and nav_msgs/Path."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Node ``gait_planner``: velocities and goals in; footsteps and phase out; the reference is passed as an object."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn

@@ -1,7 +1,5 @@
 """Interface of the control stack to the gait planner's node: planners do not import controllers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Protocol

@@ -1,7 +1,5 @@
 """State of the gait as topics: phase, footsteps planned and taken, capturability margin."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Any

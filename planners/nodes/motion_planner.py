@@ -1,7 +1,5 @@
 """Node ``motion_planner``: motion names or poses in, joint trajectories out."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

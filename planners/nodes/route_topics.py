@@ -1,7 +1,5 @@
 """Walks with an end: ``goal_pose``, ``gait/footsteps_command``, and plans of them; ``gait/route`` answers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any

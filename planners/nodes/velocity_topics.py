@@ -1,7 +1,5 @@
 """Commands of the supervisor to the gait: a velocity, repeated while the robot walks, and a standstill."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A fall leaves a file with what led to it, and the laws run on it again."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path

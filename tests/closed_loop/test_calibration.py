@@ -1,7 +1,5 @@
 """Calibration in the loop: injected errors are found, and the robot then stands as well as one without them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``poise check-robot``: robots without a hand-written profile stand and wave; the verdict says why others do not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

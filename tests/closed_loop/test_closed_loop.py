@@ -1,7 +1,5 @@
 """The whole robot in lockstep: start, determinism, delay, what the controller sees and what is logged."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

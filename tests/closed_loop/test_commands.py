@@ -1,7 +1,5 @@
 """Commands to the robot in lockstep, and when it is damped or does not stand at all."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Any controller in the tests of poise: what it gets, how it acts, and the baseline that stands and falls."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

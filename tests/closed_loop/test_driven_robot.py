@@ -1,7 +1,5 @@
 """The simulated robot with its drivers: what a mode does to them, and how little their torque steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The inertial unit falls silent while the robot stands: a short drop-out is bridged, a long one damps."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

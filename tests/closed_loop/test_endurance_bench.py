@@ -1,7 +1,5 @@
 """The hour of random commands and pushes: what it counts, and that its verdict depends on every bound."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

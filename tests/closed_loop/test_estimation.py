@@ -1,7 +1,5 @@
 """The state estimator in the closed loop: its error against the true state while the robot moves and is pushed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

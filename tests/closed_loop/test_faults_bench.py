@@ -1,7 +1,5 @@
 """Rows of ``poise bench faults`` hold, and fail when the guard that they are about is taken away."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

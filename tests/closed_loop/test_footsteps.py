@@ -1,7 +1,5 @@
 """Routes in the loop: to a pose, over listed footsteps, ended half-way. Estimator on, sensor noise on, 2 ms delay."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The head turns while the robot stands, moves and walks; a recorded run with it is reproduced."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

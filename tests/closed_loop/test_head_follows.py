@@ -1,7 +1,5 @@
 """The head of a standing TALOS follows a ball that moves sideways, by what its camera sees of it."""
 
-from __future__ import annotations
-
 import ctypes.util
 import math
 

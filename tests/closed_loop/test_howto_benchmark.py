@@ -1,7 +1,5 @@
 """The benchmark of docs/howto_benchmark.md, made from the page alone: found, measured, judged, drawn."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The code of the page on tasks does what the page says, and so does the task that needs only configuration."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Faults injected while the robot stands: what it survives, and what damps it with a reason."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

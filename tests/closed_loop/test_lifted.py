@@ -1,7 +1,5 @@
 """A robot that is lifted while it steps freezes, and stands once it has been put down."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Fall and slip, as the monitor scores them."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import mujoco

@@ -1,7 +1,5 @@
 """The simulated robot behind the plant's interface."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Nothing compiles while the robot stands or walks: a compilation takes longer than the drivers wait for a command."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A robot that walks towards a box stops before it, and walks on when it is gone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bridge.closed_loop import ClosedLoop

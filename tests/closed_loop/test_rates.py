@@ -1,7 +1,5 @@
 """The laws at lower rates than the one they are tuned for: what docs/latency.md says of them."""
 
-from __future__ import annotations
-
 import pytest
 
 from bridge.closed_loop import ClosedLoop

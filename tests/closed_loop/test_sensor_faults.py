@@ -1,7 +1,5 @@
 """Pushes felt, and foot sensors that fail while the robot stands and walks: noise and delay as in the profile."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Joint set-points from a plain publisher, and hands that get where they were planned to, while the robot stands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Two robots walk in one world, each by its own laws: apart, seeing each other, bumping into each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """``poise bench all``: real cases, kept as they are finished, and their report built from the JSON lines."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``poise bench all`` that is killed, interrupted or has a benchmark that fails: what is kept, what the report says."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

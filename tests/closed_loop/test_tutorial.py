@@ -1,7 +1,5 @@
 """The code of the tutorial does what it says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Walking over ground that no law knows of: estimator on, sensor noise on, 2 ms delay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

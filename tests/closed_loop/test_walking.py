@@ -1,7 +1,5 @@
 """Walking in the loop: estimator on, sensor noise on, 2 ms delay."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``colcon build`` of a workspace that holds this repository: ``ros2`` finds packages, executables and launch files."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What an installed poise consists of: command line, ROS 2 index, executables, package data."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

@@ -1,7 +1,5 @@
 """The session of a user of ROS 2 (``python -m tests.ros_shell``), and that it fails when a step does."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

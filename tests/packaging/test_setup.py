@@ -1,7 +1,5 @@
 """`.ci/setup` on machines that lack something: it names what to install, and does nothing when all is there."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

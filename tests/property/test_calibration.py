@@ -1,7 +1,5 @@
 """A calibration undoes what it describes, and survives its file."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Signed commands against arbitrary changes: any text comes back as it was, and no changed byte passes."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st

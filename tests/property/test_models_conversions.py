@@ -1,7 +1,5 @@
 """Conversions between Pinocchio and MuJoCo, and joint order: properties that hold for every state."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

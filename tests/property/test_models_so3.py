@@ -1,7 +1,5 @@
 """Properties of the rotation kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings

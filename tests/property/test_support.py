@@ -1,7 +1,5 @@
 """Hull, distance and projection of the support polygon against SciPy and brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Two machines with one cable: network namespaces and a pair of virtual interfaces, gone with their processes."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Nodes under test in this process, beside a node that plays the rest of the graph; and the real graph, watched."""
 
-from __future__ import annotations
-
 import gc
 import os
 import time

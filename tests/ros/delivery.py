@@ -1,7 +1,5 @@
 """Hands messages to a node's subscribers without the middleware."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

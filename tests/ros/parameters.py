@@ -1,7 +1,5 @@
 """Changes parameters of a running graph as a user does."""
 
-from __future__ import annotations
-
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 

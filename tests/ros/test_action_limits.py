@@ -1,7 +1,5 @@
 """Limits of the actions are parameters of their node."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Actions and services with types of this project, on the real graph in lockstep."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """The control node's black box: written once for each fault, off the tick, and harmless where it cannot be."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The bridge's part of a calibration: encoders are corrected from a start on, and a crane lifts the robot."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any

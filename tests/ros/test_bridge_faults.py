@@ -1,7 +1,5 @@
 """Faults over ROS: services of the bridge, messages that do not come, and a plan from the release on."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The bridge's node without its loop: which commands and modes it takes, and what it notes about them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

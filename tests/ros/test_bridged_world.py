@@ -1,7 +1,5 @@
 """Bridges that share a world, in this process and without their loop: who moves, who waits for whom."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Calibration over the whole graph, in lockstep: injected errors are found, kept, in effect at the next start."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The estimator's calibration services without a robot: what they correct, keep, and refuse."""
 
-from __future__ import annotations
-
 import errno
 from typing import Any
 

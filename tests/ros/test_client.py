@@ -1,7 +1,5 @@
 """The command line's client and the demonstration's observer, against a graph of a few fake topics."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Codecs of joint commands and trajectories: round trips, joint order, and whatever else arrives."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

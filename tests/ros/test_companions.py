@@ -1,7 +1,5 @@
 """Processes beside a measured graph end with the command that started them, even if it is killed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """Estimator and controller as nodes, beside a world of a few topics: what comes too early, too late, or twice."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 from typing import Any

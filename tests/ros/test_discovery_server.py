@@ -1,7 +1,5 @@
 """Robots in namespaces of their own, on machines of two networks, joined by a discovery server: no multicast there."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the estimator's node publishes beside the state: covariance, orientation, transforms; and how it coasts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

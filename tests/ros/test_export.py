@@ -1,7 +1,5 @@
 """A recorded run as a LeRobot data set: the layout, and every number in it against the recording."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The real graph when a process is killed, the robot falls, or somebody pulls the brake."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -1,7 +1,5 @@
 """``foot_sensor_node``: contacts with hysteresis, centres of pressure, and silence where a sensor is silent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

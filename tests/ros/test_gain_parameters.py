@@ -1,7 +1,5 @@
 """Gains as parameters: taken while the robot stands, refused out of range, and never with a jump."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

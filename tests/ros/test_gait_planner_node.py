@@ -1,7 +1,5 @@
 """The gait planner's node beside a world of a few topics: for how long a velocity counts, goals, and its phase."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

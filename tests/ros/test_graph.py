@@ -1,7 +1,5 @@
 """The real graph over DDS: it stands, refuses what is malformed naming the culprit, ends cleanly."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Rows of ``poise bench graph_faults``: acts and rows belong together, and a row that goes wrong is told so."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path

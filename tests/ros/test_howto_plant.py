@@ -1,7 +1,5 @@
 """The code of docs/howto_plant.md does what the page says, and other plants are refused by name."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """``poise log imu``: what is in the files, and that they are complete or absent, whatever ends the log."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal

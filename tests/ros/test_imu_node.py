@@ -1,7 +1,5 @@
 """``imu_node``: what it publishes and writes, when it starts, and what it refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

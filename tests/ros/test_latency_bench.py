@@ -1,7 +1,5 @@
 """A short run of the real graph: every stage of a tick is noted, in order, and the stages add up."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

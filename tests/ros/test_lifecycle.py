@@ -1,7 +1,5 @@
 """Every node goes through its states again and again, and leaves nothing behind when it fails."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """A reliable message that gets lost on its way comes again at once, not at the middleware's leisure of up to 3 s."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Codecs of what is measured and estimated, against the real serialiser: each malformation is named."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

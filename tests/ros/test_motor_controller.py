@@ -1,7 +1,5 @@
 """``motor_controller``: the torques of the simulated drivers, their refusals, and no jerk whatever is commanded."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

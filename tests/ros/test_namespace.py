@@ -1,7 +1,5 @@
 """A robot in a namespace: it stands, and nothing of it is outside; the launch file and what it asks for."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Where the types of this project are not built, nodes do without the services that need them, and say so."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

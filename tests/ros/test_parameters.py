@@ -1,7 +1,5 @@
 """Every parameter of every node is described, has a range where it is a number, and says whether it may change."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

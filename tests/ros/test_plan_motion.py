@@ -1,7 +1,5 @@
 """Plans on request on the real graph in lockstep: hands, footsteps, calibrations, and a publisher of one's own."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -1,7 +1,5 @@
 """Service ``plan_motion`` of the planner's node, beside a world that plays controller and supervisor."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ends of a topic that do not agree on the quality of service: who reports it, for how long, and what it forbids."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The graph at 500 Hz: sensors, laws and drivers with a period of 2 ms."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

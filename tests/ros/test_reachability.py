@@ -3,8 +3,6 @@
 The other machine is a network namespace, joined by a pair of virtual interfaces. All of it ends with its processes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``poise record``: what is in the file, that it is complete or absent, and that the graph's run is reproduced."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The reference of topics, services and parameters says what the nodes declare."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

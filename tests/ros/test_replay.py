@@ -1,7 +1,5 @@
 """A recorded run of the closed loop is reproduced bit for bit, and what was tampered with is found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

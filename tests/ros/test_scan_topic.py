@@ -1,7 +1,5 @@
 """The topic ``scan``: what goes over unchanged, what is refused by name, and that the obstacle stop hears the rest."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A process of the graph ends with an exit code that tells the truth."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

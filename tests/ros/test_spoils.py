@@ -1,7 +1,5 @@
 """Ways in which ``poise bench graph_faults`` spoils messages: each does what it is called, and receivers say why."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

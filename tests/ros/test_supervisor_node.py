@@ -1,7 +1,5 @@
 """The supervisor's node beside a world of a few topics: what it publishes, and when it holds its tongue."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``poise teleop`` in a terminal: keys become velocities and words of the source teleop, and the end is silence."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

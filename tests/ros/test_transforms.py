@@ -1,7 +1,5 @@
 """The static transforms and the links of the robot form one tree."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

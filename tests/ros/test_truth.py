@@ -1,7 +1,5 @@
 """What controls has no way to the truth: not over the graph, not through an import, in either deployment."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Two robots in one world over ROS 2 in lockstep, each with its graph in its own processes and namespace."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

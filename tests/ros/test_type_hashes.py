@@ -1,7 +1,5 @@
 """Types built here under the names of official ones have their hashes, so that MoveIt and RViz take them for those."""
 
-from __future__ import annotations
-
 import ctypes
 
 import pytest

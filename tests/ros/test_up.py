@@ -1,7 +1,5 @@
 """``poise up`` as a user starts it: Ctrl-C ends it with exit code 0, nothing is left; lockstep repeats bit for bit."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import signal

@@ -1,7 +1,5 @@
 """The page's ears and hands, against a graph of a few fake topics."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Iterator

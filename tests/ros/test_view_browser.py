@@ -1,7 +1,5 @@
 """The page in a real browser, on the real graph in lockstep: standing, walking, and after an emergency stop."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The camera's and the vision node's topics: a ball's bearing, the head after it, and what is refused by name."""
 
-from __future__ import annotations
-
 import ctypes.util
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The graph walks: on cmd_vel, on the supervisor's words, and not before it stands. In lockstep."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

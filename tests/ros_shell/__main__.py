@@ -8,8 +8,6 @@ Every command line and what came back is printed. The ``ros2`` command carries t
 too; with ``--real-time`` it does not. The exit status is 0 only when every step showed what it has to show.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

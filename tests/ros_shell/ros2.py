@@ -5,8 +5,6 @@
 It knows nothing of poise; its words, options and lines are those of ros2cli, so that one list of steps serves both.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import sys

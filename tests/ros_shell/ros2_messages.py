@@ -1,7 +1,5 @@
 """Messages to and from the text of a command line, as ``rosidl_runtime_py`` does it."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Does the steps of a session, each in a process group of its own as a terminal would, and keeps what failed."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Who is in command: priorities, timeouts, locks, and the velocities that words set."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

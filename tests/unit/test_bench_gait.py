@@ -1,7 +1,5 @@
 """The gait benchmark: timing changes nothing and comes off again, figures count what they should."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

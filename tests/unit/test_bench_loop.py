@@ -1,7 +1,5 @@
 """The loop benchmark: splitting changes nothing and adds up, the bare physics are those of the run, bounds bind."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The tick benchmark: placo solves our problem, timing changes nothing, and every limit is one of a figure."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any

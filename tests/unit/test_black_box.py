@@ -1,7 +1,5 @@
 """The black box: what the ring keeps, what the file says, and what a disk that refuses does."""
 
-from __future__ import annotations
-
 import json
 import os
 import tracemalloc

@@ -1,7 +1,5 @@
 """Calibration of the legs from the closed chain, on made-up postures: Jacobians, exactness, observability."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a calibration over the graph waits for, and what makes it give up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

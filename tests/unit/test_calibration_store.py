@@ -1,7 +1,5 @@
 """The calibration file: atomic, checked, kept, rolled back."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta

@@ -1,7 +1,5 @@
 """The answers of the calibration services survive the way through a line of text."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

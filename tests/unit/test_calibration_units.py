@@ -1,7 +1,5 @@
 """Names and units of the numbers that a calibration tells."""
 
-from __future__ import annotations
-
 import pytest
 
 from controllers.calibration.windows import name_and_unit

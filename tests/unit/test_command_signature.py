@@ -1,7 +1,5 @@
 """Signed commands: what is taken, what is refused and why, and the key files."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

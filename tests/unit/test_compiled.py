@@ -1,7 +1,5 @@
 """The cache of compiled kernels follows the sources that a kernel is made from, and nothing else."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The control stack: stages in order, the hand-over between the laws, recorded inputs, refusals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

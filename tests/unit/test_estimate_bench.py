@@ -1,7 +1,5 @@
 """Judgement of ``poise bench estimate``: the statistics, and that every bound can fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the estimator makes of samples that are stale or not finite, and of a start that it cannot use."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from msgspec.structs import replace

@@ -1,7 +1,5 @@
 """Contact detection: hysteresis, delay, centre of pressure, and the noise that follows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Closed loops with contact dynamics are in ``tests/closed_loop``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

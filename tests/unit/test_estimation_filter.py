@@ -1,7 +1,5 @@
 """The filter over time: how sure it stays, what it trusts, and what it cannot see."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

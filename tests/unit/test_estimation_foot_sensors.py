@@ -1,7 +1,5 @@
 """Foot sensors against leg torques and motion; slips; samples at full scale."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The filter's kernels against finite differences of the definitions, and its algebra."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The estimator's compiled kinematics against Pinocchio's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

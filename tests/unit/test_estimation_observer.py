@@ -1,7 +1,5 @@
 """Momentum observer: Pinocchio as the reference, and known wrenches on motions made with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

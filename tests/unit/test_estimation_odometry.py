@@ -1,7 +1,5 @@
 """Covariance of pose and twist of the base, against finite differences and samples of the estimator's own output."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

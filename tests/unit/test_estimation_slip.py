@@ -1,7 +1,5 @@
 """A bearing foot that slides under a robot whose base stands still."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

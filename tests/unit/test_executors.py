@@ -1,7 +1,5 @@
 """Workers that die are replaced, and every case comes back exactly once."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """The pictures of failed trials and of the push maps: their numbers, and that JSON is enough to draw them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Faults as Python and YAML say them, and what is refused by name."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What each kind of fault makes of a sensor and of a motor, when, and that nothing else is touched."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """Samples of two feet: when they make a pair, and who counts as silent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Frame base_footprint against its definition in REP-120."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

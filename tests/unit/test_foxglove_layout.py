@@ -1,7 +1,5 @@
 """The layout for Foxglove names topics that there are, and every panel once."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """When a walking robot counts as lifted, and when as put down."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

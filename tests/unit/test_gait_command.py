@@ -1,7 +1,5 @@
 """Commanded velocities that hold or fall silent; the coming steps; the capturability margin."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """DCM reference: the closed forms against integration, and the recursion against what it promises."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

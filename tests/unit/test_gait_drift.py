@@ -1,7 +1,5 @@
 """The estimated place of the robot may jump: the whole plan moves with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Where a walk ends: in a stance that the robot can stay in."""
 
-from __future__ import annotations
-
 import pytest
 
 from models.robot_model import RobotModel

@@ -1,7 +1,5 @@
 """What of a sole bears: the side that goes down while it turns over an edge does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Footsteps to a pose: inside the limits, there at the end, mirrored; and lists that are refused with the reason."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

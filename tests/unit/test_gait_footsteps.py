@@ -1,7 +1,5 @@
 """Footholds from a velocity: no crossing, inside the reach, mirrored, and as fast as commanded."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """A mirrored robot with a mirrored command is given the mirrored reference."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

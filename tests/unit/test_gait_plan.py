@@ -1,7 +1,5 @@
 """The step plan: its compiled preview is the law written out, and an adjustment is that law in the world."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

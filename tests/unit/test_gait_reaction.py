@@ -1,7 +1,5 @@
 """Reaction of the swing leg: its size against Pinocchio, its closed form against an integrated swing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

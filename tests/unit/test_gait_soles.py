@@ -1,7 +1,5 @@
 """Soles of the gait: where a foot is expected to land, which planted soles are followed, when standing is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from msgspec import structs

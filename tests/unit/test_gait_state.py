@@ -1,7 +1,5 @@
 """The state of a gait: a copy of it is a checkpoint, and no kernel is compiled while the robot walks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

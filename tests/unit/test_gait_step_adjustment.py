@@ -1,7 +1,5 @@
 """The step-adjustment QP: optimal, undisturbed where nothing disturbs, inside its bounds."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The swing foot: smooth, clear of the floor, at its target on time, and patient when the floor is lower."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What an urgent step may do that others may not, and what keeps the legs and the QP within their limits meanwhile."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pan and tilt: limits and no jolt whatever is commanded, and an untouched posture without a command."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

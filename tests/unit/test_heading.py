@@ -1,7 +1,5 @@
 """Heading of a rotation, and turning by it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

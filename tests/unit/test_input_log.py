@@ -1,7 +1,5 @@
 """Inputs of the control stack are recorded at their tick, and read back bit for bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

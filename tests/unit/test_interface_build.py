@@ -1,7 +1,5 @@
 """Building interfaces: what is missing is named and nothing else suffers; what is built is not built again."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Motors that do not give what they are told, encoders that are stuck, and what is no fault."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from msgspec.structs import replace

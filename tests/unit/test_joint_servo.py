@@ -1,7 +1,5 @@
 """Joint servo: what it tracks, how it takes over and gives up, and which commands it refuses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from msgspec.structs import replace

@@ -1,7 +1,5 @@
 """Joint servo: the limits that it never exceeds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """The simulated scanner: known distances, its noise, what it does not see, and the box that it is to see."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The arithmetic of the latency benchmark: stages add up to the whole, what was not answered is missed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

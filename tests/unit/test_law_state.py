@@ -1,7 +1,5 @@
 """What a law holds is found, copied, and put back into another one of its kind, whatever it refers to."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

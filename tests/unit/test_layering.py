@@ -1,7 +1,5 @@
 """Imports point left only: models <- planners <- controllers <- bridge <- benchmarks."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The verdict on a machine: what is seen of it, and the advice."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

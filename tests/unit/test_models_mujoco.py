@@ -1,7 +1,5 @@
 """MuJoCo against Pinocchio at random states: dynamics, kinematics and the inertial unit."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Profiles: what is accepted, and that every refusal names the file and the key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

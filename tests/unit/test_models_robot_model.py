@@ -1,7 +1,5 @@
 """The robot model: order, names, postures, feet and left-right symmetry."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

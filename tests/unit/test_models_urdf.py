@@ -1,7 +1,5 @@
 """A URDF that cannot be used is refused with its file, the joint or link, and the cause."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path

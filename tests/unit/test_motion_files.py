@@ -1,7 +1,5 @@
 """Motions from files: what they may say, and that a bad one is named with its key."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every packaged motion on both robots: limits, rest, planted soles, balance, self-collision, smoothness."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from functools import cache
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """What the motion planner refuses, and that it names the culprit; each bound is also violated on purpose."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

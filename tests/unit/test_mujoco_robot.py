@@ -1,7 +1,5 @@
 """The simulated robot: soles, motors, friction, a fall, and what its builder may change or refuses."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pinocchio as pin

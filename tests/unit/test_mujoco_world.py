@@ -1,7 +1,5 @@
 """Several robots in one MuJoCo model: each as it is alone, apart at first, touching where they meet."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

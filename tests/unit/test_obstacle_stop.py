@@ -1,7 +1,5 @@
 """Obstacle stop: who is in the way, how fast one may still go, when a stop is over, and what is no scan."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

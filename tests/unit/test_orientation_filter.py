@@ -1,7 +1,5 @@
 """Complementary filter of the inertial unit: what it finds out at rest, in motion, and what it refuses."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The heading rate of a walk reaches the orientation tasks."""
 
-from __future__ import annotations
-
 import pytest
 from msgspec.structs import replace
 

@@ -1,7 +1,5 @@
 """Absolute deadlines, with a clock that the test turns."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

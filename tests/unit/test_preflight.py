@@ -1,7 +1,5 @@
 """Preflight: each check refuses what it is there for, and names it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is proposed for a robot that is known: the G1 and TALOS, whose profiles were written by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

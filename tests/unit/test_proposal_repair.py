@@ -1,7 +1,5 @@
 """URDFs that say too little are repaired and every change is told; those of no use are refused by name."""
 
-from __future__ import annotations
-
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Callable

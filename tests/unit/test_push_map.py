@@ -1,7 +1,5 @@
 """The push test with steps: its bounds, its search over phases, legs that may not run through each other, verdicts."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

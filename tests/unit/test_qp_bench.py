@@ -1,7 +1,5 @@
 """The QP benchmark: an answer is certified by what it is, not by who gave it, and problems survive their archive."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every documented figure has a command beside it, and every documented command exists."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import fields

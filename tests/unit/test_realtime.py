@@ -1,7 +1,5 @@
 """Processes of the tick have a core each, as long as there are cores."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

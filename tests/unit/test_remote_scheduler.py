@@ -1,7 +1,5 @@
 """A scheduler and workers that somebody started by hand: they die, come, are of another time; no case is lost."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

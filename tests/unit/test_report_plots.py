@@ -1,7 +1,5 @@
 """Pictures of the report hold what was measured, and none is drawn of nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The file of finished cases: resumed, never a case twice, whole after a crash, one writer at a time."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

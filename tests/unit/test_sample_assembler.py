@@ -1,7 +1,5 @@
 """Samples of several topics become one tick, whatever their order, age and stamps."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

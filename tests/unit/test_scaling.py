@@ -1,7 +1,5 @@
 """What the scaling benchmark makes of its rounds."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

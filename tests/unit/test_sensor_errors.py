@@ -1,7 +1,5 @@
 """Sensor errors from a file or a line of YAML."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensor noise: what it depends on, and how large it is."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What is kept in the place of samples gives their percentiles, of one case and of several."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Stamps: a single jump ahead is refused, a gap is continued; a clock does not go back while the robot moves."""
 
-from __future__ import annotations
-
 import pytest
 
 from controllers.estimation.stamps import ClockFilter, JumpFilter

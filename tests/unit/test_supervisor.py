@@ -1,7 +1,5 @@
 """The mode machine: guarded transitions, text commands, the fault latch."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

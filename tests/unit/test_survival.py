@@ -1,7 +1,5 @@
 """Wilson's interval against published values, and what counts as survived."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Targets in frames of the robot and of the world."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Keys and gamepad events to velocities and deeds."""
 
-from __future__ import annotations
-
 import os
 import struct
 from pathlib import Path

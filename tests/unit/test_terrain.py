@@ -1,7 +1,5 @@
 """Terrain: what the generator lays, that MuJoCo has the same ground as the scores, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

@@ -1,7 +1,5 @@
 """The benchmark on uneven ground: its cases, that every bound decides."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

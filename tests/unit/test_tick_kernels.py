@@ -1,7 +1,5 @@
 """Kernels that replace library calls in the tick, held to those calls."""
 
-from __future__ import annotations
-
 import daqp
 import numpy as np
 import pinocchio as pin

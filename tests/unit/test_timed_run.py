@@ -1,7 +1,5 @@
 """What the benchmarks of time share: every seed is judged, the notes say the same as the verdict."""
 
-from __future__ import annotations
-
 import gc
 import math
 

@@ -1,7 +1,5 @@
 """The bound of torques and soles: without torque limits it is that of the pendulum, with small ones it is theirs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The check at the door of a joint trajectory, and the curve through its points."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gains that change while the robot stands: where they end, and that nothing jumps on the way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

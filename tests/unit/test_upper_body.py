@@ -1,7 +1,5 @@
 """Motions of arms and head in a walk: the legs are left alone, and nothing jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The page's scene: meshes of every robot, moved as Pinocchio says; footsteps where they are."""
 
-from __future__ import annotations
-
 import math
 import socket
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The walking benchmark: what it measures, and that its verdict depends on every bound."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

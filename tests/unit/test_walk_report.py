@@ -1,7 +1,5 @@
 """The verdict on a square that was walked, on recordings made by kinematics alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

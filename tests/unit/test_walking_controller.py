@@ -1,7 +1,5 @@
 """The balance law in single support: the CMP stays where the stance sole, shifted by the reaction, can give it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A shifted wall clock: for the processes that are started with it alone, and nothing else of theirs is shifted."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The reduced QP against the full one, its solution against physics, and what happens when it cannot be solved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Terms, tasks and the wrench cone against Pinocchio, finite differences and corner forces."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
