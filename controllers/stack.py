@@ -1,4 +1,4 @@
-"""The control stack: sensors in, joint command out. Every user of the laws runs this object; none assembles them."""
+"""The control stack: sensors in, joint command out. Simulation, nodes and benchmarks all run it."""
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -58,7 +58,7 @@ class StackConfig:
 
 
 class StackMemory(NamedTuple):
-    """What the stack keeps between two ticks, apart from the state of its stages."""
+    """State of the stack between two ticks, without that of its stages."""
 
     state: RobotState  #: Last estimate
     scheduled: tuple[bool, bool] | None  #: Feet that the last reference has in contact
@@ -123,7 +123,7 @@ class ControlStack:
     Args:
         robot: The robot; None where nodes build the stages.
         config: Configuration of the stages.
-        period: Between two ticks [s].
+        period: Time between two ticks [s].
         calibration: Corrects the sensors from the next ``reset`` on; optional.
         law: Whole-body law instead of ``BalanceController``.
         log: Records the inputs of the stack for a replay; optional.
@@ -169,7 +169,7 @@ class ControlStack:
         self.scheduled: tuple[bool, bool] | None = None
         self.velocity_input: VelocityInput = self
         self._mode = Mode.OFF
-        self._held: Velocity | None = None
+        self._held_velocity: Velocity | None = None
         self._command_t = 0.0
         self._motions: MotionPlanner | None = None
         if robot is not None:
@@ -198,7 +198,7 @@ class ControlStack:
         self._gait = GaitPlanner(robot, config)
         if self.log is not None:
             self.log.describe("gait", self.gait.config)
-        self._join()
+        self._connect_gait()
         return self.gait
 
     def build_law(
@@ -217,10 +217,10 @@ class ControlStack:
             self.log.describe("whole_body", law.whole_body.config)
             if self.head is not None:
                 self.log.describe("head", self.head.config)
-        self._join()
+        self._connect_gait()
 
-    def _join(self) -> None:
-        """Give the law the gait, once both are built."""
+    def _connect_gait(self) -> None:
+        """Connect the gait to the law, once both are built."""
         if isinstance(self._law, BalanceController):
             if self._gait is not None:
                 self._law.set_gait(self._gait, self._gait_timer)
@@ -255,7 +255,7 @@ class ControlStack:
 
         Args:
             sensors: As measured.
-            after: Stamp of the last tick before [ns] where the next tick is the first; None where this one steps, too.
+            after: Stamp of the tick before the first one [ns]; None when the first tick uses this sample.
         """
         self._correction, self.scheduled, self._command_t = self.calibration, None, 0.0
         self.raw, self.sensors = sensors, self._correct(sensors)
@@ -272,7 +272,7 @@ class ControlStack:
         if self.head is not None:
             self.head.drop()
         self._monitor.reset()
-        self._note("reset")
+        self._record("reset")
 
     def arm(self) -> CommandReply:
         """Run the preflight checks on the last sample and request mode ``stand``."""
@@ -288,7 +288,7 @@ class ControlStack:
 
         Args:
             sensors: As measured.
-            dt: Since the last sample [s].
+            dt: Time since the last sample [s].
             state: Replaces the estimate; optional.
 
         Returns:
@@ -303,7 +303,7 @@ class ControlStack:
 
     def estimate(self, sensors: SensorData, dt: float) -> RobotState:
         """Calibration and estimator of one tick."""
-        self._note_change("dt", dt)
+        self._record_change("dt", dt)
         self.raw, self.sensors = sensors, self._correct(sensors)
         self.state = self.estimator.step(self.sensors, dt, self.scheduled)
         self.scheduled = None
@@ -317,16 +317,16 @@ class ControlStack:
 
     def control(self, dt: float) -> ControlResult | None:
         """Gait, motions, head, whole-body law and joint monitor of one tick; None while the mode moves nothing."""
-        self._note_change("mode", self.mode.value)
+        self._record_change("mode", self.mode.value)
         self.scheduled = None
         if self.mode not in ACTIVE_MODES:
             return None
-        self._note_change("law_dt", dt)
+        self._record_change("law_dt", dt)
         state = self.state
         if self.tuning is not None and self.tuning.moving:
             self.tuning.step(dt)
-        if self.walking and self._held is not None:
-            self.gait.set_velocity(*self._held)
+        if self.walking and self._held_velocity is not None:
+            self.gait.set_velocity(*self._held_velocity)
         result = self.law.step(state, dt)
         reference = self.reference
         if self.head is not None:
@@ -336,10 +336,10 @@ class ControlStack:
         return result
 
     def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
-        """Have the supervisor judge the status; also where no sample arrives.
+        """Update the supervisor with the present status; also when no sample arrives.
 
         Args:
-            t: Now [s].
+            t: Present time [s].
             drivers_damped: Whether the joint drivers fell back to damping.
 
         Returns:
@@ -394,7 +394,7 @@ class ControlStack:
 
     @property
     def joint_fault(self) -> str:
-        """What is wrong with a joint; empty while nothing is."""
+        """Fault of a joint; empty without one."""
         return self._monitor.fault
 
     @property
@@ -414,25 +414,25 @@ class ControlStack:
 
     @property
     def memory(self) -> StackMemory:
-        """What the stack itself keeps between two ticks."""
-        return StackMemory(self.state, self.scheduled, self._mode, self._held, self._correction)
+        """State that the stack keeps between two ticks."""
+        return StackMemory(self.state, self.scheduled, self._mode, self._held_velocity, self._correction)
 
     def recall(self, memory: StackMemory) -> None:
-        """Go on from a memory; the stages get theirs from the caller."""
-        self.state, self.scheduled, self._mode, self._held, self._correction = memory
+        """Restore a ``memory``; the caller restores the stages."""
+        self.state, self.scheduled, self._mode, self._held_velocity, self._correction = memory
 
     # Inputs; each is recorded
 
     def enter(self, mode: Mode) -> None:
-        """Go on in another mode."""
+        """Enter a mode."""
         if mode is not self._mode:
             self._mode = mode
-            self._note_change("mode", mode.value)
+            self._record_change("mode", mode.value)
         if isinstance(self._law, BalanceController):
             self._law.enter(mode)
 
     def command(self, text: str) -> CommandReply:
-        """Carry out a text command (wave, squat, walk, forward, stop, ...), or return why not."""
+        """Carry out a text command (wave, squat, walk, forward, stop, ...), or return the reason of the refusal."""
         supervisor = self.supervisor
         reply = supervisor.text(text)
         self.enter(supervisor.mode)
@@ -473,10 +473,10 @@ class ControlStack:
     def stop_motion(self) -> None:
         """End the motion; while walking, arms and head return to the posture of the walk."""
         self.law.stop_motion()
-        self._note("stop_motion")
+        self._record("stop_motion")
 
     def look(self, pan: float, tilt: float) -> None:
-        """Turn the head to joint angles [rad]; a later motion that moves the head takes it over.
+        """Turn the head to joint angles [rad]; a later motion that moves the head ends the command.
 
         Raises:
             CommandError: The robot has no head, or a value is not finite.
@@ -484,39 +484,39 @@ class ControlStack:
         if self.head is None:
             raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
         self.head.command(pan, tilt)
-        self._note("head", pan, tilt)
+        self._record("head", pan, tilt)
 
     def set_gain(self, name: str, value: float) -> None:
         """Move a gain of the standing law to a value; see ``Tuning.set`` for refusals."""
         if self.tuning is None:
             raise CommandError(f"gain '{name}' refused: this whole-body law has no gains to tune")
         self.tuning.set(name, value)
-        self._note("gain", name, value)
+        self._record("gain", name, value)
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Walk with a velocity [m/s, m/s, rad/s]; see ``GaitPlanner.set_velocity``."""
         self.gait.set_velocity(forward, left, turn)
-        self._note("velocity", forward, left, turn)
+        self._record("velocity", forward, left, turn)
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Repeat a velocity at every tick from now on, as one that a joystick sends."""
-        self._held = (forward, left, turn)
-        self._note_change("hold_velocity", forward, left, turn)
+        """Repeat a velocity [m/s, m/s, rad/s] at every tick, as a joystick does."""
+        self._held_velocity = (forward, left, turn)
+        self._record_change("hold_velocity", forward, left, turn)
 
     def stop(self) -> None:
         """Come to a standstill within two steps."""
         self.gait.stop()
-        self._note("stop")
+        self._record("stop")
 
     def walk_to(self, goal: Foothold) -> None:
         """Walk to a pose; see ``GaitPlanner.walk_to``."""
         self.gait.walk_to(goal)
-        self._note("walk_to", *structs.astuple(goal))
+        self._record("walk_to", *structs.astuple(goal))
 
     def take_steps(self, steps: Sequence[Footstep]) -> None:
         """Take footsteps; see ``GaitPlanner.take_steps``."""
         self.gait.take_steps(steps)
-        self._note("take_steps", [[step.foot, *structs.astuple(step.hold)] for step in steps])
+        self._record("take_steps", [[step.foot, *structs.astuple(step.hold)] for step in steps])
 
     # Stages
 
@@ -543,17 +543,17 @@ class ControlStack:
     def _correct(self, sensors: SensorData) -> SensorData:
         return sensors if self._correction is None else apply_calibration(sensors, self._correction)
 
-    def _note(self, word: str, *values: object) -> None:
+    def _record(self, word: str, *values: object) -> None:
         if self.log is not None:
             self.log.note(word, *values)
 
-    def _note_change(self, word: str, *values: object) -> None:
+    def _record_change(self, word: str, *values: object) -> None:
         if self.log is not None:
             self.log.note_change(word, *values)
 
 
 def _built(stage: T | None, name: str) -> T:
-    """A stage that this stack has."""
+    """The stage, or an error when this stack has none."""
     if stage is None:
         raise PoiseError(f"this control stack has no {name}: it runs in another process, or has not been configured")
     return stage

@@ -81,14 +81,15 @@ class BalanceController:
         p = \xi - \dot\xi_{ref}/\omega + k (\xi - \xi_{ref}), \quad
         \ddot c_{xy} = \omega^2 (c - \bar p)
 
-    where ``p_bar`` is p brought into the soles that bear, or standing beyond their edge by a bounded reach when the DCM
-    nears the edge (``controllers/balance/support.py``): then arms and hips add the momentum that ankles cannot. In
-    single support the soles are shifted by the planned reaction of the swing leg (``Reference.cmp_offset``).
+    where ``p_bar`` is p projected onto the support polygon, or in standing moved beyond its edge by a bounded reach
+    when the DCM nears the edge (``controllers/balance/support.py``): then arms and hips add the momentum that the
+    ankles cannot provide. In single support the soles are shifted by the planned reaction of the swing leg
+    (``Reference.cmp_offset``).
 
     The gait runs in every tick. While it stands, the reference is that of the posture on the soles; while it steps, the
-    reference is the gait's, with arms and head of the posture. In between both are blended, and with them the gains. A
-    gait that stands steps when the DCM leaves the soles, in every mode; the part of a motion that moves legs and torso
-    then ends, arms and head go on.
+    reference is the gait's, with arms and head of the posture. The transition blends both references and the gains. In
+    every mode a standing gait steps when the DCM leaves the soles; the part of a motion that moves legs and torso then
+    ends, and arms and head continue.
 
     Args:
         model: The robot.
@@ -100,12 +101,12 @@ class BalanceController:
         extra_limits: Further limits of the QP.
 
     Attributes:
-        reference: What the last tick tracked.
+        reference: Reference of the last tick.
         capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
-        gains: Of the feedback, in force, as ``feedback_gains`` orders them, then ``reaction_reach_max`` (8,).
+        gains: Feedback gains in force, in the order of ``feedback_gains``, then ``reaction_reach_max`` (8,).
         schedule: Gains that depend on whether the robot stands or steps.
         walking: Whether the gait may follow its commands: mode ``walk``.
-        no_step: Whether a standing robot keeps its feet where they are whatever happens.
+        no_step: Whether a standing robot keeps its feet in place even when it loses its balance.
 
     Assumptions:
         Standing, both soles are on the same plane. The state comes from the estimator.
@@ -128,7 +129,7 @@ class BalanceController:
         self.model, self.head = model, head
         self.gait: Gait | None = None
         self._gait_timer: AbstractContextManager[None] = nullcontext()
-        self._begun = False  # whether the gait has been reset
+        self._gait_started = False  # whether the gait has been reset
         self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
         self.whole_body = WholeBodyController(model, whole_body, extra_tasks, extra_limits)
         self.motions = MotionPlayer(model, config, head)
@@ -153,11 +154,11 @@ class BalanceController:
         self.schedule = GainSchedule(self.whole_body)
         self.schedule.add("balance", arrays.gains, standing, stepping)
         self.gains = arrays.gains
-        self._least_load = config.foothold_load * model.mass * GRAVITY
-        self._nothing, self._no_shift = np.zeros(3), np.zeros(2)
-        self._still = np.zeros((2, 6))
+        self._load_min = config.foothold_load * model.mass * GRAVITY
+        self._zero_acceleration, self._zero_xy = np.zeros(3), np.zeros(2)
+        self._zero_twists = np.zeros((2, 6))
         self._data, self._leg = model.data(), leg_length(model)
-        self._fresh, self._moved, self._share = True, False, 0.0
+        self._first_tick, self._moved, self._share = True, False, 0.0
         self.reference: Reference
         self.capture_margin = 0.0
         self._warm_up()
@@ -166,7 +167,7 @@ class BalanceController:
 
     def set_gait(self, gait: Gait, timer: AbstractContextManager[None] | None = None) -> None:
         """Take steps from now on, planned by a gait; the timer surrounds its ticks."""
-        self.gait, self._gait_timer, self._begun = gait, timer or nullcontext(), False
+        self.gait, self._gait_timer, self._gait_started = gait, timer or nullcontext(), False
 
     @property
     def motion_active(self) -> bool:
@@ -176,7 +177,7 @@ class BalanceController:
     @property
     def stepping(self) -> bool:
         """Whether steps are being taken, or the robot has not come to rest after them."""
-        return self.gait is not None and self._begun and not self.gait.settled
+        return self.gait is not None and self._gait_started and not self.gait.settled
 
     def reset(self, state: RobotState) -> None:
         """Start over from a measured state, holding its joint positions as the posture."""
@@ -186,14 +187,14 @@ class BalanceController:
         arrays = self._arrays
         arrays.anchor[:] = arrays.positions[:] = 0.0
         arrays.anchor_rotation[:] = arrays.rotations[:] = np.eye(3)
-        self._fresh, self._moved, self.walking = True, False, False
+        self._first_tick, self._moved, self.walking = True, False, False
         self._set_share(0.0)
         self._begin(state)
 
     def _begin(self, state: RobotState) -> None:
         if self.gait is not None:
             self.gait.reset(state)
-        self._begun = True
+        self._gait_started = True
 
     def enter(self, mode: Mode) -> None:
         """Go on in another mode: ``walk`` lets the gait follow its commands, every other one ends a walk."""
@@ -206,18 +207,18 @@ class BalanceController:
         self.walking = walk
 
     def follow(self, trajectory: JointTrajectory) -> None:
-        """Start a motion from the present posture; walking, only its arms and head count. See ``MotionPlayer.follow``.
+        """Start a motion from the present posture; while walking, of arms and head only. See ``MotionPlayer.follow``.
 
         Raises:
             TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
             JointNameError: It names an unknown joint, or one twice.
         """
-        if self._fresh:
+        if self._first_tick:
             raise TrajectoryError("the controller has not run yet: there is no posture to start from")
         self.motions.follow(trajectory, self.reference, walking=self.walking, stepping=self._share > 0.0)
 
     def stop_motion(self) -> None:
-        """Slow down from where the motion is, and hold the posture reached; walking, return to that of the walk."""
+        """Slow down and hold the posture reached; while walking, return to the posture of the walk."""
         self.motions.stop(self.reference)
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
@@ -228,12 +229,12 @@ class BalanceController:
             dt: Time since the last tick [s].
 
         Returns:
-            Set-point and everything worth recording.
+            Set-point of the drivers, status of the solve, and the quantities of the tick.
         """
         if finite_state(state.q, state.v):
             self.whole_body.terms.update(state)
-            return self._track(state, self._refer(state, dt))
-        command, status = self.whole_body.fall_back()  # nothing that is kept from tick to tick may see the state
+            return self._track(state, self._build_reference(state, dt))
+        command, status = self.whole_body.fall_back()  # NaN must not enter what is kept from tick to tick
         return self._result(command, status)
 
     def track(self, state: RobotState, reference: Reference) -> ControlResult:
@@ -245,20 +246,20 @@ class BalanceController:
     def _track(self, state: RobotState, reference: Reference) -> ControlResult:
         self.reference = reference
         if not any(reference.contacts):
-            return self._hang(state, reference)
+            return self._hold_in_air(state, reference)
         if self.whole_body.set_support_areas(reference.sole_areas):
             self._arrays.corners[:] = [corners_of(area) for area in self.whole_body.areas]
-        led = reference.dcm is not None and reference.dcm_velocity is not None
+        has_dcm = reference.dcm is not None and reference.dcm_velocity is not None
         self.capture_margin = feedback_tick(
             self._unboxed,
             *reference.contacts,
             reference.com,
             reference.com_velocity,
-            self._no_shift if reference.dcm is None else reference.dcm,
-            self._no_shift if reference.dcm_velocity is None else reference.dcm_velocity,
-            led,
+            self._zero_xy if reference.dcm is None else reference.dcm,
+            self._zero_xy if reference.dcm_velocity is None else reference.dcm_velocity,
+            has_dcm,
             reference.sole_positions,
-            self._no_shift if reference.cmp_offset is None else reference.cmp_offset,
+            self._zero_xy if reference.cmp_offset is None else reference.cmp_offset,
         )
         self.whole_body.com_task.override = self._arrays.acceleration
         return self._result(*self.whole_body.step(state, reference))
@@ -277,8 +278,8 @@ class BalanceController:
             solve_time=whole_body.solution.time,
         )
 
-    def _hang(self, state: RobotState, reference: Reference) -> ControlResult:
-        """In the air there is no ground force: the drivers hold the posture and compensate gravity."""
+    def _hold_in_air(self, state: RobotState, reference: Reference) -> ControlResult:
+        """Result without ground forces: the drivers hold the posture and compensate gravity."""
         model, com = self.model, self.whole_body.terms.com
         gravity = pin.computeGeneralizedGravity(model.pin, self._data, state.q)[6:]
         tau = np.clip(gravity, -model.tau_max, model.tau_max)
@@ -293,7 +294,7 @@ class BalanceController:
             zmp=com[:2].copy(),
         )
 
-    def _refer(self, state: RobotState, dt: float) -> Reference:
+    def _build_reference(self, state: RobotState, dt: float) -> Reference:
         """Reference of this tick: that of the posture, that of the gait, or a blend."""
         gait, (standing, dcm, height) = self.gait, self._stand(state, dt)
         if gait is None:
@@ -306,7 +307,7 @@ class BalanceController:
             step=not self.no_step,
             standing=standing if self._share == 0.0 else None,
         )
-        if not self._begun:
+        if not self._gait_started:
             self._begin(state)
         with self._gait_timer:
             planned = gait.step(state, dt, rest)
@@ -321,8 +322,9 @@ class BalanceController:
         """Reference of the posture on the soles, its DCM in W (2,) [m] and the height of its CoM above them [m]."""
         posture, velocity, acceleration = self.motions.step(dt)
         moving = velocity is not self.motions.zero
-        fresh, (left, right) = self._fresh, state.contacts
-        placed, arrays = np.empty((9, 3)), self._arrays
+        fresh, (left, right) = self._first_tick, state.contacts
+        arrays = self._arrays
+        placed = np.empty((9, 3))  # CoM, its velocity, base and torso rotation (3 rows each); DCM and CoM height
         standing_reference(
             self._unboxed,
             posture,
@@ -331,16 +333,16 @@ class BalanceController:
             dt,
             left.wrench,
             right.wrench,
-            self._least_load,
+            self._load_min,
             1.0 if fresh or self._share == 1.0 else min(dt / self.config.anchor_time_s, 1.0),
             0.0 if self.gait is None else self._leg,
             placed,
         )
-        self._fresh, self._moved = False, moving
+        self._first_tick, self._moved = False, moving
         reference = Reference(
             com=placed[0],
             com_velocity=placed[1],
-            com_acceleration=self._nothing,
+            com_acceleration=self._zero_acceleration,
             base_orientation=placed[2:5],
             torso_orientation=placed[5:8],
             posture=posture,
@@ -348,13 +350,13 @@ class BalanceController:
             posture_acceleration=acceleration,
             sole_rotations=arrays.rotations,
             sole_positions=arrays.positions,
-            sole_velocities=self._still,
-            sole_accelerations=self._still,
+            sole_velocities=self._zero_twists,
+            sole_accelerations=self._zero_twists,
         )
         return reference, placed[8, :2], float(placed[8, 2])
 
     def _advance(self, phase: GaitPhase, dt: float) -> None:
-        """Share of the gait in the references: it rises when the gait starts and falls when it stands again."""
+        """Raise the share of the gait in the references while it steps, and lower it while it stands."""
         if phase is GaitPhase.STAND:
             share = max(self._share - dt / self.config.blend_out_s, 0.0)
         else:
@@ -376,9 +378,9 @@ class BalanceController:
         Once a foot is in the air, DCM and soles are the gait's, and only body and joints are blended.
         """
         share = min_jerk(self._share)[0]
-        free, away = self.motions.free, planned.posture - standing.posture
+        free, difference = self.motions.free, planned.posture - standing.posture
         weight = np.where(free, 0.0, share)
-        posture = standing.posture + weight * away
+        posture = standing.posture + weight * difference
         velocity = standing.posture_velocity + weight * (planned.posture_velocity - standing.posture_velocity)
         acceleration = (1.0 - weight) * standing.posture_acceleration + weight * planned.posture_acceleration
         if self._share == 1.0:
@@ -398,8 +400,8 @@ class BalanceController:
             posture_velocity=velocity,
             posture_acceleration=acceleration,
         )
-        dcm, drift = planned.dcm, planned.dcm_velocity
-        if phase.airborne or dcm is None or drift is None:
+        dcm, dcm_velocity = planned.dcm, planned.dcm_velocity
+        if phase.airborne or dcm is None or dcm_velocity is None:
             return blended
         soles = np.empty((2, 3, 3))
         blend_rotations(standing.sole_rotations, planned.sole_rotations, share, soles)
@@ -412,13 +414,13 @@ class BalanceController:
             com=mix(standing.com, planned.com),
             com_velocity=mix(standing.com_velocity, planned.com_velocity),
             dcm=mix(rest.dcm, dcm),
-            dcm_velocity=mix(standing.com_velocity[:2], drift),
+            dcm_velocity=mix(standing.com_velocity[:2], dcm_velocity),
             sole_rotations=soles,
             sole_positions=mix(standing.sole_positions, planned.sole_positions),
         )
 
     def _warm_up(self) -> None:
-        """Compile and fill every cache at construction: the loop itself never waits for a compiler."""
+        """Compile all kernels and fill every cache, so that no tick waits for the compiler."""
         model = self.model
         foot = ContactState(active=True, wrench=np.zeros(6))
         state = RobotState(0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (foot, foot))

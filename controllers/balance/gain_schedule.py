@@ -10,7 +10,7 @@ from models.types import Vector
 
 @dataclass(frozen=True, slots=True)
 class ScheduledGains:
-    """One array of gains: the live values, and those of either end."""
+    """One array of gains (k,): the values in force, those of standing and those of stepping."""
 
     live: Vector
     standing: Vector
@@ -18,10 +18,10 @@ class ScheduledGains:
 
 
 class GainSchedule:
-    """Gains between those of standing and those of stepping, linear in the share of the gait in the references.
+    """Gains interpolated between standing and stepping, linear in the share of the gait in the references.
 
-    The gains of ``whole_body`` are those of standing, ``WholeBodyConfig.stepping`` holds the others. ``share`` is 0
-    standing, 1 stepping.
+    The gains of ``whole_body`` apply in standing, those of ``WholeBodyConfig.stepping`` in stepping. ``share`` is 0 in
+    standing and 1 in stepping [-].
     """
 
     def __init__(self, whole_body: WholeBodyController) -> None:
@@ -55,7 +55,7 @@ class GainSchedule:
         live[:] = standing
 
     def apply(self, share: float) -> None:
-        """Set the gains for a share."""
+        """Set the gains for a share [-]."""
         if share != self.share:
             self.share = share
             self.update()

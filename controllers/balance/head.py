@@ -1,4 +1,4 @@
-"""Pan and tilt of the head, on top of whatever posture the law in charge wants."""
+"""Pan and tilt of the head, added to the posture reference of the whole-body law."""
 
 from __future__ import annotations
 
@@ -16,35 +16,38 @@ from models.errors import CommandError, ConfigError
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointTrajectory, Reference, SolveStatus, Vector
 
-SETTLED = 1e-7  #: A head that is so near to its goal has reached it [rad]
+SETTLED = 1e-7  #: Distance from the goal below which the head has reached it [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class HeadConfig:
-    """How the head goes to where it is sent; see ``controllers/config/head.yaml``."""
+    """Speed and smoothing of the head; see ``controllers/config/head.yaml``."""
 
     speed: Annotated[float, Field(gt=0, le=10, description="Fastest turn of either joint [rad/s]")]
-    bandwidth: Annotated[float, Field(gt=0, le=100, description="Of the low-passes that round the ramp [rad/s]")]
+    bandwidth: Annotated[
+        float, Field(gt=0, le=100, description="Bandwidth of the low-pass filters that smooth the ramp [rad/s]")
+    ]
     limit_margin: Annotated[float, Field(ge=0, le=0.2, description="Distance kept from the joints' stops [rad]")]
-    grip_time: Annotated[float, Field(gt=0, le=10, description="Until the drivers hold the head where it is sent [s]")]
+    grip_time: Annotated[float, Field(gt=0, le=10, description="Time in which the drivers take over the goal [s]")]
 
 
 class Head:
-    r"""Moves two joints of a posture to where they are sent, smoothly whatever is commanded.
+    r"""Moves pan and tilt of a posture to the commanded angles, with bounded speed and acceleration.
 
     .. math::
         \dot r = \mathrm{clip}(g - r), \quad \dot x = w (r - x), \quad \dot q = w (x - q)
 
-    A ramp r of bounded speed goes to the goal g within the joints' limits; two low-passes of bandwidth w round it. Both
-    are averages of what the ramp was, so q keeps the limits of position and speed, and its acceleration, at most twice
-    the speed times w, has no step.
+    A ramp r of bounded speed goes to the goal g within the joints' limits; two low-pass filters of bandwidth w smooth
+    it. Both average the past of the ramp, so q keeps the limits of position and speed, and its acceleration, at most
+    twice the speed times w, has no step.
 
-    The QP tracks q with the posture's gains, which dry friction beats by several degrees in a joint with so little
-    inertia; so the drivers are told q, too, with a weight that goes from 0 to 1 within ``grip_time``.
+    The QP tracks q with the posture's gains, which leave an error of several degrees under dry friction in a joint
+    with so little inertia. So the set-point of the drivers is blended to q, with a weight that goes from 0 to 1 within
+    ``grip_time``.
 
-    Between two commands the last one counts. A motion that moves the head has it from then on: ``release`` leads the
-    difference to the motion's posture back to zero in the same way. Untouched until the first command, and again once
-    that difference is gone, the posture is passed on as it is.
+    The last command applies until a motion moves the head: ``release`` then leads the difference to the motion's
+    posture back to zero in the same way. Before the first command, and once that difference is zero, the posture is
+    returned unchanged.
 
     Args:
         model: The robot; its profile names the joints.
@@ -68,32 +71,32 @@ class Head:
         self._high = model.q_upper[self.joints] - config.limit_margin
         self._speed = np.minimum(config.speed, model.v_max[self.joints])
         self._stages = np.zeros((3, 2))  # ramp, first and second low-pass, of pan and tilt [rad]
-        self._under = np.zeros((2, 2))  # what the posture itself wants: positions, velocities
+        self._input = np.zeros((2, 2))  # of both joints in the given posture: positions [rad], velocities [rad/s]
         self.drop()
 
     @classmethod
     def of(cls, model: RobotModel, config: HeadConfig | None = None) -> Head | None:
-        """The head of a robot that has one."""
+        """The head of a robot; None for a robot without one."""
         return None if model.profile.head is None else cls(model, config)
 
     @property
     def active(self) -> bool:
         """Whether it changes the posture."""
-        return self._goal is not None or self._felt
+        return self._goal is not None or self._modifies_posture
 
     @property
-    def _felt(self) -> bool:
-        """Whether it changed the posture on the last tick: only then is it known what was below."""
-        return not self._relative or self._grip > 0.0 or bool(self._stages.any())
+    def _modifies_posture(self) -> bool:
+        """Whether it changed the posture on the last tick: only then does ``_input`` hold the given one."""
+        return not self._relative or self._drive_weight > 0.0 or bool(self._stages.any())
 
     def drop(self) -> None:
-        """Forget everything: the posture is passed on as it is."""
+        """Discard goal and filter state: the posture is returned unchanged."""
         self._goal: Vector | None = None
         self._relative = True  # whether the stages are counted from the posture, or from zero
-        self._stages[:] = self._grip = 0.0
+        self._stages[:] = self._drive_weight = 0.0
 
     def command(self, pan: float, tilt: float) -> None:
-        """Send the head to joint angles [rad], brought within the limits.
+        """Set the goal to joint angles [rad], clipped to the limits.
 
         Raises:
             CommandError: A value is not finite; names it.
@@ -104,34 +107,36 @@ class Head:
         self._goal = np.clip([pan, tilt], self._low, self._high)
 
     def release(self, motion: JointTrajectory) -> None:
-        """Leave the head to a motion, if that names one of its joints."""
+        """End the command when a motion names a joint of the head."""
         if not any(name in motion.joint_names for name in self._names):
             return
         self._goal = None
-        if self._felt and self._relative:
-            # It is on the way to what another motion wants: what this one wants may be far from that.
+        if self._modifies_posture and self._relative:
+            # It is returning to the posture of another motion, which may be far from that of this one.
             self._stages += self._origin()
             self._relative = False
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
-        """A posture with the head in it, a tick of so many seconds later.
+        """Replace or offset the joints of the head in a posture, one tick later.
 
         Args:
-            posture: What the law wants (nj,) [rad].
+            posture: Posture of the law (nj,) [rad].
             velocity: Its rate (nj,) [rad/s].
-            acceleration: And the rate of that (nj,) [rad/s^2].
+            acceleration: Rate of the velocity (nj,) [rad/s^2].
             dt: Length of the tick [s].
 
         Returns:
-            The three; the given velocity itself while neither the head nor the posture below it moves.
+            The same three with the head; the given velocity array while neither head nor given posture moves.
         """
         if not self.active:
             return posture, velocity, acceleration
         stages, joints, w = self._stages, self.joints, self.config.bandwidth
-        under, rate = self._under
-        under[:], rate[:] = posture[joints], velocity[joints]
-        wanted = 0.0 if self._goal is None else 1.0
-        self._grip += min(max(wanted - self._grip, -dt / self.config.grip_time), dt / self.config.grip_time)
+        position, rate = self._input
+        position[:], rate[:] = posture[joints], velocity[joints]
+        weight_goal = 0.0 if self._goal is None else 1.0
+        self._drive_weight += min(
+            max(weight_goal - self._drive_weight, -dt / self.config.grip_time), dt / self.config.grip_time
+        )
         if self._relative is not (self._goal is None):
             # Count from the other origin, as it was a tick ago, so that position and velocity go on.
             origin = self._origin() - rate * dt
@@ -149,7 +154,7 @@ class Head:
         posture = posture.copy()
         posture[joints] = stages[2]
         if self._relative:
-            posture[joints] += under
+            posture[joints] += position
         if resting and not rate.any():
             return posture, velocity, acceleration
         velocity, acceleration = velocity.copy(), acceleration.copy()
@@ -160,7 +165,7 @@ class Head:
         return posture, velocity, acceleration
 
     def into(self, reference: Reference, dt: float) -> Reference:
-        """A reference with the head in its posture, a tick of so many seconds later."""
+        """A reference with the head in its posture, ``dt`` [s] later; see ``step``."""
         if not self.active:
             return reference
         posture, velocity, acceleration = self.step(
@@ -169,27 +174,27 @@ class Head:
         return replace(reference, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
 
     def drive(self, result: ControlResult, reference: Reference) -> ControlResult:
-        """The answer to a reference with the head in it: the drivers hold the head where that has it."""
-        if not self._grip or result.status is SolveStatus.DAMPED:
+        """Blend the joints of the head in the set-point of the drivers to those of the reference."""
+        if not self._drive_weight or result.status is SolveStatus.DAMPED:
             return result
         command, joints = result.command, self.joints
         q, v = command.q.copy(), command.v.copy()
-        q[joints] += self._grip * (reference.posture[joints] - q[joints])
-        v[joints] += self._grip * (reference.posture_velocity[joints] - v[joints])
+        q[joints] += self._drive_weight * (reference.posture[joints] - q[joints])
+        v[joints] += self._drive_weight * (reference.posture_velocity[joints] - v[joints])
         return replace(result, command=replace(command, q=q, v=v))
 
     def without(self, reference: Reference, motion: JointTrajectory | None = None) -> tuple[Vector, Vector]:
-        """Posture (nj,) [rad] and its rate (nj,) [rad/s] below the head: where motions are planned from and start.
+        """Posture (nj,) [rad] and its rate (nj,) [rad/s] without the head's motion, from which motions start.
 
         Args:
-            reference: Of the last tick, with the head in it.
-            motion: About to start. Where it moves the head, that starts where the motion has it: it was made from where
-                the head is or from the posture below it, and either way ``step`` leads the head over.
+            reference: Reference of the last tick, with the head in it.
+            motion: Motion about to start; optional. Joints of the head that it moves start at its first point, whether
+                it was planned with or without the head's motion: ``step`` blends the difference out.
         """
-        if not self._felt:
+        if not self._modifies_posture:
             return reference.posture, reference.posture_velocity
         posture, velocity = reference.posture.copy(), reference.posture_velocity.copy()
-        posture[self.joints], velocity[self.joints] = self._under
+        posture[self.joints], velocity[self.joints] = self._input
         names = () if motion is None else motion.joint_names
         if motion is not None and len(motion.positions) and motion.positions.shape[1:] == (len(names),):
             for joint, name in zip(self.joints, self._names, strict=True):
@@ -198,6 +203,6 @@ class Head:
         return posture, velocity
 
     def _origin(self) -> Vector:
-        """Stages of a head that follows the posture below alone, as that goes on by its rate (3, 2) [rad]."""
-        under, rate = self._under
-        return np.array(under + np.array([[2.0], [1.0], [0.0]]) * rate / self.config.bandwidth)
+        """Stages of a head in steady state on the given posture, which moves at its rate (3, 2) [rad]."""
+        position, rate = self._input
+        return np.array(position + np.array([[2.0], [1.0], [0.0]]) * rate / self.config.bandwidth)

@@ -6,13 +6,14 @@ from numpy.typing import NDArray
 from controllers.balance.support import cmp_command, convex_hull
 from controllers.qp.terms import follow_pose
 from controllers.whole_body.config import CoMGains, DcmFeedback
+from models.constants import COM_HEIGHT_MIN
 from models.numerics.compiled import njit
 
 Array = NDArray[np.float64]
 
 
 def feedback_gains(config: DcmFeedback, height: CoMGains) -> tuple[float, ...]:
-    """The gains as ``balance_feedback`` wants them (7,)."""
+    """The gains in the order of ``balance_feedback`` (7,)."""
     return (
         config.dcm_gain,
         config.polygon_margin,
@@ -36,20 +37,20 @@ def move_footholds(
     anchor_rotation: Array,
     anchor: Array,
 ) -> None:
-    """Footholds follow the soles that bear load; the anchor is half-way between them, level, at their mean heading.
+    """Move the footholds with the loaded soles, and the anchor to their middle, level, at their mean heading.
 
     Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
 
     Args:
-        left: Measured sole poses (4, 4).
-        right: Measured sole poses (4, 4).
-        loaded_left: Whether each bears load.
-        loaded_right: Whether each bears load.
-        share: Share of the way to go on this tick.
-        rotations: Footholds, in and out (2, 3, 3).
-        positions: Footholds, in and out (2, 3).
-        anchor_rotation: Out (3, 3).
-        anchor: Out (3,).
+        left: Measured pose of the left sole in W (4, 4).
+        right: Measured pose of the right sole in W (4, 4).
+        loaded_left: Whether the left sole bears load.
+        loaded_right: Whether the right sole bears load.
+        share: Share of the distance to move in this tick [-].
+        rotations: Rotations of the footholds in W, in and out (2, 3, 3).
+        positions: Origins of the footholds in W, in and out (2, 3) [m].
+        anchor_rotation: Out, in W (3, 3).
+        anchor: Out, in W (3,) [m].
     """
     if loaded_left:
         follow_pose(rotations[0], positions[0], left, share)
@@ -112,35 +113,35 @@ def balance_feedback(
     cmp: Array,
     acceleration: Array,
 ) -> float:
-    """DCM feedback of ``BalanceController``: the admissible CMP and the CoM acceleration that it means.
+    """DCM feedback of ``BalanceController``: the admissible CMP and the CoM acceleration it causes.
 
     Args:
-        com: Measured, in W (3,).
-        com_velocity: Measured, in W (3,).
-        com_reference: Wanted, in W (3,).
-        velocity_reference: Wanted, in W (3,).
+        com: Measured, in W (3,) [m].
+        com_velocity: Measured, in W (3,) [m/s].
+        com_reference: Reference, in W (3,) [m].
+        velocity_reference: Reference, in W (3,) [m/s].
         ground: Height of the soles [m].
-        gravity: [m/s^2].
-        left: Sole poses (4, 4).
-        right: Sole poses (4, 4).
-        corners: Contact rectangles in the sole frames (2, 4, 3).
+        gravity: Magnitude [m/s^2].
+        left: Pose of the left sole in W (4, 4).
+        right: Pose of the right sole in W (4, 4).
+        corners: Contact rectangles in the sole frames (2, 4, 3) [m].
         gains: DCM gain, polygon margin, momentum margin, momentum gain, largest reach, height kp, height kd (7,).
-        dcm: Out (2,).
-        cmp: Out (2,).
-        acceleration: Out, in W (3,).
+        dcm: Out, in W (2,) [m].
+        cmp: Out, in W (2,) [m].
+        acceleration: Out, in W (3,) [m/s^2].
 
     Returns:
         Capture margin [m].
     """
     points = np.zeros((8, 2))
     hull = np.zeros((20, 2))
-    wanted = np.zeros(2)
-    height = max(com[2] - ground, 0.1)
+    desired = np.zeros(2)
+    height = max(com[2] - ground, COM_HEIGHT_MIN)
     omega = np.sqrt(gravity / height)
     for i in range(2):
         dcm[i] = com[i] + com_velocity[i] / omega
         drift = velocity_reference[i] / omega
-        wanted[i] = dcm[i] - drift + gains[0] * (dcm[i] - com_reference[i] - drift)
+        desired[i] = dcm[i] - drift + gains[0] * (dcm[i] - com_reference[i] - drift)
     for foot in range(2):
         pose = left if foot == 0 else right
         for corner in range(4):
@@ -152,7 +153,7 @@ def balance_feedback(
                     + pose[i, 2] * corners[foot, corner, 2]
                 )
     count = convex_hull(points, hull)
-    margin = cmp_command(hull, count, dcm, wanted, gains[1], gains[2], gains[3], gains[4], cmp)
+    margin = cmp_command(hull, count, dcm, desired, gains[1], gains[2], gains[3], gains[4], cmp)
     for i in range(2):
         acceleration[i] = omega * omega * (com[i] - cmp[i])
     acceleration[2] = gains[5] * (com_reference[2] - com[2]) + gains[6] * (velocity_reference[2] - com_velocity[2])

@@ -42,15 +42,16 @@ class MotionPlayer:
         self._time, self._standing_up = 0.0, False
         self._legs: Vector | None = None  # posture of legs and torso while a motion moves arms and head only
         self._hold = np.clip(joints, self._model.q_lower, self._model.q_upper)
-        self._rate = self._hold, self.zero
+        self._last = self._hold, self.zero
         self._upper.drop()
 
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A lone point without velocities takes at least ``set_point_time_s``; so a stream of them is followed smoothly. A
-        motion that does not end at rest slows down after its end as a stopped one does. While ``walking``, only arms
-        and head follow, blended in and out; while ``stepping``, legs and torso are the gait's until the motion ends.
+        A single point without velocities takes at least ``set_point_time_s``, so that a stream of them is followed
+        smoothly. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
+        only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso until the
+        motion ends.
 
         Raises:
             TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
@@ -64,32 +65,32 @@ class MotionPlayer:
             trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.set_point_time_s))
         validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
-            self._legs = self._rate[0]
+            self._legs = self._last[0]
         self._begin(trajectory, start, speed)
 
     def stop(self, reference: Reference) -> None:
-        """Slow down from where the motion is, within ``stop_time_s``, and hold the posture reached."""
+        """Slow down within ``stop_time_s``, and hold the posture reached."""
         self._upper.stop()
         if self._motion is None:
             return
         self._slow_down(*self._start(reference, None))
 
     def stand_up(self) -> None:
-        """End any motion and go from the present posture to 'stand', which a walk's arms keep."""
+        """End any motion and go from the present posture to 'stand', which the arms keep during a walk."""
         self._upper.drop()
-        if self._motion is None and np.array_equal(self._rate[0], self._stand):
+        if self._motion is None and np.array_equal(self._last[0], self._stand):
             return
-        self._begin(self._to(self._stand, self._config.stand_up_s), *self._rate)
+        self._begin(self._trajectory_to(self._stand, self._config.stand_up_s), *self._last)
         self._standing_up = True
 
     def end_walk(self) -> None:
-        """Blend a motion of a walk's arms out."""
+        """Blend out a motion of arms and head that was started while walking."""
         self._upper.stop()
 
     def hold_legs(self) -> None:
         """End the part of a motion that moves legs and torso: the robot steps."""
         if self._motion is not None:
-            self._legs = self._rate[0]
+            self._legs = self._last[0]
 
     def release_legs(self) -> None:
         """Legs and torso follow the gait alone; the motion that was interrupted ends with them in 'stand'."""
@@ -97,9 +98,9 @@ class MotionPlayer:
             self._legs = self._stand
 
     def step(self, dt: float) -> tuple[Vector, Vector, Vector]:
-        """Posture (nj,) [rad], its rate and the rate of that, a tick of so many seconds later."""
+        """Posture, velocity and acceleration, ``dt`` [s] after the last tick, each (nj,) [rad, rad/s, rad/s^2]."""
         posture, velocity, acceleration = self._sample(dt)
-        self._rate = posture, velocity
+        self._last = posture, velocity
         posture, velocity, acceleration = self._upper.step(posture, velocity, acceleration, dt)
         if self._head is not None:
             posture, velocity, acceleration = self._head.step(posture, velocity, acceleration, dt)
@@ -110,7 +111,7 @@ class MotionPlayer:
             return self._hold, self.zero, self.zero
         self._time += dt
         if self._time >= self._motion.duration and self._motion.ends_moving:
-            self._slow_down(*self._rate)
+            self._slow_down(*self._last)
             self._time = dt
         sample = self._motion.sample(self._time)
         if self._legs is not None:
@@ -125,21 +126,21 @@ class MotionPlayer:
         return sample
 
     def _start(self, reference: Reference, motion: JointTrajectory | None) -> tuple[Vector, Vector]:
-        """Posture and rate at the start of a motion, or of the end of one."""
+        """Posture (nj,) [rad] and velocity (nj,) [rad/s] from which a motion starts or slows down."""
         if self._head is None:
             return reference.posture, reference.posture_velocity
         return self._head.without(reference, motion)
 
     def _slow_down(self, start: Vector, speed: Vector) -> None:
-        """Come to rest from a posture and its rate."""
+        """Come to rest from a posture (nj,) [rad] and its velocity (nj,) [rad/s]."""
         time = self._config.stop_time_s
         end = np.clip(start + 0.5 * time * speed, self._model.q_lower, self._model.q_upper)
-        self._begin(self._to(end, time), start, speed)
+        self._begin(self._trajectory_to(end, time), start, speed)
 
     def _begin(self, trajectory: JointTrajectory, start: Vector, speed: Vector) -> None:
         self._motion = TrajectorySampler(trajectory, self._model, start, speed)
         self._time, self._standing_up = 0.0, False
 
-    def _to(self, end: Vector, time: float) -> JointTrajectory:
-        """To a posture (nj,) [rad] at rest within a time [s]."""
+    def _trajectory_to(self, end: Vector, time: float) -> JointTrajectory:
+        """Trajectory to a posture (nj,) [rad] at rest within a time [s]."""
         return JointTrajectory(self._model.joint_names, np.array([time]), end[None], np.zeros((1, self._model.nj)))

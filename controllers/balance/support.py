@@ -13,8 +13,8 @@ def convex_hull(points: Array, hull: Array) -> int:
     """Convex hull in the plane, counter-clockwise, by Andrew's monotone chain.
 
     Args:
-        points: (n, 2).
-        hull: Out (>= 2 n, 2).
+        points: Points (n, 2) [m].
+        hull: Out, vertices (>= 2 n, 2) [m].
 
     Returns:
         Number of vertices written.
@@ -56,10 +56,10 @@ def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, ou
     """Signed distance to the hull shrunk by a margin (negative inside) and the outward direction.
 
     Args:
-        hull: Vertices, counter-clockwise (>= count, 2).
+        hull: Vertices, counter-clockwise (>= count, 2) [m].
         count: Number of vertices.
-        x: Point [m].
-        y: Point [m].
+        x: Of the point [m].
+        y: Of the point [m].
         margin: Taken off every edge [m].
         out: Out: nearest point of the shrunk hull's boundary (2,), outward unit direction (2,), as (4,).
 
@@ -72,7 +72,7 @@ def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, ou
         j = (i + 1) % count
         ex, ey = hull[j, 0] - hull[i, 0], hull[j, 1] - hull[i, 1]
         length = np.sqrt(ex * ex + ey * ey)
-        if length < 1e-9:
+        if length < 1e-9:  # coincident vertices have no edge
             continue
         nx, ny = ey / length, -ex / length
         distance = nx * (x - hull[i, 0]) + ny * (y - hull[i, 1]) + margin
@@ -97,7 +97,7 @@ def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, ou
         n1x, n1y = ay / la, -ax / la
         n2x, n2y = by / lb, -bx / lb
         determinant = n1x * n2y - n1y * n2x
-        if abs(determinant) < 1e-6:
+        if abs(determinant) < 1e-6:  # parallel edges
             shrunk[i, 0], shrunk[i, 1] = hull[i, 0] - margin * n1x, hull[i, 1] - margin * n1y
         else:
             c1 = n1x * hull[i, 0] + n1y * hull[i, 1] - margin
@@ -127,37 +127,37 @@ def cmp_command(
     hull: Array,
     count: int,
     dcm: Array,
-    wanted: Array,
+    desired: Array,
     margin: float,
     momentum_margin: float,
     momentum_gain: float,
     momentum_reach_max: float,
     out: Array,
 ) -> float:
-    """Admissible CMP: the wanted one inside the polygon, plus a reach beyond the edge when the DCM nears it.
+    """Admissible CMP: the desired CMP inside the polygon, plus a reach beyond the edge when the DCM nears it.
 
-    Inside, ankles suffice and the CMP is a CoP. A DCM that nears or passes the edge can only be turned round by a CMP
+    Inside, ankles suffice and the CMP is a CoP. A DCM that nears or passes the edge can only be brought back by a CMP
     beyond it, which costs angular momentum: the reach grows with the DCM's depth past ``momentum_margin``.
 
     Args:
-        hull: Support polygon (>= count, 2).
+        hull: Support polygon, counter-clockwise (>= count, 2) [m].
         count: Number of vertices.
-        dcm: (2,) [m].
-        wanted: CMP that the feedback asks for (2,) [m].
+        dcm: Measured DCM (2,) [m].
+        desired: CMP of the feedback law (2,) [m].
         margin: Distance the CoP keeps from the edge [m].
         momentum_margin: Distance of the DCM from the edge at which the reach starts [m].
         momentum_gain: Reach per metre past it [-].
-        momentum_reach_max: [m].
+        momentum_reach_max: Largest reach [m].
         out: Out, CMP (2,) [m].
 
     Returns:
         Capture margin: distance of the DCM inside the polygon's edge, negative outside [m].
     """
     work = np.zeros(4)
-    if edge_distance(hull, count, wanted[0], wanted[1], margin, work) > 0.0:
+    if edge_distance(hull, count, desired[0], desired[1], margin, work) > 0.0:
         out[0], out[1] = work[0], work[1]
     else:
-        out[0], out[1] = wanted[0], wanted[1]
+        out[0], out[1] = desired[0], desired[1]
     depth = edge_distance(hull, count, dcm[0], dcm[1], 0.0, work)
     reach = min(max(momentum_gain * (depth + momentum_margin), 0.0), momentum_reach_max)
     out[0] += reach * work[2]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from controllers.balance.kernels import balance_feedback, move_footholds, place_reference
 from controllers.balance.posture_reference import posture_reference
 from controllers.qp.terms import follow_pose
-from models.constants import GRAVITY
+from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed
 from models.tree import KinematicTree, TreeFrames
@@ -106,7 +106,7 @@ def standing_reference(
     )
     reference[0, 2] -= _drop(arrays, leg)
     height = reference[0, 2] - arrays.anchor[2]
-    omega = np.sqrt(GRAVITY / max(height, 0.1))
+    omega = np.sqrt(GRAVITY / max(height, COM_HEIGHT_MIN))
     reference[8, 0] = reference[0, 0] + reference[1, 0] / omega
     reference[8, 1] = reference[0, 1] + reference[1, 1] / omega
     reference[8, 2] = height
@@ -168,7 +168,7 @@ def feedback_tick(
         for i in range(2):
             soles[stance, i, 3] += min(max(shift[i], -reach), reach)
         soles[1 - stance], corners[1 - stance] = soles[stance], corners[stance]
-    omega = np.sqrt(GRAVITY / max(measured[2] - ground, 0.1))
+    omega = np.sqrt(GRAVITY / max(measured[2] - ground, COM_HEIGHT_MIN))
     position, velocity = com.copy(), com_velocity.copy()
     if led:  # the CoM reference that has this DCM and drift
         for i in range(2):

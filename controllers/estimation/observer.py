@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from controllers.estimation.config import ObserverConfig
 from controllers.estimation.momentum import Dynamics, Momentum, generalised_momentum, read_dynamics
+from models.constants import COM_HEIGHT_MIN
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed
 from models.numerics.unboxed import Unboxed, unbox
@@ -166,7 +167,7 @@ class ForceObserver:
         """CoM, DCM, ZMP and momentum of the last state, read off the observer's sweep."""
         feet, gravity = self.state.feet, self._robot.gravity
         com, com_velocity, angular_momentum = self.state.centroid.copy()
-        height = max(float(com[2] - self.state.ground[0]), 0.1)
+        height = max(float(com[2] - self.state.ground[0]), COM_HEIGHT_MIN)
         dcm = com[:2] + com_velocity[:2] / np.sqrt(gravity / height)
         # Moment about the CoM and force of the soles; the point on the ground where the horizontal moment vanishes.
         load = max(float(feet[2]), 0.05 * self.weight)

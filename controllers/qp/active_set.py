@@ -1,4 +1,4 @@
-"""Own solver of the whole-body QP: the minimum without rows, then with the few rows that are active, and its proof."""
+"""Active-set solver of the whole-body QP: unconstrained minimum, few active rows, KKT residual of the answer."""
 
 from typing import NamedTuple
 
@@ -12,12 +12,12 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-MANY = 48  #: Rows from which on the problem is left to a general solver
-_ROUNDS = 5  #: Times that rows which an answer breaks are added
-_CHANGES = 4 * MANY  #: Times that a row is added or dropped in one round
-_ROUNDING = 1e-12  #: Excess over a bound, relative to the value, up to which a row is not broken [-]
-_DEPENDENT = 1e-10  #: Share of a row's square that those before it leave, below which it depends on them [-]: rounding
-_BROKEN = 1e-9  #: By how much, of its size, the answer for few rows may break another row [-]
+MANY = 48  #: Largest number of marked rows; with more, a general solver takes over
+_ROUNDS = 5  #: Largest number of times that violated rows are added
+_CHANGES = 4 * MANY  #: Largest number of rows added or dropped in one round
+_ROUNDING = 1e-12  #: Excess over a bound, relative to the value, up to which a row is not violated [-]
+_DEPENDENT = 1e-10  #: Squared part of a row outside the span of the others, relative, below which it is dependent [-]
+_VIOLATION = 1e-9  #: Relative violation of the other rows up to which the answer for the marked rows is accepted [-]
 
 
 class QP(NamedTuple):
@@ -28,7 +28,7 @@ class QP(NamedTuple):
         gradient: f (nz,).
         matrix: A (m, nz).
         lower, upper: (m,).
-        soft: Rows that a relaxed solve may violate, at a price (m,) of bool.
+        soft: Rows that a relaxed solve may violate, at a cost (m,) of bool.
     """
 
     hessian: Array
@@ -44,7 +44,7 @@ class Workspace(NamedTuple):
 
     factor: Array  #: L of H = L L', its diagonal inverted (nz, nz)
     shift: Array  #: L^-1 f (nz,)
-    marks: Flags  #: Rows to hold: those active in the last answer, and those broken (m,)
+    marks: Flags  #: Rows to satisfy: those active in the last answer, and those violated since (m,)
     rows: Index  #: Indices of the marked rows (m,)
     whitened: Array  #: The marked rows in coordinates in which H is the identity (m, nz)
     bounds: Array  #: Their lower and upper bounds (2, m)
@@ -92,7 +92,7 @@ class Prepared(NamedTuple):
 
 @njit(cache=True)
 def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
-    """Minimum without rows, and where it breaks any, that with the marked rows and those broken.
+    """Unconstrained minimum; where it violates rows, the minimum subject to the marked and the violated rows.
 
     Args:
         problem: The problem and its memory, whose ``marks`` are rows that are likely to be active, and after a
@@ -124,7 +124,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
             for a in range(k):
                 z[i] -= dual[a] * work.whitened[a, i]
         _solve_transposed(work.factor, z)
-        if mark_broken(qp, z, _BROKEN, marks) > 0:
+        if mark_broken(qp, z, _VIOLATION, marks) > 0:
             continue
         work.multipliers[:] = 0.0
         marks[:] = False
@@ -137,7 +137,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
-    """Minimiser of the cost alone, ``z = -H^-1 f`` (nz,), by Cholesky factors; it solves the QP when it breaks no row.
+    """Minimiser of the cost alone, ``z = -H^-1 f`` (nz,), by Cholesky factors; it solves the QP if it violates no row.
 
     Returns:
         KKT residual with all multipliers zero, scaled as in ``kkt_residual``; NaN when H is not positive definite.
@@ -174,7 +174,7 @@ def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def mark_broken(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
-    """Add the rows that a point breaks by more than ``tolerance (1 + |value|)`` to ``marks``; returns their number."""
+    """Add the rows that a point violates by more than ``tolerance (1 + |value|)`` to ``marks``; returns the number."""
     count = 0
     for i in range(qp.matrix.shape[0]):
         value = 0.0
@@ -222,18 +222,18 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
 
     .. math:: w = -s - A^T u, \quad A_a A_a^T u_a = -A_a s - b_a
 
-    The row broken most is added: its multiplier grows, by which those of the active rows shrink, until the row holds or
-    one of them vanishes and its row is dropped. All of it in products of the rows, of which there are few.
+    The most violated row is added: its multiplier grows and those of the active rows change, until the row is satisfied
+    or one of them vanishes and its row is dropped. Only products of the rows are needed, which are few.
 
     Args:
         rows: A (k, nz).
-        bounds: Lower and upper ones (2, k).
+        bounds: Lower and upper bounds (2, k).
         shift: s (nz,).
         sides: Memory (>= k,).
         dual: Out: u, positive at an upper bound (>= k,).
 
     Returns:
-        Whether it came to an end; not where rows all but depend on each other or contradict each other.
+        Whether it converged; False when rows are nearly dependent or contradict each other.
 
     References:
         Goldfarb, Idnani: A numerically stable dual method for solving strictly convex quadratic programs (1983).
@@ -255,9 +255,9 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
     added = -1
     for _ in range(_CHANGES):
         if added < 0:
-            added = _most_broken(value, bounds, sides)
+            added = _most_violated(value, bounds, sides)
             if added < 0:
-                return _hold(gram, free, bounds, sides, dual)
+                return _multipliers_of_active(gram, free, bounds, sides, dual)
             side = 1 if value[added] > bounds[1, added] else -1
             excess = value[added] - bounds[1, added] if side > 0 else bounds[0, added] - value[added]
             size[added] = 0.0
@@ -293,8 +293,8 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
 
 
 @njit(cache=True)
-def _most_broken(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
-    """The row, not active, that is broken most, beyond rounding; -1 for none."""
+def _most_violated(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
+    """The inactive row that is violated most, beyond rounding; -1 for none."""
     found, most = -1, 0.0
     for a in range(value.shape[0]):
         if sides[a] == 0:
@@ -305,8 +305,8 @@ def _most_broken(value: Array, bounds: Array, sides: NDArray[np.int8]) -> int:
 
 
 @njit(cache=True)
-def _hold(gram: Array, free: Array, bounds: Array, sides: NDArray[np.int8], dual: Array) -> bool:
-    """Multipliers that hold the active rows at their bounds, from those alone: rounding of steps does not add up."""
+def _multipliers_of_active(gram: Array, free: Array, bounds: Array, sides: NDArray[np.int8], dual: Array) -> bool:
+    """Multipliers for the active rows at their bounds, solved anew so that rounding of the steps does not add up."""
     right = np.zeros(free.shape[0])
     for a in range(free.shape[0]):
         if sides[a] != 0:
@@ -316,7 +316,7 @@ def _hold(gram: Array, free: Array, bounds: Array, sides: NDArray[np.int8], dual
 
 @njit(cache=True)
 def _solve_active(gram: Array, right: Array, sides: NDArray[np.int8], out: Array) -> bool:
-    """Solve ``gram out = right`` for the active rows, zero elsewhere; whether they are independent."""
+    """Solve ``gram out = right`` for the active rows, zero elsewhere; returns whether they are independent."""
     k = right.shape[0]
     active, lower, solved = np.empty(k, dtype=np.int64), np.empty((k, k)), np.empty(k)
     count = 0

@@ -70,12 +70,12 @@ def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv
 
 
 class ContactGains(NamedTuple):
-    """How a contact that moved returns, ``clip(stiffness * error - damping * twist)``; arrays by component (6,)."""
+    """Gains of the contact feedback ``clip(stiffness * error - damping * twist)``; arrays by component (6,)."""
 
-    stiffness: Array  # [1/s^2]
-    damping: Array  # [1/s]
-    largest: Array  # [m/s^2, rad/s^2]
-    wrench_scale: float  # of phi, so that all of z has similar size [N]
+    stiffness: Array  #: [1/s^2]
+    damping: Array  #: [1/s]
+    largest: Array  #: Bound of the acceleration [m/s^2, rad/s^2]
+    wrench_scale: float  #: Unit of phi, so that all of z has similar size [N]
 
 
 @njit(cache=True, forceinline=True)
@@ -93,8 +93,8 @@ def eliminate(
         terms: Model terms; their first frames are the contacts.
         rotations: Desired rotation of each contact in W (contacts, 3, 3).
         positions: Desired origin of each contact in W (contacts, 3) [m].
-        gains: Of the contacts.
-        desired: Out, desired acceleration of each contact in its frame (contacts, 6).
+        gains: Gains of the contacts.
+        desired: Out, desired acceleration of each contact in its frame (contacts, 6) [m/s^2, rad/s^2].
         reduction: Out.
     """
     for contact in range(desired.shape[0]):
@@ -108,7 +108,7 @@ def eliminate(
 
 @njit(cache=True, forceinline=True)
 def hold_contact(pose: Array, twist: Array, rotation: Array, position: Array, gains: ContactGains, out: Array) -> None:
-    """Bounded acceleration that returns a contact to its place, in its frame (6,)."""
+    """Bounded acceleration that returns a contact to its desired pose, in its frame (6,) [m/s^2, rad/s^2]."""
     pose_error(pose, rotation, position, out)
     for i in range(6):
         limit = gains.largest[i]

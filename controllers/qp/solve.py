@@ -1,4 +1,4 @@
-"""Solves the reduced QP by a chosen back-end, proves every answer, and falls back in order."""
+"""Solves the reduced QP by a chosen back-end, checks the KKT residual of every answer, and falls back in order."""
 
 from time import perf_counter
 from typing import Any
@@ -19,13 +19,13 @@ Index = NDArray[np.int64]
 
 OWN, DAQP = "own", "daqp"
 
-_HARD = 0
-_SOFT = 8
-_OPTIMAL = (1, 2)  #: daqp exit flags: optimal, optimal with soft constraints in use
-#: Largest KKT residual of an answer of the own solver; rows that all but depend on each other are left to daqp [-]
+_HARD, _SOFT = 0, 8  #: Kinds of rows of daqp
+_INFEASIBLE = -1  #: Exit flag of daqp: the rows contradict each other
+_OPTIMAL = (1, 2)  #: Exit flags of daqp: optimal, optimal with violated soft rows
+#: Largest KKT residual of an answer of the own solver; problems with nearly dependent rows are left to daqp [-]
 _EXACT = 1e-9
-INFINITE = 1e20  #: From this size on a bound is none: a row without one has 1e30, divided by the weight
-TOLERANCE = 0.01  #: Tolerance asked of a back-end of qpsolvers over the largest accepted residual [-]
+INFINITE = 1e20  #: Bounds at least this large are infinite: ``UNBOUNDED`` divided by the scale of a row stays above it
+TOLERANCE = 0.01  #: Tolerance of a back-end of qpsolvers, relative to the largest accepted residual [-]
 _SPARSE = ("osqp", "clarabel")  #: Back-ends of qpsolvers that work on sparse matrices
 
 
@@ -43,14 +43,14 @@ _NO_ANSWER: Answer = (None, float("nan"))
 
 
 def backends() -> list[str]:
-    """Names that ``solver.backend`` takes here: the own solver, daqp, and the installed back-ends of qpsolvers."""
+    """Valid values of ``solver.backend``: the own solver, daqp, and the installed back-ends of qpsolvers."""
     import qpsolvers
 
     return list(dict.fromkeys((OWN, DAQP, *sorted(qpsolvers.available_solvers))))
 
 
 def solver_options(backend: str, tolerance: float) -> dict[str, Any]:
-    """Options with which a back-end of qpsolvers comes as close as a KKT residual asks for."""
+    """Options that set the tolerance of a back-end of qpsolvers."""
     if backend == "osqp":
         return {"eps_abs": tolerance, "eps_rel": tolerance, "max_iter": 200_000, "polishing": True}
     if backend in ("proxqp", "piqp"):
@@ -63,10 +63,10 @@ def solver_options(backend: str, tolerance: float) -> dict[str, Any]:
 class QPSolver:
     """Solve, check the KKT conditions, fall back in order.
 
-    1. The back-end. The own solver takes the minimum without rows, where it breaks none, then that with the rows that
-       were active on the last tick and those that its answers break: few of a hundred rows are ever active.
+    1. The back-end. The own solver tries the unconstrained minimum, then the minimum subject to the rows that were
+       active on the last tick and those that its answers violate: few of a hundred rows are ever active.
     2. daqp, then quadprog.
-    3. daqp with soft rows: joint limits give way at the price ``|violation|^2 / (2 rho)``, torque limits and wrench
+    3. daqp with soft rows: joint limits are relaxed at the cost ``|violation|^2 / (2 rho)``, torque limits and wrench
        cones stay hard.
 
     Args:
@@ -90,14 +90,14 @@ class QPSolver:
         self._warm_up()
 
     def _warm_up(self) -> None:
-        """Compile every check now: the loop itself never waits for a compiler."""
+        """Compile all kernels, so that no tick waits for the compiler."""
         rows = np.array([[1.0], [1.0]])
         for lower in (0.0, 2.0):  # with an active row, and without a solution
             qp = QP(rows[:1], rows[0], rows, np.array([0.0, lower]), np.ones(2), np.array([False, True]))
             self.solve(qp)
 
     def prepare(self, qp: QP) -> None:
-        """Take up a problem whose arrays are written again and again, before the loop needs it."""
+        """Register a problem whose arrays every tick overwrites, so that ``solve`` does not have to unbox it."""
         self._prepared[id(qp)] = qp, *self._unbox(qp)
 
     def _unbox(self, qp: QP) -> tuple[Workspace, Unboxed[Prepared]]:
@@ -130,8 +130,8 @@ class QPSolver:
                 return z, SolveStatus.OPTIMAL, residual
         z, residual, infeasible = self._daqp(qp)
         if z is not None:
-            proven = SolveStatus.OPTIMAL if self._backend in (OWN, DAQP) else SolveStatus.FALLBACK_SOLVER
-            return z, proven, residual
+            status = SolveStatus.OPTIMAL if self._backend in (OWN, DAQP) else SolveStatus.FALLBACK_SOLVER
+            return z, status, residual
         if not infeasible:
             z, residual = self._quadprog(qp)
             if z is not None:
@@ -162,7 +162,7 @@ class QPSolver:
         multipliers = np.zeros(len(qp.lower))
         multipliers[upper] += found.z[: len(upper)]
         multipliers[lower] -= found.z[len(upper) :]
-        return self._proven(qp, np.ascontiguousarray(found.x), multipliers)
+        return self._checked(qp, np.ascontiguousarray(found.x), multipliers)
 
     def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
         z, _, flag, info = daqp.solve(
@@ -175,8 +175,8 @@ class QPSolver:
             iter_limit=self._iterations,
         )
         if flag not in _OPTIMAL:
-            return None, float("nan"), flag == -1
-        return *self._proven(qp, z, info["lam"]), False
+            return None, float("nan"), flag == _INFEASIBLE
+        return *self._checked(qp, z, info["lam"]), False
 
     def _quadprog(self, qp: QP) -> Answer:
         rows = np.vstack([qp.matrix, -qp.matrix])
@@ -187,7 +187,7 @@ class QPSolver:
         except ValueError:
             return _NO_ANSWER
         count = len(qp.lower)
-        return self._proven(qp, z, multipliers[count:] - multipliers[:count])
+        return self._checked(qp, z, multipliers[count:] - multipliers[:count])
 
     def _relaxed(self, qp: QP) -> Answer:
         sense = np.where(qp.soft, _SOFT, _HARD).astype(np.int32)
@@ -206,14 +206,14 @@ class QPSolver:
         )
         if flag not in _OPTIMAL or not np.isfinite(z).all():
             return _NO_ANSWER
-        # The answer is optimal for bounds moved to where the soft rows ended; the hard ones stay where they were.
+        # The answer is optimal for soft bounds moved to the values of their rows, and unchanged hard bounds.
         values = qp.matrix @ z
         lower = np.where(qp.soft, np.minimum(lower, values), lower)
         upper = np.where(qp.soft, np.maximum(upper, values), upper)
-        return self._proven(qp._replace(lower=lower, upper=upper), z, info["lam"])
+        return self._checked(qp._replace(lower=lower, upper=upper), z, info["lam"])
 
-    def _proven(self, qp: QP, z: Vector, multipliers: Vector) -> Answer:
-        """An answer with its residual; none where that is too large."""
+    def _checked(self, qp: QP, z: Vector, multipliers: Vector) -> Answer:
+        """The answer with its residual, or no answer when the residual is too large."""
         residual = kkt_residual(qp, z, multipliers)
         return (z, residual) if residual < self._residual_max else _NO_ANSWER
 

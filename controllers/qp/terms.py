@@ -1,4 +1,4 @@
-"""Every model term that one tick needs, updated once and shared by tasks, limits, contacts and laws."""
+"""Model terms of one tick, updated once and shared by tasks, limits, contacts and laws."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -21,8 +21,8 @@ Index = NDArray[np.int64]
 
 _WORLD = pin.Convention.WORLD
 
-TORSO, BASE = 2, 3  #: Places of frames in the arrays of ``Dynamics``; the soles come before them
-FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")  #: Frames of every robot, in the order of their places
+TORSO, BASE = 2, 3  #: Indices of frames in the arrays of ``Dynamics``, after the soles 0 and 1
+FIRST_FRAMES = ("l_sole", "r_sole", "torso", "base_link")  #: Frames of every robot, by index
 
 
 class FrameTerms(NamedTuple):
@@ -45,7 +45,7 @@ class FrameTerms(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """Dynamics and frames as compiled code takes them; see ``Terms``. Frames are stacked: (frames, ...)."""
+    """Dynamics and frames for compiled code; see ``Terms``. Frames are stacked: (frames, ...)."""
 
     q: Array
     v: Array
@@ -71,20 +71,20 @@ class Centroid(NamedTuple):
 
 
 class _Tree(NamedTuple):
-    """What the frames are read from: Pinocchio's arrays of all joints, and where each frame is attached."""
+    """Inputs of the frames: Pinocchio's arrays of all joints, and the joint and placement of each frame."""
 
-    jacobian: Array  # (6, nv), world axes, linear part at the world's origin
-    rotations: Array  # (joints, 3, 3), in W
-    positions: Array  # (joints, 3), in W
-    linear: Array  # (joints, 3), acceleration at zero generalised acceleration less gravity, in the joint
-    angular: Array  # (joints, 3)
-    parents: Index  # (frames,)
-    placements: Array  # (frames, 3, 4), in the parent joint
-    columns: Index  # (frames, nv), velocities that move the frame, filled up with -1
+    jacobian: Array  #: (6, nv), world axes, linear part at the world's origin
+    rotations: Array  #: (joints, 3, 3), in W
+    positions: Array  #: (joints, 3), in W
+    linear: Array  #: (joints, 3), acceleration at zero generalised acceleration less gravity, in the joint
+    angular: Array  #: (joints, 3)
+    parents: Index  #: (frames,)
+    placements: Array  #: (frames, 3, 4), in the parent joint
+    columns: Index  #: (frames, nv), velocities that move the frame, filled up with -1
 
 
 class ModelTerms(NamedTuple):
-    """All terms as compiled code takes them, with what they are read from."""
+    """All terms for compiled code, with the inputs of the frames."""
 
     dynamics: Dynamics
     centroid: Centroid
@@ -194,9 +194,9 @@ def frame_id_of(model: RobotModel, name: str) -> int:
 
 
 def _placement_views(placements: pin.StdVec_SE3) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and translations (n, 3) of a C++ vector of poses, as views of its memory."""
+    """Rotations (n, 3, 3) and translations (n, 3) [m] of a C++ vector of poses, as views of its memory."""
     first, second = placements[0], placements[1]
-    step = _step(first.rotation, second.rotation)
+    step = _stride(first.rotation, second.rotation)
     rotation, count = first.rotation, len(placements)
     return (
         as_strided(rotation, (count, 3, 3), (step, *rotation.strides)),
@@ -207,11 +207,12 @@ def _placement_views(placements: pin.StdVec_SE3) -> tuple[Array, Array]:
 def _motion_views(motions: pin.StdVec_Motion) -> tuple[Array, Array]:
     """Linear and angular parts (n, 3) of a C++ vector of motions, as views of its memory."""
     first, second = motions[0], motions[1]
-    step, count = _step(first.linear, second.linear), len(motions)
+    step, count = _stride(first.linear, second.linear), len(motions)
     return as_strided(first.linear, (count, 3), (step, 8)), as_strided(first.angular, (count, 3), (step, 8))
 
 
-def _step(first: Array, second: Array) -> int:
+def _stride(first: Array, second: Array) -> int:
+    """Distance of two neighbouring elements in memory [bytes]."""
     return int(second.__array_interface__["data"][0] - first.__array_interface__["data"][0])
 
 
@@ -250,7 +251,7 @@ def _update(model: Unboxed[ModelTerms]) -> None:
 
 @njit(cache=True, forceinline=True)
 def frame_of(dynamics: Dynamics, frame: int) -> FrameTerms:
-    """Terms of one frame by its place."""
+    """Terms of one frame by its index."""
     return FrameTerms(dynamics.poses[frame], dynamics.jacobians[frame], dynamics.twists[frame], dynamics.drifts[frame])
 
 

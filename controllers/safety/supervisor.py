@@ -4,11 +4,11 @@ The law:
 
     off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
 
-    fault of severity hold                 no velocity and no new motion, while its cause lasts
+    fault of severity hold                 no velocity and no new motion, while the cause lasts
                       stand                walk, motion -> stand, latched until ``reset_faults``
                       damp                 any but off -> damp, latched until ``reset_faults``
 
-Arming requires preflight checks that passed since the robot was last active: it may have moved since it stood.
+Arming requires preflight checks that passed since the robot was last active: it may have been moved since.
 
 It has no clock and no I/O: time is an argument of ``update``. The node around it publishes ``mode``, sends the names
 from ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
@@ -33,6 +33,13 @@ class Supervisor:
         model: Robot to supervise.
         config: Limits and vocabulary; the packaged ``controllers/config/supervisor.yaml`` when None.
         gait: Whether there is a gait planner; without one every request to walk is refused.
+
+    Attributes:
+        mode: Present mode.
+        faults: Reasons of the latched faults.
+        holds: Reasons of the present faults of severity hold.
+        motion: Name of the motion requested or under way; None without one.
+        ignored: Number of text commands ignored so far.
     """
 
     def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
@@ -62,7 +69,7 @@ class Supervisor:
 
     @property
     def still(self) -> bool:
-        """Whether no velocity applies: a walk comes to its end, or the robot is held."""
+        """Whether velocities are ignored: a walk is ending, or a fault of severity hold is present."""
         return self._halting or bool(self.holds)
 
     def set_preflight(self, findings: tuple[str, ...]) -> None:
@@ -160,7 +167,7 @@ class Supervisor:
         return CommandReply(True, f"cleared: {'; '.join(cleared)}")
 
     def update(self, health: Health, t: float) -> Mode:
-        """Mode that follows from the reports of the other nodes at time t [s]."""
+        """Update faults and mode from the reports of the other nodes at time t [s]; returns the mode."""
         if self.mode not in ACTIVE_MODES:
             return self.mode
         problems = health.problems(self.config, t)
@@ -175,7 +182,7 @@ class Supervisor:
         return self.mode
 
     def _follow_motion(self, active: bool, t: float) -> None:
-        """Back to standing or just walking when the motion ends, or when it never starts."""
+        """Return to standing, or continue walking, when the motion ends or does not start in time."""
         if self._motion_since is None:
             self._motion_since = t
         self._motion_seen |= active
@@ -187,9 +194,9 @@ class Supervisor:
             self.motion_refused(f"nothing to follow after {self.config.plan_timeout:.0f} s")
 
     def _start_motion(self, name: str) -> CommandReply:
-        able = self.config.walking_motions
-        if self.mode is Mode.WALK and name not in able:
-            known = ", ".join(able) or "nothing"
+        allowed = self.config.walking_motions
+        if self.mode is Mode.WALK and name not in allowed:
+            known = ", ".join(allowed) or "nothing"
             return CommandReply(False, f"'{name}' refused in mode 'walk', only: {known}; request 'stand' first")
         if self.mode in ACTIVE_MODES and (self.faults or self.holds):
             return CommandReply(False, f"'{name}' refused: {'; '.join((*self.faults, *self.holds))}")

@@ -37,15 +37,15 @@ from models.types import JointCommand, Matrix, Reference, RobotState, SolveStatu
 
 
 class WholeBodyController:
-    r"""Accelerations, wrenches and torques that serve weighted tasks within contact and joint limits.
+    r"""Computes accelerations, wrenches and torques for weighted tasks within contact and joint limits.
 
     .. math::
         \min_{a, w} \sum_k \tfrac12 \|J_k a + \dot J_k v - a_k^*\|_{W_k}^2 + \tfrac12 \|w - w_0\|_Q^2
         \quad \text{s.t.} \quad M a + h = S^T \tau + J_c^T w,\; J_c a + \dot J_c v = k\,e_c - d\,v_c,\;
         w \in \text{cone},\; |\tau| \le \tau_{max},\; \underline{a} \le a_j \le \overline{a}
 
-    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a light foot that leaves the floor, or
-    one that tips, comes back to where it stood.
+    with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
+    its foothold.
 
     The set-point integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
     opposes only what happens after the measurement.
@@ -63,17 +63,17 @@ class WholeBodyController:
         tasks: The stack by name.
         limits: The limits by name.
         body_limits: Those of joints, wrench cones and torques.
-        com_task: Takes the balance law's feedback.
-        acceleration: Last solution (nv,).
-        wrenches: Last solution (2, 6), in the sole frames.
-        torque: Last solution (nj,).
+        com_task: CoM task, whose desired acceleration the balance law sets.
+        acceleration: Last solution (nv,) [m/s^2, rad/s^2].
+        wrenches: Last solution, in the sole frames (2, 6) [N, N.m].
+        torque: Last solution (nj,) [N.m].
         areas: x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m].
-        wrench_target: Wrench each sole is drawn to, in its frame (2, 6) [N, N.m].
+        wrench_target: Target wrench of each sole, in its frame (2, 6) [N, N.m].
         hold_ticks: Ticks without a solution for which the last command is repeated.
         builder: Builds the QP.
         solver: Solves it.
         problem: Last QP, overwritten by the next tick; None before the first.
-        solution: Last answer of the solver.
+        solution: Last result of the solver.
 
     References:
         Del Prete et al.: Prioritized motion-force control of constrained fully-actuated robots (2015);
@@ -130,8 +130,8 @@ class WholeBodyController:
         for problem in self.builder.problems:
             self.solver.prepare(problem)
         self._contacts: tuple[tuple[bool, ...], tuple[float, ...]] | None = None
-        self._whole: Matrix = np.array([foot.rectangle for foot in model.feet])
-        self.areas = self._whole.copy()
+        self._full_areas: Matrix = np.array([foot.rectangle for foot in model.feet])
+        self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
         self.set_support_areas(None)
         self.acceleration = np.zeros(model.nv)
@@ -157,10 +157,10 @@ class WholeBodyController:
 
         Args:
             state: Estimated state.
-            reference: What to track.
+            reference: Reference of the tick.
 
         Returns:
-            Set-point for the drivers and how it came about.
+            Set-point for the drivers, and the status of the solve.
         """
         self.set_support_areas(reference.sole_areas)
         if (reference.contacts, reference.load) != self._contacts:
@@ -177,30 +177,30 @@ class WholeBodyController:
         return self._last, solution.status
 
     def set_support_areas(self, areas: Matrix | None) -> bool:
-        """Set the parts of the soles that count as support (2, 4) [m], whole when None; returns if they changed."""
+        """Set the parts of the soles that count as support (2, 4) [m], whole if None; returns whether they changed."""
         key = b"" if areas is None else areas.tobytes()
-        if key == self._areas_key:  # looked at in every tick: comparing arrays would take 20 us
+        if key == self._areas_key:  # bytes, since comparing arrays takes 20 us of every tick
             return False
         self._areas_key, self._contacts = key, None
-        self.areas[:] = self._whole if areas is None else areas
+        self.areas[:] = self._full_areas if areas is None else areas
         for contact, area in enumerate(self.areas):
             self._cones.set_area(contact, area)
         return True
 
     def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
-        """Feet that swing get their task; those that bear load their planned share, in the middle of the area."""
+        """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""
         self._contacts = contacts, load
         self._cones.set_load(load)
         for foot in self._feet:
             foot.active = not contacts[foot.foot]
         shares = [share if contact else 0.0 for share, contact in zip(load, contacts, strict=True)]
-        total = max(sum(shares), 1e-6)
+        total = max(sum(shares), 1e-6)  # no division by zero without a contact
         for target, share, area in zip(self.wrench_target, shares, self.areas.tolist(), strict=True):
             force = self._weight * (share / total)
             target[2:5] = force, 0.5 * force * (area[2] + area[3]), -0.5 * force * (area[0] + area[1])
 
     def fall_back(self) -> tuple[JointCommand, SolveStatus]:
-        """Command of a tick without a usable state or solution: the last one once more, then damping where it was."""
+        """Command of a tick without a usable state or solution: the last command again, then damping only."""
         self._failures += 1
         if self._last is not None and self._failures <= self.hold_ticks:
             return self._last, SolveStatus.HELD
@@ -209,21 +209,21 @@ class WholeBodyController:
         return JointCommand(self._joints.copy(), zero, zero), SolveStatus.DAMPED
 
 
-def _spread(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
+def _uniform_gains(gains: Gains, rows: int) -> tuple[Vector, Vector, Vector]:
     """kp, kd and weight of a task, the same on all of its rows."""
     return np.full(rows, gains.kp), np.full(rows, gains.kd), np.full(rows, gains.weight)
 
 
 def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, list[FramePositionTask]]:
     nv, com, momentum = model.nv, config.com, config.angular_momentum
-    foot = _spread(config.foot, 6)
+    foot = _uniform_gains(config.foot, 6)
     foot[2][3:5] *= config.foot_roll_scale, config.foot_pitch_scale
-    posture = _spread(config.posture, model.nj)
+    posture = _uniform_gains(config.posture, model.nj)
     for side in model.feet:
         posture[2][np.array(side.joint_ids_v) - 6] *= config.posture_leg_scale
     momentum_weight = np.array([momentum.weight, momentum.weight, momentum.weight_vertical]) / model.mass**2
     com_weight = np.array([com.weight, com.weight, com.weight_height])
-    base, torso = _spread(config.base_orientation, 3), _spread(config.torso_orientation, 3)
+    base, torso = _uniform_gains(config.base_orientation, 3), _uniform_gains(config.torso_orientation, 3)
     body = BodyTasks(
         CoMTask(np.full(3, com.kp), np.full(3, com.kd), com_weight, nv),
         AngularMomentumTask(np.full(3, momentum.kd), momentum_weight, nv),
@@ -233,7 +233,7 @@ def _make_tasks(model: RobotModel, config: WholeBodyConfig) -> tuple[BodyTasks, 
         PostureTask(*posture),
     )
     positions = [
-        FramePositionTask(name, task.frame, *_spread(Gains(task.kp, task.kd, task.weight), 3), nv)
+        FramePositionTask(name, task.frame, *_uniform_gains(Gains(task.kp, task.kd, task.weight), 3), nv)
         for name, task in config.tasks.items()
     ]
     return body, positions
@@ -244,7 +244,7 @@ def _make_limits(
 ) -> tuple[BodyLimits, list[RowLimit]]:
     limit, height, nj = config.limits, config.limits.com_height, model.nj
     margin = np.minimum(limit.position_margin, 0.25 * (model.q_upper - model.q_lower))
-    scale = np.ones(nj)  # of rows; those of the legs mix many unknowns and are larger
+    scale = np.ones(nj)  # of the rows; eliminating the contacts makes those of the legs larger
     for foot in model.feet:
         scale[np.array(foot.joint_ids_v) - 6] = 0.01
     bounds = JointBounds(

@@ -32,11 +32,11 @@ class Rows(NamedTuple):
 
 
 class Limit(ABC):
-    """Rows that every answer of the QP must keep.
+    """Rows that every solution of the QP satisfies.
 
     Attributes:
         name: Unique name.
-        soft: Whether a relaxed solve may violate the rows, at a price.
+        soft: Whether a relaxed solve may violate the rows, at a cost.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Limit(ABC):
 
 
 class RowLimit(Limit):
-    """A limit that writes its rows itself, beside those of ``BodyLimits``."""
+    """A limit in addition to those of ``BodyLimits``, with a method that writes its rows."""
 
     @abstractmethod
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
@@ -128,15 +128,15 @@ class CoMHeightLimit(AccelerationLimit):
 
 
 class JointBounds(NamedTuple):
-    """What ``JointLimit`` holds the joints to, all (nj,)."""
+    """Bounds and gains of ``JointLimit``, all (nj,)."""
 
-    q_low: Array
-    q_high: Array
-    v_max: Array
-    scale: Array  # size of each row
-    position_gain: Array
-    velocity_gain: Array
-    acceleration: Array
+    q_low: Array  #: Lowest position [rad]
+    q_high: Array  #: Highest position [rad]
+    v_max: Array  #: Largest speed [rad/s]
+    scale: Array  #: Factor of each row and its bounds [-]
+    position_gain: Array  #: g, fastest approach to a bound per distance to it [1/s]
+    velocity_gain: Array  #: k [1/s]
+    acceleration: Array  #: Largest acceleration [rad/s^2]
 
 
 class JointLimit(Limit):
@@ -145,10 +145,10 @@ class JointLimit(Limit):
     .. math:: \ddot q \le \mathrm{clip}(k (\overline v - \dot q), \pm \ddot q_{max}), \qquad
         \overline v = \mathrm{clip}(g (\overline q - q), \pm v_{max})
 
-    and below likewise.
+    and the lower bounds likewise.
 
     Args:
-        bounds: The limits, margins taken off; the arrays may change.
+        bounds: The limits without their margins; the arrays may change between ticks.
 
     Attributes:
         lower, upper: Bounds of the last tick (nj,) [rad/s^2].
@@ -251,8 +251,8 @@ class WrenchConeLimit(Limit):
         margin: Taken off every side of the contact rectangles [m].
         force_min: Least normal force of an active contact [N].
         force_max: Largest normal force of a contact [N].
-        scale: Force by which rows and bounds are divided: solvers' absolute tolerances then mean the same for
-            every robot [N].
+        scale: Force by which rows and bounds are divided, so that absolute tolerances of the solvers suit every
+            robot [N].
 
     Attributes:
         matrix: Rows of every contact's wrench in its frame (contacts, ``CONE_ROWS``, 6).
@@ -271,16 +271,16 @@ class WrenchConeLimit(Limit):
         self.lower, self.upper = np.zeros((count, CONE_ROWS)), np.zeros((count, CONE_ROWS))
 
     def set_area(self, contact: int, rectangle: Sequence[float]) -> None:
-        """Part of a contact that bears from now on: x_min, x_max, y_min, y_max in its frame [m]."""
+        """Set the part of a contact that bears load: x_min, x_max, y_min, y_max in its frame (4,) [m]."""
         x_min, x_max, y_min, y_max = rectangle
-        # A strip keeps half its width.
+        # A narrow area keeps half its width.
         margin = min(self._margin, 0.25 * (x_max - x_min), 0.25 * (y_max - y_min))
         area = np.array([x_min + margin, x_max - margin, y_min + margin, y_max - margin])
         matrix, bounds = self.matrix[contact], (self.lower[contact], self.upper[contact])
         fill_cone(area, self._frictions[contact], *self._forces, self._scale, matrix, *bounds)
 
     def set_load(self, load: Sequence[float]) -> None:
-        """Share of its largest normal force that each contact may bear from now on [-]."""
+        """Set the share of its largest normal force that each contact may bear (contacts,) [-]."""
         force_min, force_max = self._forces
         # The normal force is the cone's last row; twice the least force keeps an unloaded contact feasible.
         self.upper[:, -1] = [max(share * force_max, 2.0 * force_min) / self._scale for share in load]
@@ -380,7 +380,7 @@ class LimitArrays(NamedTuple):
 
 
 class LimitRows(NamedTuple):
-    """Where the rows of ``BodyLimits`` are written to."""
+    """Memory for the rows of ``BodyLimits``."""
 
     joints: Rows
     cones: Rows

@@ -1,4 +1,4 @@
-"""Builds the reduced whole-body QP from terms, tasks, contacts and limits. Pure: solving is elsewhere."""
+"""Builds the reduced whole-body QP from terms, tasks, contacts and limits."""
 
 from collections.abc import Iterable, Sequence
 from itertools import product
@@ -50,7 +50,7 @@ class SetPoint(NamedTuple):
 
 
 class _Setup(NamedTuple):
-    """What the QPs of all sets of active contacts share."""
+    """Inputs that the QPs of all sets of active contacts share."""
 
     tasks: BodyArrays
     limits: LimitArrays
@@ -62,7 +62,7 @@ class _Setup(NamedTuple):
 
 
 class _ModeArrays(NamedTuple):
-    """What compiled code writes for one set of active contacts."""
+    """Outputs of compiled code for one set of active contacts."""
 
     reduction: Reduction
     hessian: Array
@@ -84,8 +84,8 @@ class QPBuilder:
 
     One compiled call a tick writes all but the rows of extra tasks and limits.
 
-    What is special to robots with two feet here is only ``Reference``, which has the places of two soles. A contact is
-    rigid and six-dimensional; the loops formed with the other contacts must be independent.
+    Only ``Reference``, with the poses of two soles, restricts it to robots with two feet. A contact is rigid and
+    six-dimensional; the loops formed with the other contacts must be independent.
 
     Args:
         model: The robot; its feet are the contacts.
@@ -93,8 +93,8 @@ class QPBuilder:
         limits: Limits of every robot; their rows come first, in this order.
         extra_tasks: Further tasks.
         extra_limits: Further limits; their rows follow in this order.
-        contacts: Gains of the contacts; the arrays may change.
-        wrench_weight: Of every wrench component (6,).
+        contacts: Gains of the contacts; the arrays may change between ticks.
+        wrench_weight: Weight of each wrench component (6,).
         regularisation: Added to the Hessian's diagonal.
         lookahead: Time over which accelerations are integrated to the set-point [s].
 
@@ -167,7 +167,7 @@ class QPBuilder:
 
         Args:
             terms: Model terms of the measured state.
-            reference: What to track; its ``contacts`` are the active ones.
+            reference: Reference of the tick; its ``contacts`` are the active ones.
 
         Returns:
             The QP, in arrays that the next call with the same contacts overwrites.
@@ -202,11 +202,11 @@ class QPBuilder:
         return mode.qp
 
     def recover(self, z: Vector) -> tuple[Matrix, Vector, Matrix]:
-        """What a solution (nz,) of the QP built last means.
+        """Set-point, acceleration and wrenches of a solution (nz,) of the last QP.
 
         Returns:
-            Joint positions, velocities and torques of the set-point (3, nj), acceleration (nv,), and wrenches in the
-            contact frames (contacts, 6).
+            Joint positions, velocities and torques of the set-point (3, nj) [rad, rad/s, N.m], acceleration (nv,)
+            [m/s^2, rad/s^2], and wrenches in the contact frames (contacts, 6) [N, N.m].
         """
         command, acceleration = np.empty(self._shape), np.empty(self._shape[1] + 6)
         wrenches: Matrix = np.empty(self.contact_acceleration.shape)
@@ -224,10 +224,10 @@ def _refuse_duplicates(kind: str, names: Iterable[str]) -> None:
 
 def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimit]) -> _Mode:
     """Memory of the QP with the rows of all limits, one below the other."""
-    nz, everything = reduction.maps.shape[2], [*limits, *extra]
-    sizes = [limit.size(len(reduction.active)) for limit in everything]
+    nz, all_limits = reduction.maps.shape[2], [*limits, *extra]
+    sizes = [limit.size(len(reduction.active)) for limit in all_limits]
     total = sum(sizes)
-    soft = np.repeat([limit.soft for limit in everything], sizes)
+    soft = np.repeat([limit.soft for limit in all_limits], sizes)
     qp = QP(np.zeros((nz, nz)), np.zeros(nz), np.zeros((total, nz)), np.zeros(total), np.zeros(total), soft)
     spans = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
     joints, cones, torque, *others = (Rows(qp.matrix[span], qp.lower[span], qp.upper[span]) for span in spans)

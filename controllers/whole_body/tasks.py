@@ -68,7 +68,7 @@ class Task(ABC):
 
     @abstractmethod
     def update(self, terms: Terms, reference: Reference) -> None:
-        """Write ``error``, ``jacobian`` and ``target`` in place, from the state's terms and what is to be tracked."""
+        """Write ``error``, ``jacobian`` and ``target`` in place, from the terms of the state and the reference."""
 
     def write_into(self, jacobian: Matrix, target: Vector, weight: Vector) -> None:
         """Use rows of a larger stack as the memory of ``jacobian``, ``target`` and ``weight_in_force``."""
@@ -77,10 +77,10 @@ class Task(ABC):
 
 
 class GainTask(Task):
-    """A task with gains by row.
+    """A task with feedback gains.
 
     Attributes:
-        kp, kd: Gains (k,) [1/s^2, 1/s].
+        kp, kd: Gains by row (k,) [1/s^2, 1/s].
     """
 
     def __init__(
@@ -164,7 +164,7 @@ def _momentum_rows(task: TaskArrays, terms: Centroid) -> None:
 
 
 class PostureTask(GainTask):
-    r"""Draw every joint to its reference.
+    r"""Track the reference of every joint.
 
     .. math:: \ddot q^* = \ddot q_{ref} + k_p (q_{ref} - q) + k_d (\dot q_{ref} - \dot q)
 
@@ -326,7 +326,7 @@ class BodyArrays(NamedTuple):
 
 
 class Desired(NamedTuple):
-    """What ``BodyTasks`` are to track on one tick; see ``Reference``."""
+    """References of ``BodyTasks`` in one tick; see ``Reference`` for shapes and units."""
 
     com: Array
     com_acceleration: Array

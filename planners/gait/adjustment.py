@@ -34,21 +34,21 @@ Box = tuple[Point, Point]  #: Least and largest of two coordinates [m]
 class StepProblem(NamedTuple):
     """One step adjustment, in the stance frame; footholds are ZMP points, from the ZMP point of the stance."""
 
-    dcm: Vector  # measured DCM without the part that the rest of the swing uses up (2,) [m]
-    elapsed: float  # since the start of the single support [s]
-    omega: float  # of the pendulum [1/s]
-    planned: float  # touchdown of the last adjustment, from the start of the single support [s]
-    step: Vector  # nominal foothold (2,) [m]
-    time: float  # nominal touchdown time [s]
-    offset: Vector  # DCM offset from the foothold at the nominal touchdown (2,) [m]
-    coupling: float  # change of that offset per change of the foothold [-]
-    lower: Vector  # least foothold (2,) [m]
-    upper: Vector  # largest foothold (2,) [m]
-    soonest: float  # least touchdown time [s]
-    latest: float  # largest touchdown time [s]
-    cop: Vector  # largest CoP offset to either side (2,) [m]
-    place: Vector  # of the swing foot now (2,) [m]
-    speed: float  # largest mean speed of the swing foot along each axis; infinite without a limit [m/s]
+    dcm: Vector  #: Measured DCM less its shift by the rest of the swing (2,) [m]
+    elapsed: float  #: Since the start of the single support [s]
+    omega: float  #: Of the pendulum [1/s]
+    planned: float  #: Touchdown of the last adjustment, from the start of the single support [s]
+    step: Vector  #: Nominal foothold (2,) [m]
+    time: float  #: Nominal touchdown time [s]
+    offset: Vector  #: DCM offset from the foothold at the nominal touchdown (2,) [m]
+    coupling: float  #: Change of that offset per change of the foothold [-]
+    lower: Vector  #: Least foothold (2,) [m]
+    upper: Vector  #: Largest foothold (2,) [m]
+    soonest: float  #: Least touchdown time [s]
+    latest: float  #: Largest touchdown time [s]
+    cop: Vector  #: Largest CoP offset to either side (2,) [m]
+    place: Vector  #: Of the swing foot now (2,) [m]
+    speed: float  #: Largest mean speed of the swing foot along each axis; infinite without a limit [m/s]
 
 
 class Weights(NamedTuple):
@@ -61,7 +61,7 @@ class Weights(NamedTuple):
 
 
 class StepQP(NamedTuple):
-    r"""QP in :math:`(u, \tau, \delta)`, written again for every problem.
+    r"""QP in :math:`(u, \tau, \delta)`, overwritten by every problem.
 
     Attributes:
         hessian: (5, 5).
@@ -80,11 +80,11 @@ class StepQP(NamedTuple):
 class AdjustedStep(Struct, frozen=True):
     """Solution of a ``StepProblem``."""
 
-    step: Vector  # foothold (2,) [m]
-    time: float  # touchdown time [s]
-    offset: Vector  # DCM offset from the foothold at touchdown (2,) [m]
-    cop: Vector  # CoP offset over the rest of the step (2,) [m]
-    solved: bool  # by the QP; otherwise this is the nominal step inside the bounds
+    step: Vector  #: Foothold (2,) [m]
+    time: float  #: Touchdown time [s]
+    offset: Vector  #: DCM offset from the foothold at touchdown (2,) [m]
+    cop: Vector  #: CoP offset over the rest of the step (2,) [m]
+    solved: bool  #: By the QP; otherwise this is the nominal step inside the bounds
 
 
 class StepAdjustment:
@@ -103,8 +103,8 @@ class StepAdjustment:
         \quad \text{s.t. bounds on } u, \tau, \delta, \quad |u - u_{now}| \le v_{max} (T - t)
 
     The offset ``b`` is soft: it is the distance from a walk that can continue without end. The product of ``delta`` and
-    ``tau`` is linearised at the last time, and so is the logarithm in T of the way left to the foot: a farther foothold
-    may be reached later.
+    ``tau`` is linearised at the last time, and so is T, the logarithm of ``tau``, in the distance that the
+    foot can still cover: a farther foothold may be reached later.
 
     References:
         Khadiv, Herzog, Moosavian, Righetti: Walking control based on step timing adaptation, T-RO 2020, eq. 14-21.
@@ -117,7 +117,7 @@ class StepAdjustment:
         self._sense = np.zeros(9, dtype=np.int32)
 
     def solve(self, problem: StepProblem, *, ending: bool = False) -> AdjustedStep:
-        """Adjust the step; ``ending`` of a walk that comes to an end."""
+        """Adjust the step; ``ending`` selects the weights of a walk that ends."""
         p = problem
         _assemble(p, self.ending if ending else self.going_on, self.qp)
         z, solved = self.minimum(p.step, math.exp(p.omega * p.time))
@@ -172,16 +172,16 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> None:
 class Walk(Struct, frozen=True):
     """A walk at the coming or present step."""
 
-    stance: Foothold  # of the stance foot of that step
-    foot: int  # the swing foot (0 left, 1 right)
-    liftoff: Foothold  # of the swing foot before the step
-    command: CommandState  # velocity or route, and the end of the walk
-    omega: float  # of the pendulum [1/s]
+    stance: Foothold  #: Of the stance foot of that step
+    foot: int  #: The swing foot (0 left, 1 right)
+    liftoff: Foothold  #: Of the swing foot before the step
+    command: CommandState  #: Velocity or route, and the end of the walk
+    omega: float  #: Of the pendulum [1/s]
     urgent: bool = False
 
 
 class _Nominal(NamedTuple):
-    """The step under way as ``_pose`` leaves it to ``_place``, each (2,) [m]."""
+    """Nominal step under way, from ``_assemble_step`` to ``_foothold_of``; each (2,) [m]."""
 
     step: Vector  #: Nominal ZMP point in the stance frame, from the ZMP point of the stance
     shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
@@ -194,22 +194,29 @@ class _Setup(NamedTuple):
     model: StepModel
     going_on: Weights
     ending: Weights
-    reach: NDArray[np.float64]  # least and largest foothold, ordinary and urgent, of each foot (2, 2, 2, 2) [m]
-    cop: Matrix  # largest CoP offset in each sole (2, 2) [m]
-    speed: float  # of the swing foot [m/s]
+    reach: NDArray[np.float64]  #: Least and largest foothold, ordinary and urgent, of each foot (2, 2, 2, 2) [m]
+    cop: Matrix  #: Largest CoP offset in each sole (2, 2) [m]
+    speed: float  #: Of the swing foot [m/s]
     qp: StepQP
     nominal: _Nominal
 
 
 class StepPlanner:
-    """Plans the step under way and the next ones."""
+    """Plans the step under way and the next ones.
+
+    Args:
+        config: Gait.
+        soles: Soles of the robot.
+        shape: Shape of the swing.
+        lever: Lever of a swinging leg on the angular momentum.
+    """
 
     def __init__(self, config: GaitConfig, soles: Soles, shape: SwingShape, lever: LegLever) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._limits = limits_of(config.reach)
         law, reach = self._adjustment, config.reach
-        boxes = [_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
+        boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
         cop = config.adjustment.cop_share * soles.half
         self._model = StepModel(config.timing.single, config.timing.double, soles.centres, shape, lever)
         self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
@@ -227,7 +234,7 @@ class StepPlanner:
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
         ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
-        return np.array(_begin(self._setup, self._coming(walk), walk.foot, ends, walk.omega, liftoff))
+        return np.array(_start_of_single(self._setup, self._coming(walk), walk.foot, ends, walk.omega, liftoff))
 
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, planned: float, target: Foothold, swing: SwingState
@@ -240,7 +247,7 @@ class StepPlanner:
         config, poses, omega = self._config, self._coming(walk), walk.omega
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         soonest = max(single_min, elapsed + config.swing.freeze)
-        _pose(
+        _assemble_step(
             self._setup,
             poses,
             walk.foot,
@@ -262,7 +269,7 @@ class StepPlanner:
         )
         z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * config.timing.single))
         end = np.empty(2)
-        x, y = _place(self._setup, poses, walk.foot, omega, z, end)
+        x, y = _foothold_of(self._setup, poses, walk.foot, omega, z, end)
         return Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega, end, solved
 
     def _offset(self, walk: Walk, poses: Matrix) -> Point:
@@ -279,18 +286,20 @@ class StepPlanner:
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._limits, count, steps_left)
 
 
-def _boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
+def _reach_boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
     """Reach of the left and of the right foot in the frame of the other one [m]: corners of a box."""
     ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
     return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))
 
 
 @njit(cache=True)
-def _begin(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, liftoff: Pose) -> Point:
+def _start_of_single(
+    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, liftoff: Pose
+) -> Point:
     """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``, ``liftoff`` of the swing foot."""
     model = setup.record.model
-    bear, centre, yaw = model.centres[1 - foot], model.centres[foot], poses[0, 2]
-    x, y = point_at(poses[0, 0], poses[0, 1], yaw, bear[0], bear[1])
+    stance_centre, centre, yaw = model.centres[1 - foot], model.centres[foot], poses[0, 2]
+    x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     offset = previewed_offset(poses, foot, ends, omega, model)
@@ -300,7 +309,7 @@ def _begin(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: 
 
 
 @njit(cache=True)
-def _pose(
+def _assemble_step(
     setup: Unboxed[_Setup],
     poses: Matrix,
     foot: int,
@@ -329,7 +338,7 @@ def _pose(
     fixed, nominal = setup.record, setup.record.nominal
     model = fixed.model
     offset = previewed_offset(poses, foot, ends, omega, model)
-    used = rest_of_swing(
+    swing_shift = rest_of_swing(
         omega,
         planned - elapsed,
         motion,
@@ -342,22 +351,22 @@ def _pose(
         model.lever,
     )
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    bear, centre = model.centres[1 - foot], model.centres[foot]
-    point = point_at(x, y, yaw, bear[0], bear[1])
+    stance_centre, centre = model.centres[1 - foot], model.centres[foot]
+    point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     hold, zmp = relative_to(x, y, yaw, poses[1, 0], poses[1, 1]), relative_to(x, y, yaw, landing[0], landing[1])
-    near = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
+    swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     turned = rotated(-yaw, offset[0], offset[1])
-    free = rotated(-yaw, measured[0] - point[0] - used[0], measured[1] - point[1] - used[1])
+    free = rotated(-yaw, measured[0] - point[0] - swing_shift[0], measured[1] - point[1] - swing_shift[1])
     reach = fixed.reach[1 if urgent else 0, foot]
     dcm_free, end, lower, upper, place = np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     for i in range(2):
-        shift = zmp[i] - hold[i] - bear[i]
+        shift = zmp[i] - hold[i] - stance_centre[i]
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
         dcm_free[i], end[i] = free[i], turned[i]
         lower[i], upper[i] = reach[0, i] + shift, reach[1, i] + shift
         # A foot that is still out of reach may stay in line with its place.
-        place[i] = min(max(near[i], reach[0, i]), reach[1, i]) + shift
+        place[i] = min(max(swing_place[i], reach[0, i]), reach[1, i]) + shift
     problem = StepProblem(
         dcm_free,
         elapsed,
@@ -379,12 +388,12 @@ def _pose(
 
 
 @njit(cache=True)
-def _place(setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, step: Vector, end: Vector) -> Point:
+def _foothold_of(setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, step: Vector, end: Vector) -> Point:
     """Foothold x, y in W [m] of a solution ``step`` of the QP; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    bear, coupling = model.centres[1 - foot], offset_coupling(omega, model)
-    point, way = point_at(x, y, yaw, bear[0], bear[1]), rotated(yaw, step[0], step[1])
+    stance_centre, coupling = model.centres[1 - foot], offset_coupling(omega, model)
+    point, way = point_at(x, y, yaw, stance_centre[0], stance_centre[1]), rotated(yaw, step[0], step[1])
     more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))
     for i in range(2):
         end[i] = point[i] + way[i] + nominal.offset[i] + more[i]

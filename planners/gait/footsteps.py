@@ -21,7 +21,7 @@ Point = tuple[float, float]  #: x, y [m]
 
 
 class StepLimits(NamedTuple):
-    """``ReachConfig`` for compiled code."""
+    """``ReachConfig`` for compiled code: widths and lengths [m], turns [rad]."""
 
     width: float
     width_min: float
@@ -40,14 +40,14 @@ def limits_of(reach: ReachConfig) -> StepLimits:
 
 @register_jitable
 def point_at(x: float, y: float, yaw: float, forward: float, left: float) -> Point:
-    """A point given in the frame of a pose, in W."""
+    """A point given in the frame of a pose, in W [m]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return x + c * forward - s * left, y + s * forward + c * left
 
 
 @register_jitable
 def relative_to(x: float, y: float, yaw: float, px: float, py: float) -> Point:
-    """A point of W in the frame of a pose."""
+    """A point of W in the frame of a pose [m]."""
     c, s = math.cos(yaw), math.sin(yaw)
     return c * (px - x) + s * (py - y), -s * (px - x) + c * (py - y)
 
@@ -72,7 +72,7 @@ def wrap(angle: float) -> float:
 def mean_heading(first: float, second: float) -> float:
     """Heading half-way between two [rad]."""
     yaw = 0.5 * (first + second)
-    if math.cos(first - yaw) < 0.0:  # the other one of the two means of angles
+    if math.cos(first - yaw) < 0.0:  # two angles have two means: take the other one
         yaw -= math.copysign(math.pi, yaw)
     return wrap(yaw)
 
@@ -91,11 +91,11 @@ class Foothold(Struct, frozen=True):
         return self.x, self.y, self.yaw
 
     def moved(self, forward: float, left: float) -> Point:
-        """A point given in this foothold's frame, in W."""
+        """A point given in this foothold's frame, in W [m]."""
         return point_at(self.x, self.y, self.yaw, forward, left)
 
     def relative(self, x: float, y: float) -> Point:
-        """A point of W in this foothold's frame."""
+        """A point of W in this foothold's frame [m]."""
         return relative_to(self.x, self.y, self.yaw, x, y)
 
     def shifted(self, x: float, y: float) -> Foothold:
@@ -107,7 +107,7 @@ Feet = tuple[Foothold, Foothold]  #: Footholds of the left and the right sole
 
 
 def replaced(feet: Feet, foot: int, hold: Foothold) -> Feet:
-    """Footholds with another one of one foot."""
+    """Footholds with that of one foot replaced."""
     return (hold, feet[1]) if foot == LEFT else (feet[0], hold)
 
 
@@ -160,7 +160,7 @@ def _preview(stance: Pose, foot: int, advance: Pose, limits: StepLimits, count: 
     """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 3)."""
     poses = np.empty((1 + count, 3))
     poses[0, 0], poses[0, 1], poses[0, 2] = stance
-    side = 1.0 if foot == 0 else -1.0
+    side = 1.0 if foot == LEFT else -1.0
     for i in range(1, 1 + count):
         last = poses[i - 1]
         poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, limits)
@@ -203,7 +203,7 @@ def preview_footholds(
 
 
 def advance_of(velocity: Velocity, period: float) -> Pose:
-    """How far a velocity moves the body in a time [s]: forward, left [m], turn [rad]."""
+    """Displacement of the body by a velocity in a time [s]: forward, left [m], turn [rad]."""
     return velocity[0] * period, velocity[1] * period, velocity[2] * period
 
 

@@ -1,4 +1,4 @@
-"""The gait: lift-off and touchdown of the feet, and the reference of the whole body meanwhile."""
+"""The gait: lift-off and touchdown of the feet, and the reference of the whole body."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from msgspec import structs
 
-from models.constants import GRAVITY
+from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.errors import CommandError
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector
@@ -25,7 +25,7 @@ from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest,
 from planners.gait.swing import SwingFoot
 
 _STILL = np.zeros(2)  #: Rate of a DCM at rest [m/s]
-_NEARER = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
+_SWAP_ADVANTAGE = 0.01  #: Advantage that the foot nearer to the DCM needs to swing in place of the other one [m]
 
 
 class GaitPlanner:
@@ -33,12 +33,18 @@ class GaitPlanner:
 
         stand -> start -> single <-> double -> finish -> stand
 
-    A single support ends with the measured contact, early or late: time alone never puts a foot down. In every phase
+    A single support ends with the measured contact, early or late, never by time alone. In every phase
     the DCM reference is the closed form that ends where the coming steps need it (``dcm.py``).
 
     ``state`` holds everything that the next tick depends on, beside its inputs. The laws of the other modules take its
-    parts and return new ones; only this class stores them. Construction compiles all kernels. ``config`` is the gait of
-    the robot when None.
+    parts and return new ones; only this class stores them. Construction compiles all kernels.
+
+    Args:
+        model: The robot.
+        config: Gait; that of the robot when None.
+
+    Attributes:
+        state: State between two ticks.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
@@ -59,12 +65,12 @@ class GaitPlanner:
 
     @property
     def phase(self) -> GaitPhase:
-        """Phase now."""
+        """Present phase."""
         return self.state.phase
 
     @property
     def stance(self) -> int:
-        """The present or coming stance foot."""
+        """The present or coming stance foot (0 left, 1 right)."""
         return self.state.stance
 
     @property
@@ -173,7 +179,7 @@ class GaitPlanner:
         """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
 
         ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None. While it
-        stands still, the reference is that of ``rest`` on the part of the soles that bears.
+        stands still, the reference is that of ``rest`` on the part of the soles that bears load.
         """
         gait = self.state
         before, omega = gait.measured.dcm(self._omega()), self._omega()
@@ -213,7 +219,7 @@ class GaitPlanner:
         return self._builder.build(gait, loads, cmp_offset)
 
     def _follow_soles(self, swinging: int | None, dt: float) -> None:
-        """Move the whole plan with the loaded soles: their place in W is only estimated, and drifts."""
+        """Move the whole plan with the loaded soles: their estimated pose in W drifts."""
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
         drift = self._soles.drift(gait.soles, measured, swinging)
@@ -280,9 +286,9 @@ class GaitPlanner:
         height = self._soles.landing_height(gait.soles, foot, measured)
         pose = np.array([target.x, target.y, height, yaw + wrap(target.yaw - yaw)])
         swing = gait.swing
-        if not urgent:  # the foot of an urgent step lags as if it had tripped
+        if not urgent:  # the lag of an urgent foot would count as a trip
             swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
-        # The foot of an urgent step lags behind its reference, and a late landing is worse than an early one.
+        # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, gait.step.time - lead, dt)
         rest, cmp_offset = self._reaction()
@@ -294,7 +300,7 @@ class GaitPlanner:
         return cmp_offset
 
     def _reaction(self) -> tuple[Vector, Vector]:
-        """DCM that the rest of the swing uses up, and CMP minus CoP now; both (2,) [m]."""
+        """DCM shift by the rest of the swing, and present CMP minus CoP; both (2,) [m]."""
         gait = self.state
         target, measured = gait.soles.holds[1 - gait.stance], gait.measured
         left = gait.step.time - gait.elapsed
@@ -381,7 +387,7 @@ class GaitPlanner:
         return self._soles.shares(gait.soles.holds, gait.dcm.zmp(self._omega()))
 
     def _off_the_floor(self, state: RobotState, dt: float) -> bool:
-        """Whether the robot is in the air; put down, it stands and waits for a new command."""
+        """Whether the robot is in the air; once put down, it stands until a new command."""
         gait = self.state
         if gait.phase is GaitPhase.STAND and gait.rest is not None and not gait.rest.walk:
             return False  # a robot that is let down onto its feet has to take up its weight
@@ -426,15 +432,15 @@ class GaitPlanner:
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:
-        """Step at once, without a shift of the weight, with the foot that gets nearer to the DCM of the near future.
+        """Step at once, without a weight shift, with the foot that comes nearer to the predicted DCM.
 
-        The push is expected to last for ``push_horizon``. If both feet get there, the one farther from the DCM swings.
+        The push is expected to last for ``push_horizon``. If both feet reach it, the one farther from the DCM swings.
         """
         gait, omega = self.state, self._omega()
         dcm, holds = gait.measured.dcm(omega), gait.soles.holds
         ahead, gait.stance = dcm + self.config.push_horizon * gait.dcm_rate, self._soles.nearest(holds, dcm)
         missed = [self._soles.missed(holds, foot, ahead, omega) for foot in range(2)]
-        if missed[1 - gait.stance] < missed[gait.stance] - _NEARER:
+        if missed[1 - gait.stance] < missed[gait.stance] - _SWAP_ADVANTAGE:
             gait.stance = 1 - gait.stance
         gait.command = gait.command.counted(2)
         gait.recovering = True
@@ -454,7 +460,7 @@ class GaitPlanner:
         return self._soles.middle(self.state.soles.holds) if rest is None else rest.dcm
 
     def _omega(self) -> float:
-        return math.sqrt(GRAVITY / max(self.state.body.height, 0.1))
+        return math.sqrt(GRAVITY / max(self.state.body.height, COM_HEIGHT_MIN))
 
     def _far_off(self) -> bool:
         """Whether the DCM is so far from its reference that the step is urgent."""

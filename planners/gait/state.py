@@ -26,11 +26,11 @@ class GaitPhase(Enum):
     """Phase of the gait."""
 
     STAND = "stand"
-    START = "start"  # both feet; the weight moves to the first stance foot
+    START = "start"  #: Both feet; the weight moves to the first stance foot
     SINGLE = "single"
-    DOUBLE = "double"  # both feet; the weight moves to the foot that has just landed
-    FINISH = "finish"  # both feet; the weight returns to the middle
-    LIFTED = "lifted"  # off the floor: the posture is held
+    DOUBLE = "double"  #: Both feet; the weight moves to the foot that has just landed
+    FINISH = "finish"  #: Both feet; the weight returns to the middle
+    LIFTED = "lifted"  #: Off the floor: the posture is held
 
     @property
     def stepping(self) -> bool:
@@ -51,31 +51,31 @@ class GaitPhase(Enum):
 class Rest(Struct, frozen=True):
     """How the robot stands while it takes no steps."""
 
-    dcm: Vector  # DCM at which it comes to rest, in W (2,) [m]
-    velocity: Vector  # of the CoM there, in W (2,) [m/s]
-    height: float  # CoM height above the soles [m]
-    walk: bool = True  # the gait follows its commands
-    step: bool = True  # it may step to keep its balance
-    standing: Reference | None = None  # what the gait returns while it stands; None during a blend to it
+    dcm: Vector  #: DCM at which it comes to rest, in W (2,) [m]
+    velocity: Vector  #: Of the CoM there, in W (2,) [m/s]
+    height: float  #: CoM height above the soles [m]
+    walk: bool = True  #: The gait follows its commands
+    step: bool = True  #: It may step to keep its balance
+    standing: Reference | None = None  #: What the gait returns while it stands; None during a blend to it
 
 
 class StepState(Struct, frozen=True):
     """The single support under way, or the last one."""
 
-    time: float  # planned touchdown, from lift-off [s]
-    touchdown: Vector  # DCM of the reference at the touchdown, in W (2,) [m]
-    liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  # foothold that the swing foot left
-    next_adjustment: float = 0.0  # since lift-off [s]
-    urgent: bool = False  # the DCM was so far from its reference that the step is as quick as possible
-    unsolved: int = 0  # step adjustments without a solution, which kept to the nominal step
+    time: float  #: Planned touchdown, from lift-off [s]
+    touchdown: Vector  #: DCM of the reference at the touchdown, in W (2,) [m]
+    liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  #: Foothold that the swing foot left
+    next_adjustment: float = 0.0  #: Since lift-off [s]
+    urgent: bool = False  #: The DCM was so far from its reference that the step is as quick as possible
+    unsolved: int = 0  #: Step adjustments without a solution, which kept to the nominal step
 
 
 class BodyState(Struct, frozen=True):
     """Reference of the body."""
 
-    height: float  # CoM height above the ground [m]
-    ground: float | None = None  # height of the ground, limited in rate [m]; None before the first reference
-    rate: float = 0.0  # of the height [m/s]
+    height: float  #: CoM height above the ground [m]
+    ground: float | None = None  #: Height of the ground, limited in rate [m]; None before the first reference
+    rate: float = 0.0  #: Of the height [m/s]
 
 
 @dataclass(slots=True)
@@ -86,7 +86,7 @@ class GaitState:
     """
 
     measured: Measurement
-    dcm_rate: Vector  # rate of the measured DCM, low-passed (2,) [m/s]
+    dcm_rate: Vector  #: Rate of the measured DCM, low-passed (2,) [m/s]
     soles: SoleState
     footing: FootingState
     step: StepState
@@ -96,13 +96,13 @@ class GaitState:
     command: CommandState = NO_COMMAND
     swing: SwingState = AT_REST
     phase: GaitPhase = GaitPhase.STAND
-    stance: int = 1  # the present or coming stance foot (0 left, 1 right)
-    steps: int = 0  # touchdowns so far
-    elapsed: float = 0.0  # in this phase [s]
-    settled: float = 0.0  # time at rest in phase ``STAND`` [s]
-    early: float = 0.0  # time by which the last touchdown was early [s]
-    recovering: bool = False  # the present steps began with one that caught a standing robot
-    rest: Rest | None = None  # over the middle of the soles when None
+    stance: int = 1  #: The present or coming stance foot (0 left, 1 right)
+    steps: int = 0  #: Touchdowns so far
+    elapsed: float = 0.0  #: In this phase [s]
+    settled: float = 0.0  #: Time at rest in phase ``STAND`` [s]
+    early: float = 0.0  #: Time by which the last touchdown was early [s]
+    recovering: bool = False  #: The present steps began with one that caught a standing robot
+    rest: Rest | None = None  #: Over the middle of the soles when None
 
     def copy(self) -> GaitState:
         """Another record of the same state, for a checkpoint."""
@@ -115,18 +115,18 @@ class GaitView:
 
     phase: str
     swinging: bool
-    stance: int  # the present or coming stance foot (0 left, 1 right)
-    steps: int  # touchdowns so far
-    elapsed: float  # in this phase [s]
-    step_time: float  # planned single support of the step under way [s]
-    steps_left: int | None  # touchdowns until the walk ends; None to walk on
-    velocity: Velocity  # of the present step, within the limits
-    dcm: Vector  # measured, in W (2,) [m]
-    omega: float  # of the pendulum [1/s]
-    footholds: Feet  # planned pose of each sole, or the target of the swing foot
+    stance: int  #: The present or coming stance foot (0 left, 1 right)
+    steps: int  #: Touchdowns so far
+    elapsed: float  #: In this phase [s]
+    step_time: float  #: Planned single support of the step under way [s]
+    steps_left: int | None  #: Touchdowns until the walk ends; None to walk on
+    velocity: Velocity  #: Of the present step, within the limits
+    dcm: Vector  #: Measured, in W (2,) [m]
+    omega: float  #: Of the pendulum [1/s]
+    footholds: Feet  #: Planned pose of each sole, or the target of the swing foot
     soles: Soles
-    unsolved: int  # step adjustments that found no solution so far
-    route: Route  # footsteps that replace those of the velocity
+    unsolved: int  #: Step adjustments that found no solution so far
+    route: Route  #: Footsteps that replace those of the velocity
 
 
 def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
