@@ -20,7 +20,7 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 class _Commands(TyperGroup):
-    """Commands of poise, and the groups that other packages register: these load when one is run or listed."""
+    """Commands of poise, and the groups registered by other packages, which load when one is run or listed."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         from importlib.metadata import entry_points
@@ -81,7 +81,7 @@ def demo(
 @app.command()
 def up(
     robot: Robot = "g1",
-    duration: Annotated[float | None, typer.Option(min=0.0, help="End by itself after so many seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(min=0.0, help=r"Stop after this time \[s].")] = None,
     network: Annotated[bool, typer.Option(help="Let other machines join; loopback only otherwise.")] = False,
     merged: Annotated[bool, typer.Option(help="Estimator and controller in one process.")] = True,
     lockstep: Annotated[bool, typer.Option(help="The plant waits for the command of every tick.")] = False,
@@ -95,11 +95,11 @@ def up(
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
     calibration: Annotated[
-        Path | None, typer.Option(help="Folder of the calibration files; one that is gone afterwards by default.")
+        Path | None, typer.Option(help="Folder of the calibration files; a temporary one by default.")
     ] = None,
-    actions: Annotated[bool, typer.Option(help="Offer actions, in a process of their own.")] = True,
-    camera: Annotated[bool, typer.Option(help="Draw the robot's camera, in a process of its own.")] = False,
-    motions: Annotated[Path | None, typer.Option(help="Folder of motion files of your own.")] = None,
+    actions: Annotated[bool, typer.Option(help="Offer actions, in a separate process.")] = True,
+    camera: Annotated[bool, typer.Option(help="Render the robot's camera, in a separate process.")] = False,
+    motions: Annotated[Path | None, typer.Option(help="Folder of further motion files.")] = None,
     namespace: Annotated[str, typer.Option(help="Namespace of every node, topic and service, such as robot_1.")] = "",
     robots: Annotated[
         str, typer.Option(help="Several in one world, each in its namespace: robot_1=g1,robot_2=talos.", metavar="LIST")
@@ -107,7 +107,7 @@ def up(
     place: Annotated[
         list[str] | None, typer.Option(help=r"Where one of several begins \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…")
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Simulated over real time.")] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Ratio of simulated to real time.")] = 1.0,
     plant: Annotated[
         str, typer.Option(help="The robot: mujoco, the name of an installed plant, or module:Class.")
     ] = "mujoco",
@@ -187,7 +187,7 @@ def teleop(
 
 
 @app.command()
-def key(file: Annotated[Path, typer.Argument(help="Where it goes; an existing file is never overwritten.")]) -> None:
+def key(file: Annotated[Path, typer.Argument(help="File to write; an existing file is never overwritten.")]) -> None:
     """Make a key for signed commands: random bytes that this user alone can read."""
     from controllers.commands.command_signature import write_key
 

@@ -37,17 +37,17 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
 
         read sensors -> estimator -> supervisor -> controller -> delay line -> joint servo -> physics
 
-    The laws get ``SensorData`` and nothing else of the plant. A command computed from the sensors of tick k reaches the
-    drivers in tick k + delay_s / timestep (rounded): the one delay line stands for the way of the measurements to the
-    computer and of the commands back. The drivers themselves read their encoders without delay.
+    The laws receive ``SensorData`` only. A command computed from the sensors of tick k reaches the drivers in tick
+    k + delay_s / timestep (rounded): the delay line represents the latency of measurements and commands together. The
+    drivers read their encoders without delay.
 
-    When built and on ``reset``, the robot is held at its base in its 'stand' posture while the sensors are averaged,
-    the estimator starts and the controller takes over; it is let go once its feet carry its weight. So time starts at
-    about one second, in mode 'stand'. The same arguments and calls give bit-identical runs.
+    At construction and on ``reset``, the base is held with the robot in its 'stand' posture while the sensors are
+    averaged, the estimator starts and the controller takes over. The base is released once the feet bear the weight, so
+    that a run starts at a time of about 1 s in mode 'stand'. The same arguments and calls give bit-identical runs.
 
     Args:
         robot: Name or path of a profile, or a loaded ``RobotModel``.
-        seed: Of the sensor noise.
+        seed: Seed of the sensor noise.
         terrain: The ground, or its name in ``models/config/terrain.yaml``.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
         payload_kg: Mass at the torso that is not in the laws' model [kg].
@@ -57,23 +57,23 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         control_period_s: Tick of estimator and controller [s], a multiple of ``timestep``.
         estimate: 'sensors', or 'truth' to replace the estimator by the true state, for tuning and diagnosis only.
         record: Keep a log.
-        record_period_s: Time between two rows of it [s]; that of ``bridge/config/closed_loop.yaml`` when None.
+        record_period_s: Time between two rows of the log [s]; that of ``bridge/config/closed_loop.yaml`` when None.
         visuals: Load meshes for pictures.
         controller: Whole-body law to use instead of a new ``BalanceController``.
         stack: Control stack to use instead of a new ``ControlStack`` with ``controller``, ``gait`` and ``calibration``.
         drivers: Joint drivers.
-        gait: How it walks; the gait of the robot when None.
+        gait: Settings of the gait; those of the robot when None.
         config: Start-up, scoring and log settings; the packaged ones when None.
-        sensor_errors: Errors of the sensors on top of those of profile and seed; ``sensor_noise`` leaves them alone.
-        calibration: Corrects the sensors; None for none.
-        faults: Faults of sensors and motors, from the moment on when the robot is let go; see ``docs/faults.md``.
-        obstacle_stop: Whether the scanner of the robot stops a walk before what ``plant.obstacle`` puts into its way.
+        sensor_errors: Sensor errors in addition to those of profile and seed; ``sensor_noise`` does not scale them.
+        calibration: Calibration of the sensors; optional.
+        faults: Faults of sensors and motors, injected at the release of the base by default; see ``docs/faults.md``.
+        obstacle_stop: Whether a walk stops when the scanner of the robot detects ``plant.obstacle`` ahead.
         start: 'stand', or 'hang' to start hanging from a crane with the feet in the air, for calibrations.
-        black_box: Folder for the files of a black box, one for each fault that damps the robot; None for none.
-        mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; None for none. It begins
-            anew with ``reset``. Needs the messages of ROS 2.
-        world: The world to live in with other robots, see ``bridge/shared_world.py``; one of its own when None.
-        name: Of the robot in that world.
+        black_box: Folder for the files of a black box, one for each fault that damps the robot; optional.
+        mcap: File for a recording that ``poise replay`` reproduces, complete at ``close``; optional. ``reset`` restarts
+            the recording. Needs the messages of ROS 2.
+        world: World shared with other robots, see ``bridge/shared_world.py``; a new one when None.
+        name: Name of the robot in that world.
 
     Attributes:
         robot: The robot.
@@ -81,7 +81,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         stack: The control stack, with its stages and inputs.
         log: Log of the run.
         events: Stamp [s] and text of commands, pushes and changes of mode.
-        black_box: The black box and the files that it has written; None without.
+        black_box: The black box, with the files that it has written; None when disabled.
 
     Raises ``ConfigError`` for an argument out of range, ``RobotModelError`` when the robot cannot be loaded,
     ``PoiseError`` when the preflight checks fail, or the feet of the held robot do not take its weight.
@@ -118,9 +118,9 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         world: MujocoWorld | None = None,
         name: str = ALONE,
     ) -> None:
-        for option, word, known in (("start", start, ("stand", "hang")), ("estimate", estimate, ("sensors", "truth"))):
-            if word not in known:
-                raise ConfigError(f"{option}: unknown '{word}'; known: {', '.join(known)}")
+        for option, value, known in (("start", start, ("stand", "hang")), ("estimate", estimate, ("sensors", "truth"))):
+            if value not in known:
+                raise ConfigError(f"{option}: unknown '{value}'; known: {', '.join(known)}")
         self.config = config or default_config(LoopConfig, "bridge", "closed_loop")
         self.robot = robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
         self.plant = MujocoPlant(
@@ -266,12 +266,12 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         return self.plant.data
 
     def reset(self, seed: int | None = None) -> None:
-        """Start over, as a new loop would; a seed replaces the present one."""
+        """Reset to the state of a new loop; a seed replaces the present one."""
         self._clear(seed)
         self._lockstep.start(seed)
 
     def hang(self, seed: int | None = None) -> None:
-        """Start over hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` stands it up."""
+        """Reset to hanging from a crane, feet in the air, mode 'off', without an estimate; ``reset`` ends it."""
         self._clear(seed)
         self._lockstep.hang(seed)
 
@@ -284,7 +284,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
 
     @property
     def calibration(self) -> Calibration | None:
-        """The calibration that the next ``reset`` or ``hang`` takes; settable."""
+        """The calibration that takes effect with the next ``reset`` or ``hang``; settable."""
         return self.stack.calibration
 
     @calibration.setter
@@ -347,7 +347,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     def inject(self, faults: Faults) -> str:
         """Inject faults into sensors and motors, their times counted from the next tick; returns a description.
 
-        Raises ``ConfigError``, and injects nothing, when they cannot be read or do not fit the robot.
+        Raises ``ConfigError``, and injects nothing, when they are invalid or do not fit the robot.
         """
         return self.plant.faults.inject(faults)
 

@@ -1,11 +1,11 @@
 """The state of a law, copied within a tick and restored bit for bit in a law that was built alike.
 
-A law keeps its state in arrays that compiled kernels write to, and in attributes. ``LawState`` finds all of it once,
-when the law has just been built: every array that owns memory, and every object of this project that can change.
-``capture`` then copies the arrays into preallocated memory and pickles the attributes that have changed: by its place
-whatever was there at the construction, by its content whatever was made since (a reference, a plan). The laws take no
-part, so a change of a law cannot leave state out. Constants are excluded: the robot, configurations, objects of other
-libraries. ``restore`` makes arrays and records of this project only, and never executes its content.
+A law keeps its state in arrays that compiled kernels write to, and in attributes. ``LawState`` searches a law once,
+when it has just been built, for every array that owns memory and every object of this project that can change.
+``capture`` then copies the arrays into preallocated memory and pickles the attributes that have changed. Objects that
+existed at construction are stored by their path, later ones (a reference, a plan) by their content. The laws contain no
+code for this, so a change of a law cannot omit state. Constants are excluded: the robot, configurations, objects of
+other libraries. ``restore`` creates arrays and records of this project only, and never executes the stored content.
 """
 
 import pickle
@@ -28,14 +28,15 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler
 
-PACKAGES = ("models", "planners", "controllers")  #: Whose objects are looked into
-_LEFT = (RobotModel, type, FunctionType, MethodType)
+PACKAGES = ("models", "planners", "controllers")  #: Packages whose objects are searched
+_CONSTANTS = (RobotModel, type, FunctionType, MethodType)  #: Classes whose objects are not searched
+#: Pickled by content without further checks
 _ATOMS = frozenset({bool, int, float, str, bytes, type(None)})
-_CONTAINERS = (list, dict, deque, set)
-#: Made once and never changed: not copied, because that takes long
+_CONTAINERS = (list, dict, deque, set)  #: Containers that can change
+#: Never changed after construction, therefore not copied: a copy takes long
 _UNCHANGING = (TrajectorySampler,)
-#: What a law hands itself within a tick; the next tick makes it anew
-_MADE_ANEW = ("builtins:method", "builtins:function")
+#: Kinds of object that each tick creates again
+_TRANSIENT = ("builtins:method", "builtins:function")
 _OTHER_VERSION = "the state of the laws is of another version of poise, or of other libraries"
 Bytes = NDArray[np.uint8]
 
@@ -44,23 +45,23 @@ Bytes = NDArray[np.uint8]
 class Captured:
     """Result of ``LawState.capture``."""
 
-    memory: list[NDArray[Any]]  # contents of the arrays
-    objects: bytes  # pickled contents of the changed objects by place
-    later: list[Any]  # copies of new arrays, and unchanging objects, that these refer to by number
+    memory: list[NDArray[Any]]  #: Contents of the arrays
+    objects: bytes  #: Pickled contents of the changed objects by path
+    later: list[Any]  #: Copies of new arrays, and unchanging objects, that these refer to by index
 
 
-class _Kept(NamedTuple):
-    """A constant: it stays as it is in the law that was built."""
+class _Constant(NamedTuple):
+    """Placeholder of a constant, which ``restore`` leaves unchanged."""
 
     kind: str
 
 
 class LawState:
-    """Location of the state of a law that has just been built, except objects in ``apart``: separate laws.
+    """Location of the state of a law that has just been built, without the separate laws in ``apart``.
 
     Attributes:
-        arrays: Arrays that own their memory, by where they were found.
-        objects: Objects, lists and dictionaries that can change, by where they were found.
+        arrays: Arrays that own their memory, by path.
+        objects: Objects, lists and dictionaries that can change, by path.
         places: Path of each array and object, by its id.
         found: Each array and object, by its path.
     """
@@ -72,7 +73,7 @@ class LawState:
         self.found: dict[str, Any] = {}
         self._apart = {id(each) for each in apart}
         self._find(law, "")
-        self._built = [_content(each).copy() for each in self.objects.values()]
+        self._initial = [_content(each).copy() for each in self.objects.values()]
 
     def _find(self, value: Any, place: str) -> None:
         if id(value) in self.places:
@@ -80,48 +81,48 @@ class LawState:
         if isinstance(value, np.ndarray):
             self._find_array(value, place)
         elif isinstance(value, _CONTAINERS):
-            self._keep(value, place)
+            self._register(value, place)
             self.objects[place] = value
             for key, each in value.items() if isinstance(value, dict) else enumerate(value):
                 self._find(each, f"{place}[{key!r}]")
         elif isinstance(value, tuple):
-            self._keep(value, place)
+            self._register(value, place)
             for i, each in enumerate(value):
                 self._find(each, f"{place}[{i}]")
-        elif self.is_looked_into(value):
-            self._keep(value, place)
+        elif self.is_searched(value):
+            self._register(value, place)
             if not is_frozen(value):
                 self.objects[place] = value
             for name, each in attributes(value).items():
                 self._find(each, f"{place}.{name}")
 
     def _find_array(self, value: NDArray[Any], place: str) -> None:
-        self._keep(value, place)
+        self._register(value, place)
         base = owner(value)
         if id(base) not in self.places:
-            self._keep(base, f"{place}^")
+            self._register(base, f"{place}^")
         if base.flags.writeable and self.places[id(base)] not in self.arrays:
             self.arrays[self.places[id(base)]] = base
 
-    def _keep(self, value: object, place: str) -> None:
+    def _register(self, value: object, place: str) -> None:
         self.places[id(value)] = place
-        self.found[place] = value  # and lives, so that its id stays its own
+        self.found[place] = value  # the reference keeps the id valid
 
-    def is_looked_into(self, value: Any) -> bool:
+    def is_searched(self, value: Any) -> bool:
         """Whether an object is of this project, and neither a constant nor apart."""
         kind: Any = type(value)
-        return is_ours(kind) and id(value) not in self._apart
+        return is_searched_class(kind) and id(value) not in self._apart
 
     def memory(self) -> list[NDArray[Any]]:
-        """Memory that ``capture`` can fill; touched, so that no page is missing later."""
+        """Memory for ``capture``, written once so that ``capture`` causes no page faults."""
         return [each.copy() for each in self.arrays.values()]
 
     def capture(self, memory: list[NDArray[Any]]) -> Captured:
-        """Copy the state; ``memory``, from ``memory()``, takes the arrays."""
+        """Copy the state, the arrays into ``memory`` of ``memory()``."""
         for copy, array in zip(memory, self.arrays.values(), strict=True):
             copy[...] = array
         changed: dict[str, Any] = {}
-        for (place, each), built in zip(self.objects.items(), self._built, strict=True):
+        for (place, each), built in zip(self.objects.items(), self._initial, strict=True):
             now = _content(each)
             if len(now) == len(built) and all(map(is_, _values(now), _values(built))):
                 continue
@@ -133,7 +134,7 @@ class LawState:
         return Captured(memory, self.pickled(changed, later), later)
 
     def pickled(self, value: Any, later: list[Any] | None = None) -> bytes:
-        """A value with references to the objects of this law; large contents go to a list, if given."""
+        """Pickle a value with references to the objects of this law; ``later``, optional, receives large contents."""
         file = BytesIO()
         _Pickler(file, self, later).dump(value)
         return file.getvalue()
@@ -145,7 +146,7 @@ class _Pickler(pickle.Pickler):
         self._law, self._later, self._numbers = law, later, dict[int, int]()
 
     def persistent_id(self, value: Any) -> Any:
-        """Place of what the law was built with, part of an array there, number or kind; None: by its content."""
+        """Path of an object, part of an array at a path, index in ``later``, or kind; None to pickle the content."""
         kind = type(value)
         if kind in _ATOMS:
             return None
@@ -160,7 +161,11 @@ class _Pickler(pickle.Pickler):
                 self._numbers[id(value)] = len(self._later)
                 self._later.append(value.copy() if isinstance(value, np.ndarray) else value)
             return self._numbers[id(value)]
-        if self._law.is_looked_into(value) or isinstance(value, _PICKLED) or any(value is each for each in _CALLED):
+        if (
+            self._law.is_searched(value)
+            or isinstance(value, _BY_CONTENT)
+            or any(value is each for each in _CONSTRUCTORS)
+        ):
             return None
         return (_name(kind),)
 
@@ -168,7 +173,7 @@ class _Pickler(pickle.Pickler):
         """Objects of this project by class and attributes."""
         if isinstance(value, Enum):
             return _make, (_name(type(value)), value.name)
-        if hasattr(value, "_asdict") or self._law.is_looked_into(value):
+        if hasattr(value, "_asdict") or self._law.is_searched(value):
             return _make, (_name(type(value)), attributes(value))
         return NotImplemented
 
@@ -185,12 +190,12 @@ class _Unpickler(pickle.Unpickler):
         if isinstance(pid, int):
             return self._later[pid]
         if len(pid) == 1:
-            return _Kept(*pid)
+            return _Constant(*pid)
         place, begin, kind, shape, strides = pid
         return np.ndarray(shape, np.dtype(kind), self._law.found[place], begin, strides)
 
     def find_class(self, module: str, name: str) -> Any:
-        """What makes arrays and records; nothing else is called."""
+        """Constructor of arrays or records; ``PoiseError`` for any other name."""
         if (maker := _MAKERS.get((module, name))) is None:
             raise PoiseError(f"the state of the laws holds '{module}:{name[:64]}', which is not known")
         return maker
@@ -214,15 +219,15 @@ def _make(name: str, content: Any) -> Any:
     return made
 
 
-_CALLED: tuple[Any, ...] = (
+_CONSTRUCTORS: tuple[Any, ...] = (
     *(np.zeros(1).__reduce_ex__(protocol)[0] for protocol in (2, 5)),
     np.float64().__reduce__()[0],
     *(np.ndarray, np.dtype, deque, set, _make),
 )
-#: All that is called to make a state: NumPy's functions for arrays and numbers, containers, and objects of this project
-_MAKERS = {(maker.__module__, maker.__qualname__): maker for maker in _CALLED}
-#: By content, besides own objects
-_PICKLED = (tuple, *_CONTAINERS, Enum, np.ndarray, np.generic, np.dtype, pickle.PickleBuffer)
+#: Everything that unpickling may call: NumPy's functions for arrays and numbers, containers, objects of this project
+_MAKERS = {(maker.__module__, maker.__qualname__): maker for maker in _CONSTRUCTORS}
+#: Pickled by content, as are objects of this project
+_BY_CONTENT = (tuple, *_CONTAINERS, Enum, np.ndarray, np.generic, np.dtype, pickle.PickleBuffer)
 
 
 def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
@@ -250,19 +255,19 @@ def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
     for array, copy in zip(law.arrays.values(), memory, strict=True):
         array[...] = copy
     for target, contents in zip(targets, changed.values(), strict=True):
-        _put(target, contents)
+        _assign(target, contents)
 
 
-def _put(target: Any, contents: tuple[Any, ...]) -> None:
+def _assign(target: Any, contents: tuple[Any, ...]) -> None:
     """Replace the items of a container or the attributes of an object."""
     if isinstance(target, _CONTAINERS) and not isinstance(target, dict):
         old = [*target, *[None] * len(contents)]
-        items = [_settled(*pair) for pair in zip(contents, old, strict=False)]
+        items = [_resolve(*pair) for pair in zip(contents, old, strict=False)]
         target.clear()
         (target.update if isinstance(target, set) else target.extend)(items)
         return
     before = _content(target)
-    pairs = {name: _settled(each, before.get(name)) for name, each in contents}
+    pairs = {name: _resolve(each, before.get(name)) for name, each in contents}
     if isinstance(target, dict):
         target.clear()
         target.update(pairs)
@@ -271,11 +276,11 @@ def _put(target: Any, contents: tuple[Any, ...]) -> None:
             object.__setattr__(target, name, each)
 
 
-def _settled(value: Any, old: Any) -> Any:
-    """A restored value, or the one there where it is a constant."""
-    if not isinstance(value, _Kept):
+def _resolve(value: Any, old: Any) -> Any:
+    """The restored value, or the present one of a constant."""
+    if not isinstance(value, _Constant):
         return value
-    if old is None and value.kind not in _MADE_ANEW:
+    if old is None and value.kind not in _TRANSIENT:
         raise PoiseError(f"the state of the laws holds '{value.kind[:64]}', which cannot be put back")
     return old
 
@@ -309,10 +314,10 @@ def owner(array: NDArray[Any]) -> NDArray[Any]:
 
 
 @cache
-def is_ours(kind: Any) -> bool:
+def is_searched_class(kind: Any) -> bool:
     """Whether objects of a class are of this project, and neither a robot nor a node."""
     ours = kind.__module__.split(".", 1)[0] in PACKAGES and ".nodes" not in kind.__module__
-    return ours and not issubclass(kind, (*_LEFT, Enum))
+    return ours and not issubclass(kind, (*_CONSTANTS, Enum))
 
 
 def is_frozen(value: object) -> bool:
@@ -335,13 +340,13 @@ def attributes(value: object) -> dict[str, Any]:
     return found if own is None else found | own
 
 
-_SLOTS: dict[type, tuple[str, ...]] = {}
+_SLOTS: dict[type, tuple[str, ...]] = {}  #: Results of ``_slots`` by class
 
 
 def _slots(kind: type) -> tuple[str, ...]:
-    """Names of the slots of a class and those it comes from."""
+    """Names of the slots of a class and its bases."""
     if kind not in _SLOTS:
-        each = [vars(one).get("__slots__", ()) for one in kind.__mro__]
+        each = [vars(base).get("__slots__", ()) for base in kind.__mro__]
         names = [name for slots in each for name in ((slots,) if isinstance(slots, str) else slots)]
         _SLOTS[kind] = tuple(name for name in names if name not in ("__dict__", "__weakref__"))
     return _SLOTS[kind]

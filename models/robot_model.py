@@ -16,20 +16,19 @@ from models.types import FOOT_NAMES, Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
 SOLE_FRAMES = ("l_sole", "r_sole")  #: REP-120 names of the sole frames, in the order of ``FOOT_NAMES``
-_BASE_NV = 6
-_BASE_NQ = 7
+_BASE_NV, _BASE_NQ = 6, 7  #: Sizes of the base in a velocity and in a configuration
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
     """One foot."""
 
-    name: str  # 'left' or 'right'
-    link: str  # link of the URDF with the sole
-    frame_id: int  # pinocchio frame of the sole: origin in the sole plane, x forward, z up
-    rectangle: tuple[float, float, float, float]  # contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
-    friction: float  # nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
-    joint_ids_v: tuple[int, ...]  # indices into v of the leg's joints, from base to foot
+    name: str  #: 'left' or 'right'
+    link: str  #: Link of the URDF with the sole
+    frame_id: int  #: Pinocchio frame of the sole: origin in the sole plane, x forward, z up
+    rectangle: tuple[float, float, float, float]  #: Contact rectangle x_min, x_max, y_min, y_max in the sole frame [m]
+    friction: float  #: Nominal Coulomb coefficient of sole on floor [-]; a controller applies its margin
+    joint_ids_v: tuple[int, ...]  #: Indices into v of the leg's joints, from base to foot
 
     @property
     def corners(self) -> Matrix:
@@ -48,7 +47,7 @@ class RobotModel:
 
     Attributes:
         name: Short name of the robot.
-        profile: The profile it was built from.
+        profile: Profile of the robot.
         urdf: Path of the URDF.
         pin: Pinocchio model, free flyer first; its armature is set, so ``pin.crba`` includes rotor inertia.
         nq: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj).
@@ -86,14 +85,14 @@ class RobotModel:
         self.q_lower = _frozen(self.pin.lowerPositionLimit[_BASE_NQ:])
         self.q_upper = _frozen(self.pin.upperPositionLimit[_BASE_NQ:])
         urdf_v, urdf_tau = self.pin.velocityLimit[_BASE_NV:], self.pin.effortLimit[_BASE_NV:]
-        self.v_max = _frozen(_or(j.velocity_limit, urdf_v[i]) for i, (j, _) in enumerate(drives))
-        self.tau_max = _frozen(_or(j.torque_limit, urdf_tau[i]) for i, (j, _) in enumerate(drives))
+        self.v_max = _frozen(_or_default(j.velocity_limit, urdf_v[i]) for i, (j, _) in enumerate(drives))
+        self.tau_max = _frozen(_or_default(j.torque_limit, urdf_tau[i]) for i, (j, _) in enumerate(drives))
         self.tau_rate_max = _frozen(m.torque_rate for _, m in drives)
         self.armature = _frozen(m.armature for _, m in drives)
         self.damping = _frozen(m.damping for _, m in drives)
         self.frictionloss = _frozen(m.frictionloss for _, m in drives)
-        self.kp = _frozen(_or(j.kp, m.kp) for j, m in drives)
-        self.kd = _frozen(_or(j.kd, m.kd) for j, m in drives)
+        self.kp = _frozen(_or_default(j.kp, m.kp) for j, m in drives)
+        self.kd = _frozen(_or_default(j.kd, m.kd) for j, m in drives)
         self.pin.armature = np.concatenate([np.zeros(_BASE_NV), self.armature])
         self.pin.velocityLimit = np.concatenate([self.pin.velocityLimit[:_BASE_NV], self.v_max])
         self.pin.effortLimit = np.concatenate([self.pin.effortLimit[:_BASE_NV], self.tau_max])
@@ -127,7 +126,7 @@ class RobotModel:
         return tuple(self._postures)
 
     def data(self) -> pin.Data:
-        """A fresh Pinocchio workspace."""
+        """New Pinocchio workspace."""
         return self.pin.createData()
 
     def frame_id(self, name: str) -> int:
@@ -151,7 +150,7 @@ class RobotModel:
         return self._postures[name]
 
     def joint_index(self, name: str) -> int:
-        """Position of a joint in every joint vector; JointNameError when there is no such joint."""
+        """Position of a joint in every joint vector; ``JointNameError`` when there is no such joint."""
         if name not in self._index:
             raise JointNameError(f"{self.name}: unknown joint '{name}'")
         return self._index[name]
@@ -215,7 +214,7 @@ class RobotModel:
         return ids
 
     def link_frame_id(self, link: str, user: str) -> int:
-        """Pinocchio id of a link of the URDF; ``user`` is what refers to it, for the error message.
+        """Pinocchio id of a link of the URDF; ``user`` names the reference to it in the error message.
 
         Raises:
             RobotModelError: The URDF has no such link.
@@ -256,7 +255,7 @@ def _sole_frame(sole: Sole) -> Frame:
     return Frame(link=sole.link, xyz=sole.xyz, rpy=sole.rpy)
 
 
-def _or(value: float | None, default: float) -> float:
+def _or_default(value: float | None, default: float) -> float:
     return float(default) if value is None else value
 
 

@@ -31,9 +31,9 @@ T = TypeVar("T")
 Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
 
-ROOT = Path(__file__).resolve().parents[1]  # folder of the benchmarks
-SECTION = "bench"  # key of the descriptions in a benchmark's YAML file
-ROUNDING = 1e-9  # relative error of sums by which a figure may miss its bound [-]
+ROOT = Path(__file__).resolve().parents[1]  #: Folder of the benchmarks
+SECTION = "bench"  #: Key of the descriptions in a benchmark's YAML file
+ROUNDING = 1e-9  #: Relative rounding error by which a figure may miss its bound [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def at_least(limits: Mapping[str, float]) -> dict[str, Bound]:
 
 @schema(frozen=True, slots=True, config=STRICT)
 class Part:
-    """What a suite measures of a benchmark: robots, number of seeds, and chosen scenarios (the usual ones if empty)."""
+    """Part of a benchmark that a suite measures: robots, number of seeds, and scenarios (the usual ones if empty)."""
 
     robots: tuple[str, ...]
     seeds: Count = 1

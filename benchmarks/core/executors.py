@@ -20,7 +20,7 @@ from models.errors import PoiseError, WorkersError
 from models.nodes.realtime import die_with_parent
 from models.numerics.threads import use_one_thread
 
-Case = dict[str, Any]  # one measured case: its inputs (seed, direction, ...) and outcome, as plain JSON values
+Case = dict[str, Any]  #: One measured case: its inputs (seed, direction, ...) and outcome, as plain JSON values
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +42,13 @@ class Done:
 
 
 class Clock:
-    """Times a case of this process, from when it is made."""
+    """Measures wall and processor time of a case of this process, from its construction."""
 
     def __init__(self) -> None:
         self._wall, self._cpu = time.monotonic(), time.process_time()
 
     def done(self, outcome: Case) -> Done:
-        """The case, just finished."""
+        """Record of the case that has just finished."""
         seconds, cpu = time.monotonic() - self._wall, time.process_time() - self._cpu
         load = round(os.getloadavg()[0], 2)
         where = machine(), source_state(), versions(), socket.gethostname()
@@ -61,13 +61,13 @@ def measured(measure: Callable[..., Case], case: Case) -> Done:
     return clock.done(measure(**case))
 
 
-def measured_elsewhere(module: str, name: str, case: Case, asked: tuple[str, dict[str, str]]) -> Done:
-    """Measure one case on another machine; ``WorkersError`` when revision or packages differ from those ``asked`` for.
+def measured_elsewhere(module: str, name: str, case: Case, expected: tuple[str, dict[str, str]]) -> Done:
+    """Measure one case on another machine; ``WorkersError`` when revision or packages differ from the ``expected``.
 
     The function is passed by module and name, because a scheduler that unpickles a function imports all its
     dependencies.
     """
-    if why := difference((source_state(), versions()), asked):
+    if why := difference((source_state(), versions()), expected):
         raise WorkersError(f"a worker on {socket.gethostname()} {why}")
     return measured(attrgetter(name)(import_module(module)), case)
 
@@ -89,11 +89,11 @@ class Executor(AbstractContextManager["Executor"]):
         """End the workers and their helpers until the next cases."""
 
 
-DEATHS_ALLOWED = 3  # deaths of workers in a row, without a finished case, that end the sweep
+DEATHS_ALLOWED = 3  #: Deaths of workers in a row, without a finished case, that end the sweep
 
 
 class InProcess(Executor):
-    """One case after another, here."""
+    """Measures one case after another in this process."""
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         """See ``Executor``."""
@@ -127,7 +127,7 @@ class ProcessPool(Executor):
             before = len(left)
             try:
                 futures = self._submit(measure, left.items())
-            except BrokenProcessPool:  # one has died while it had nothing to do, or has just died
+            except BrokenProcessPool:  # a worker died while idle, or just now
                 futures = {}
             try:
                 for future in as_completed(futures):

@@ -20,12 +20,12 @@ from benchmarks.core.provenance import configuration, difference, revision, sour
 from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, nulled, plain, with_nan
 from models.errors import ConfigError, WorkersError
 
-__all__ = ["Case"]  # what every benchmark takes from here
+__all__ = ["Case"]  # re-exported for the benchmarks
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """How all benchmarks of a run measure and keep cases."""
+    """Executor and store of the cases of all benchmarks of a run."""
 
     executor: Executor | None = None  #: Measures them; None for workers of each benchmark
     results: ResultsFile | None = None  #: Finished cases; optional
@@ -33,29 +33,25 @@ class Sweep:
     began: Callable[[Sequence[str]], None] = lambda keys: None
 
     def rest(self) -> None:
-        """End the workers until they are needed, and the thread that speaks with them, which takes the interpreter."""
+        """End the workers until the next cases, and the thread that serves them: it would disturb timing here."""
         if self.executor is not None:
             self.executor.rest()
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Command-line options of every benchmark.
+    """Command-line options of every benchmark."""
 
-    ``robot`` is a profile's name or path; seeds are 0 .. seeds - 1; all scenarios when empty; poise itself without a
-    contender ``module:Class``.
-    """
-
-    robot: str = "g1"
-    seeds: int = 1
-    workers: int = 1
-    scenarios: tuple[str, ...] = ()
-    contender: str = ""
-    sweep: Sweep = field(default_factory=Sweep)
+    robot: str = "g1"  #: Profile, by name or path
+    seeds: int = 1  #: Number of seeds; these are 0 .. seeds - 1
+    workers: int = 1  #: Worker processes; with one, cases are measured in this process
+    scenarios: tuple[str, ...] = ()  #: Chosen scenarios; the usual ones if empty
+    contender: str = ""  #: Controller to test instead of poise, as ``module:Class``; poise if empty
+    sweep: Sweep = field(default_factory=Sweep)  #: Executor and store of the cases
 
 
 def chosen(bench: str, scenarios: Sequence[str], known: Sequence[str], usual: Sequence[str] | None = None) -> list[str]:
-    """Scenarios of the user, else the ``usual`` ones, else all ``known``; ``ConfigError`` lists the known ones."""
+    """Chosen scenarios, else the ``usual`` ones, else all ``known``; ``ConfigError`` lists the known ones."""
     unknown = [name for name in scenarios if name not in known]
     if unknown:
         raise ConfigError(f"bench {bench}: unknown scenario '{unknown[0]}'; known: {', '.join(known)}")
@@ -78,7 +74,7 @@ class Report:
 
     @property
     def who(self) -> str:
-        """Whose figures these are, for titles: the robot, and the contender where it was not poise that moved it."""
+        """Subject of the figures, for titles: the robot, and the contender if one was tested."""
         return f"{self.robot}, contender {self.contender}" if self.contender else self.robot
 
     def to_dict(self) -> dict[str, Any]:
@@ -131,7 +127,7 @@ def collect(
     silent: bool = False,
     console: Console | None = None,
 ) -> list[Case]:
-    """Take finished cases from the sweep's file, measure the others, and write each as soon as it is done.
+    """Read finished cases from the sweep's file, measure the others, and write each as soon as it is done.
 
     Args:
         produce: Given the inputs of the remaining cases, yields the index of each with its outcome.
@@ -154,13 +150,13 @@ def collect(
     known = {key: file.case(key) for key in inputs} if file else {}
     results = {key: case for key, case in known.items() if case is not None}
     options.sweep.began(keys)
-    left = [key for key in inputs if key not in results]
+    remaining = [key for key in inputs if key not in results]
     shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
     columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
     with progress.Progress(*columns, console=console or Console(stderr=True), disable=silent) as bar:
         task = bar.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
-        for index, done in produce([inputs[key] for key in left]):
-            key = left[index]
+        for index, done in produce([inputs[key] for key in remaining]):
+            key = remaining[index]
             results[key] = plain({**inputs[key], **done.outcome})
             if why := difference((done.revision, done.versions), (source_state(), versions())):
                 raise WorkersError(f"bench {bench}: a worker on {done.host} {why}")
@@ -187,29 +183,29 @@ def run_cases(
     With ``alone`` cases run one after another in this process, without workers and progress bar, for timing.
     """
 
-    def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        given = options.sweep.executor
+    def produce(remaining: Sequence[Case]) -> Iterator[tuple[int, Done]]:
+        executor = options.sweep.executor
         if alone:
-            if left:
+            if remaining:
                 options.sweep.rest()
-            given = InProcess()
-        if given is not None:
-            yield from given.run(measure, left)
+            executor = InProcess()
+        if executor is not None:
+            yield from executor.run(measure, remaining)
             return
-        with local_executor(options.workers) as own:
-            yield from own.run(measure, left)
+        with local_executor(options.workers) as executor:
+            yield from executor.run(measure, remaining)
 
     return collect(produce, cases, bench=bench, options=options, silent=alone, console=console)
 
 
 def write_json(report: Report, path: Path) -> None:
-    """Write the report; numbers that JSON has no word for (NaN, infinity) become null."""
+    """Write the report; NaN and infinity, which JSON lacks, become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(nulled(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Report:
-    """Read what ``write_json`` wrote; null becomes NaN, notes are not kept; ``ConfigError`` when it is no report."""
+    """Read what ``write_json`` wrote; null becomes NaN, notes are not kept; ``ConfigError`` for any other file."""
     try:
         found = with_nan(json.loads(path.read_text(encoding="utf-8")))
         kept = ("bench", "robot", "seeds", "figures", "cases", "passed", "load")

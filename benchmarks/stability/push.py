@@ -1,8 +1,8 @@
 """Largest push that a standing robot takes without a step, beside the bound of the ankle strategy.
 
 The bound is ``push_bounds.ankle_bound`` with the distance from the centre of pressure at rest to the edge of the
-support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso. Beside it stands
-the bound that the joints' torques leave of it (``push_bounds.torque_bound``).
+support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso. A second bound
+follows from the torque limits of the joints (``push_bounds.torque_bound``).
 """
 
 import math
@@ -34,19 +34,20 @@ from models.types import RobotState, Vector
 
 
 class PushMode(StrEnum):
-    """What a robot that is pushed does meanwhile."""
+    """Task of the robot while it is pushed."""
 
-    STAND = "stand"  # keeps its feet where they are
-    CATCH = "catch"  # stands in mode 'stand' and may step
-    STEP = "step"  # stands in mode 'walk' and may step
-    WALK = "walk"
+    STAND = "stand"  #: Stands without a step
+    CATCH = "catch"  #: Stands in mode 'stand' and may step
+    STEP = "step"  #: Stands in mode 'walk' and may step
+    WALK = "walk"  #: Walks
 
 
+#: Headings of 0, 45, ... 315 deg, counter-clockwise
 _NAMES = ("forward", "forward-left", "left", "back-left", "backward", "back-right", "right", "forward-right")
 
 
 def direction_name(angle: float) -> str:
-    """What a heading relative to the robot's [rad] is called: a word where there is one, degrees otherwise."""
+    """Name of a heading relative to the robot's [rad]: a word for multiples of 45 deg, degrees otherwise."""
     eighth = angle / (0.25 * math.pi)
     if abs(eighth - round(eighth)) < 1e-6:  # 1e-6: rounding
         return _NAMES[round(eighth) % len(_NAMES)]
@@ -60,21 +61,21 @@ def angles(bench: str, count: int, names: Sequence[str] = ()) -> list[float]:
     return [angle for name, angle in known.items() if name in selected]
 
 
-RINGS = (0.25, 0.5)  # between two rings of the map; the wider where there would be many [m/s]
-MOST_RINGS = 4  # rings that a map is readable with
-Line = tuple[str, str, dict[str, Any]]  # key of a case [m/s], label, and style of a closed line of the map
-Circle = tuple[str, float, dict[str, Any]]  # label, value [m/s] and style of what holds for all directions
+RINGS = (0.25, 0.5)  #: Distances of the rings of the map; the second where the first gives too many [m/s]
+MOST_RINGS = 4  #: Largest number of rings of a readable map
+Line = tuple[str, str, dict[str, Any]]  #: Key of a case [m/s], label, and style of a closed line of the map
+Circle = tuple[str, float, dict[str, Any]]  #: Label, value [m/s] and style of a value for all directions
 
 
 @dataclass(frozen=True, slots=True)
 class PushMap:
-    """What a map shows."""
+    """Content of a push map."""
 
     #: With ``angle`` [rad], ``mass`` [kg] and the keys of the lines; the smallest of each angle counts
     cases: Sequence[Case]
     lines: Sequence[Line]  #: The last is the push taken, and is filled
     circles: Sequence[Circle]  #: Values for all directions
-    title: str  #: What the robot does meanwhile
+    title: str  #: Task of the robot during the push
 
 
 def draw_rings(axes: PolarAxes, shown: PushMap) -> None:
@@ -102,7 +103,7 @@ def draw_rings(axes: PolarAxes, shown: PushMap) -> None:
 
 
 def draw_map(report: Report, shown: PushMap, remarks: Sequence[str], file: Path) -> Path:
-    """Draw a map with lines of remarks below, and return its file."""
+    """Draw a map with lines of remarks below; returns its file."""
     figure = new_figure(9.5, 7.0 + 0.14 * len(remarks))
     grid = figure.add_gridspec(2, 2, height_ratios=[7.0, 0.14 * len(remarks)], width_ratios=[7.0, 2.5])
     axes = cast(PolarAxes, figure.add_subplot(grid[0, 0], projection="polar"))
@@ -122,7 +123,7 @@ def draw_map(report: Report, shown: PushMap, remarks: Sequence[str], file: Path)
 
 @schema(frozen=True, slots=True, config=STRICT)
 class PushConfig:
-    """The push test; the unit of every value stands in ``benchmarks/config/push.yaml``."""
+    """The push test; the units are those of ``benchmarks/config/push.yaml``."""
 
     body: str
     directions: Annotated[int, Field(ge=1)]
@@ -144,7 +145,7 @@ class PushConfig:
 
 @cache
 def _loop(robot: str, contender: str = "") -> ClosedLoop:
-    """One loop for every push of this process; ``reset`` starts it over as a new one would."""
+    """Closed loop shared by every push of this process; each push begins with ``reset``."""
     if contender:
         return ContenderLoop(contender, robot)
     loop = ClosedLoop(robot=robot, record=False)
@@ -179,8 +180,8 @@ def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender
         moved = float(np.linalg.norm(now.soles - before.soles, axis=1).max())
         if loop.fallen or moved > config.foot_tolerance:
             return False
-    back = float(np.linalg.norm(now.com[:2] - before.com[:2])) < config.com_tolerance
-    return back and float(np.linalg.norm(now.com_velocity)) < config.speed_tolerance
+    returned = float(np.linalg.norm(now.com[:2] - before.com[:2])) < config.com_tolerance
+    return returned and float(np.linalg.norm(now.com_velocity)) < config.speed_tolerance
 
 
 def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
@@ -211,7 +212,7 @@ def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
     loop.reset(seed)
     loop.run(config.settle_time - config.rest_time)
     bound, distance = bound_at_rest(loop, direction, config)
-    torques = torque_bound(loop.robot, loop.truth.q, direction, config.duration)
+    limit = torque_bound(loop.robot, loop.truth.q, direction, config.duration)
     search = Search(config.first_ratio, config.largest_ratio, config.stride, config.resolution)
     ratio, pushes = largest(lambda part: survives(robot, seed, part * bound * direction, config, contender), search)
     to_dv = config.duration / loop.robot.mass
@@ -219,8 +220,8 @@ def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
         "force": ratio * bound,
         "bound": bound,
         "ratio": ratio,
-        "torque_bound": torques,
-        "torque_ratio": ratio * bound / torques,
+        "torque_bound": limit,
+        "torque_ratio": ratio * bound / limit,
         "dv": ratio * bound * to_dv,
         "bound_dv": bound * to_dv,
         "mass": loop.robot.mass,
@@ -230,7 +231,7 @@ def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
 
 
 def push_map(report: Report) -> PushMap:
-    """The map of what ``run`` found: impulse over mass against the direction of the push, with the ankle bound."""
+    """Map of a report: impulse over mass by direction of the push, with the ankle bound."""
     required = _config().required_ratio
     lines = (
         ("bound_dv", "ankle bound", {"color": "0.35", "linestyle": "--"}),
@@ -269,7 +270,7 @@ class Push(Benchmark):
         return figures
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """The least part of the ankle bound."""
+        """Smallest allowed ratio to the ankle bound."""
         return at_least({"ratio_to_ankle_bound_min": _config().required_ratio})
 
     def notes(self, report: Report) -> list[str]:

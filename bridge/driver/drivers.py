@@ -24,8 +24,8 @@ class Drivers:
 
     Attributes:
         servo: The law of the drivers.
-        encoder_offsets: Subtracted from the encoders (nj,) [rad]; optional. To be changed at the start only: joints
-            whose reading jumps are pulled.
+        encoder_offsets: Subtracted from the encoders (nj,) [rad]; optional. Change them at the start only: when
+            a reading jumps, the drives move the joint.
         stale: Time since the last new sample [s].
         interruptions: Number of times that commands ceased while the robot was held.
     """

@@ -10,7 +10,7 @@ from rclpy.utilities import ok
 from models.errors import ConfigError
 from models.nodes.spin import Stop
 
-_NANO = 1e-9
+_NANO = 1e-9  #: One nanosecond [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
-ASK_AGAIN_NS = 20_000_000  #: Lockstep: time without an answer after which the tick's sensors are published again [ns]
+RETRY_PERIOD_NS = 20_000_000  #: Lockstep: time without a command after which the sensors are published again [ns]
 
 
 class Paced(Protocol):
@@ -106,7 +106,7 @@ class Paced(Protocol):
         """Count skipped ticks, possibly none."""
 
     def idle(self) -> None:
-        """Publish a sign of life; called regularly while the plant's time stands still."""
+        """Publish a heartbeat; called regularly while the plant's time stands still."""
 
 
 def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
@@ -144,10 +144,10 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
 
 def _await_answer(executor: Any, node: Paced, stop: Stop) -> None:
     """Serve callbacks until the command of this tick has arrived; publish the sensors again when none comes."""
-    again = time.monotonic_ns() + ASK_AGAIN_NS
+    retry_at = time.monotonic_ns() + RETRY_PERIOD_NS
     while ok() and not stop.requested and node.running and not node.answered and not node.free_running:
-        executor.spin_once(timeout_sec=ASK_AGAIN_NS * 1e-9)
-        if time.monotonic_ns() >= again and not node.answered:
-            again = time.monotonic_ns() + ASK_AGAIN_NS
+        executor.spin_once(timeout_sec=RETRY_PERIOD_NS * _NANO)
+        if time.monotonic_ns() >= retry_at and not node.answered:
+            retry_at = time.monotonic_ns() + RETRY_PERIOD_NS
             node.publish_tick(0.0)
             node.idle()

@@ -41,7 +41,7 @@ from models.types import SensorData, Vector
 
 
 class CommandInput:
-    """Accepts commands computed from recent sensors; refuses the rest by name.
+    """Passes modes, and commands computed from recent sensors, to the drivers; refuses others with the reason.
 
     A command is refused when its sensors are older than ``max_age`` [ns]; ``period`` is the tick [ns]. ``probe``
     records arrivals, optional; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
@@ -133,7 +133,7 @@ class ScanTopic:
 
     def __init__(self, node: PoiseNode, plant: MujocoPlant, *, seed: int, noise: float, reliable: bool) -> None:
         self._plant = plant
-        self._last = self._ticks = 0
+        self._last = self._ticks = 0  # last stamp [ns]; ticks between two scans, 0 without a scanner
         if plant.robot.profile.sensors.scan is None:
             return
         self._scanner = LaserScanner(plant, seed, noise)
@@ -142,7 +142,7 @@ class ScanTopic:
         self._publisher = node.announce(LaserScan, topics.SCAN, sensor(reliable=reliable))
 
     def publish(self, tick: int, stamp: int) -> None:
-        """Publish the scan of a tick with a stamp [ns], once, where due."""
+        """Publish the scan of a tick with a stamp [ns], at most once, when one is due."""
         if not self._ticks or tick % self._ticks or stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = stamp
@@ -215,7 +215,7 @@ class TruthTopics:
             self._joints.publish(self._joint_codec.encode(stamp, truth.q[7:], truth.v[6:], truth.tau))
 
 
-SCENARIO = "faults.scenario"
+SCENARIO = "faults.scenario"  #: Parameter with the faults that the service ``faults/inject`` injects
 
 
 class SimulationServices:
@@ -225,7 +225,7 @@ class SimulationServices:
       while it is held or its drivers are off; ``obstacle`` places the box of the terrain at ``obstacle.place``.
     - ``reset``, ``push``, ``faults/inject``, ``faults/clear`` (Trigger): with the present parameters ``push.*`` and
       ``faults.scenario``.
-    - Topic ``push`` (WrenchStamped): force in W on the body ``header.frame_id`` for ``push.duration``.
+    - Topic ``push`` (WrenchStamped): force in W [N] on the body ``header.frame_id`` for ``push.duration``.
 
     ``restart`` resets the robot to its start, or (True) hangs it up; ``pause`` stops (True) or resumes simulated time.
     """

@@ -55,6 +55,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
 
 
 START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
+SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]
 RESTARTS_MAX = 5  #: Restarts of one process after which the launcher gives up
 
@@ -73,10 +74,10 @@ class Graph:
         parameters: Further parameters by node.
         specs: Processes in the order of their start; those of ``process_specs`` when None.
         activation: Nodes in the order of their activation; that of ``activation_order`` when None.
-        calibration: Folder of the calibration files; temporary when None, because the user's are for another robot.
+        calibration: Folder of the calibration files; temporary when None, because the user's may be for another robot.
         log: File for the processes' output; this process's output when None.
         namespace: Of every node, topic and service; empty for none.
-        say: Prints one line about an event.
+        say: Called with one line about each event.
         plant: Process of ``robot_driver`` that several graphs share; it is supervised, not run.
 
     Attributes:
@@ -151,7 +152,7 @@ class Graph:
         self.close()
 
     def close(self) -> None:
-        """End every process and leave ROS."""
+        """End every process and shut down rclpy."""
         self.exit_codes.update(stop_all(self._processes[::-1]))
         if self._output is not None:
             self._output.close()
@@ -166,10 +167,10 @@ class Graph:
         return {process.spec.module: process.pid for process in self._processes}
 
     def spin(self, duration: float) -> None:
-        """Serve callbacks and supervise for a time [s]; ``PoiseError`` when a process cannot be kept up."""
+        """Serve callbacks and supervise for a time [s]; ``PoiseError`` when one cannot be restarted."""
         end = time.monotonic() + duration
         while time.monotonic() < end:
-            self._tick(min(0.05, max(end - time.monotonic(), 0.0)))
+            self._tick(min(SPIN_TIMEOUT, max(end - time.monotonic(), 0.0)))
             for process in [each for each in self._processes if each.exit_code is not None]:
                 self._restart(process)
 
@@ -228,7 +229,7 @@ class Graph:
             self._change(BRIDGE.nodes, transition)
 
     def _restart(self, process: GraphProcess) -> None:
-        """Restart a crashed process and bring its nodes up; the others go on."""
+        """Restart a crashed process and bring its nodes up; the others continue."""
         if not count_restart(process, self._say):
             self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
             self._processes.remove(process)
@@ -250,7 +251,7 @@ class Graph:
 
         change_state(self.node, spin, names, transition, START_TIMEOUT)
 
-    def _tick(self, timeout: float = 0.05) -> None:
+    def _tick(self, timeout: float = SPIN_TIMEOUT) -> None:
         self._executor.spin_once(timeout_sec=timeout)
 
     def _on_mode(self, message: String) -> None:
@@ -274,9 +275,9 @@ def up(
 ) -> int:
     """Run the graph until SIGINT or SIGTERM, or for a ``duration`` [s].
 
-    Actions and the camera run in separate processes; actions are left out without their types. Other arguments and
-    options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the graph
-    cannot be kept up.
+    Actions and the camera run in separate processes; actions are omitted when their types are missing. Other arguments
+    and options are those of ``Graph``. Returns the exit code: 0 after a signal or the end of ``duration``, 1 when the
+    graph cannot be kept running.
     """
 
     def make(say: Callable[[str], object]) -> Graph:
@@ -287,7 +288,7 @@ def up(
 
 
 def actions_possible(requested: bool, say: Callable[[str], object]) -> bool:
-    """Whether actions are requested and their types exist; ``say`` takes what is missing otherwise."""
+    """Whether actions are requested and their types exist; otherwise ``say`` receives what is missing."""
     if requested and (missing := missing_types()):
         say(f"no actions: {missing}")
         return False

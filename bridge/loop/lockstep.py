@@ -1,4 +1,4 @@
-"""One tick of everything: sensors, estimator, supervisor, controller, delay line, drivers, physics, scores."""
+"""One tick of the closed loop: sensors, estimator, supervisor, controller, delay line, drivers, physics, scores."""
 
 from __future__ import annotations
 
@@ -74,9 +74,9 @@ class PlantMonitor:
         if not upright >= math.cos(self._config.fall_tilt):
             return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
         pairs = data.contact.geom  # (ncon, 2)
-        strange = self._is_floor[pairs].any(axis=1) & self._is_limb[pairs].any(axis=1)
-        if strange.any():
-            pair = pairs[int(np.flatnonzero(strange)[0])]
+        forbidden = self._is_floor[pairs].any(axis=1) & self._is_limb[pairs].any(axis=1)
+        if forbidden.any():
+            pair = pairs[int(np.flatnonzero(forbidden)[0])]
             body = self._plant.model.geom_bodyid[pair[0] if self._is_floor[pair[1]] else pair[1]]
             return f"{mujoco.mj_id2name(self._plant.model, mujoco.mjtObj.mjOBJ_BODY, body)} touches the floor"
         return ""
@@ -105,13 +105,13 @@ class Lockstep:
     """The laws and the plant, advanced together.
 
     Args:
-        plant: Simulated robot; the stack gets its ``SensorData`` only.
+        plant: Simulated robot; the stack receives its ``SensorData`` only.
         stack: Control stack.
         config: Start-up and supervision.
-        control_ticks: Physics ticks to a tick of estimator and controller.
+        control_ticks: Physics ticks per tick of estimator and controller.
         delay_ticks: Physics ticks from a measurement to the arrival of its command in the drivers.
         use_truth: Whether the true state replaces the estimate.
-        note: Takes a sentence about what happened.
+        note: Called with the text of each event.
         after_tick: Called at the end of every tick.
         recorder: Writes inputs and outputs of the stack into a file; optional.
         drivers: Joint drivers.
@@ -121,9 +121,9 @@ class Lockstep:
         stack: Control stack.
         monitor: Fall and slip of the true robot.
         servo: Drivers.
-        stamp: Of the tick of the last sample that the stack got [ns].
+        stamp: Time of the tick in which the stack received its last sample [ns].
         tick: Ticks since the controller took over.
-        listener: Gets every sample as measured, uncorrected; optional.
+        listener: Called with every sample as measured, uncorrected; optional.
         hanging: Whether the robot hangs from the crane and only its drivers run.
     """
 
@@ -155,18 +155,18 @@ class Lockstep:
         self._supervise_ticks = max(round(config.supervise_period / plant.period), 1)
         self._use_truth = use_truth
         self._note, self._after_tick = note, after_tick
-        self._hang = hanging_command(plant.robot)
+        self._hanging_command = hanging_command(plant.robot)
         self._queue: deque[tuple[int, JointCommand]] = deque()
 
     def start(self, seed: int | None = None) -> None:
-        """Reset everything; hang, average, hand over to the controller, and let go when the feet carry the robot.
+        """Reset, average the sensors of the held robot, start the stack, and release once the feet bear the weight.
 
         Raises:
-            PoiseError: The preflight checks fail, the feet do not take the weight within ``settle_limit``, or a fault
-                comes first.
+            PoiseError: The preflight checks fail, the feet do not bear the weight within ``settle_limit``, or a fault
+                occurs first.
         """
         plant, config = self.plant, self._config
-        self._rewind(seed)
+        self._reset(seed)
         sensors = self._hang_and_average()
         self.servo.blend()
         self.tick = self._missed = 0
@@ -182,22 +182,22 @@ class Lockstep:
         self._note("released")
 
     def _fault(self) -> str:
-        """Why the robot does not stand any more; empty while it does."""
+        """Reason why the robot no longer stands; empty while it does."""
         if self.stack.mode is Mode.STAND:
             return ""
         return "; ".join(self.stack.supervisor.faults) or f"mode '{self.stack.mode.value}'"
 
     def hang(self, seed: int | None = None) -> None:
-        """Reset everything and hang the robot from the crane, feet in the air, in its 'stand' posture; mode off."""
-        self._rewind(seed)
+        """Reset, and hang the robot from the crane, feet in the air, in its 'stand' posture; mode 'off'."""
+        self._reset(seed)
         self.plant.hoist(self._config.hoist_height)
         self.tick = 0
         self.hanging = True
         self._hang_and_average()
         self._note("hanging")
 
-    def _rewind(self, seed: int | None) -> None:
-        """Plant, drivers and supervisor as new; a new calibration takes effect."""
+    def _reset(self, seed: int | None) -> None:
+        """Reset plant, drivers and supervisor; a new calibration takes effect."""
         self.plant.reset(seed)
         calibration = self.stack.calibration
         self._encoder_offsets = None if calibration is None else calibration.encoder_offsets
@@ -210,12 +210,12 @@ class Lockstep:
     def _hang_and_average(self) -> SensorData:
         """Hang under gravity compensation; returns the mean of the last sensor samples."""
         samples: list[SensorData] = []
-        keep = max(round(self._config.average_time / self.plant.period), 1)
-        for left in range(round(self._config.hang_time / self.plant.period), 0, -1):
+        averaged = max(round(self._config.average_time / self.plant.period), 1)
+        for remaining in range(round(self._config.hang_time / self.plant.period), 0, -1):
             sensors = self.plant.read()
-            if left <= keep:
+            if remaining <= averaged:
                 samples.append(sensors)
-            self.servo.command(self._hang, sensors.t)
+            self.servo.command(self._hanging_command, sensors.t)
             self._drive(sensors)
             self.plant.step()
         return mean_sample(samples)
@@ -232,12 +232,14 @@ class Lockstep:
         if self.listener is not None:
             self.listener(sensors)
         if self.hanging:
-            self.servo.command(self._hang, sensors.t)
+            self.servo.command(self._hanging_command, sensors.t)
             self._drive(sensors)
             return
         if self.tick % self._control_ticks == 0:
             self._missed += 1
-            received = self.plant.transmit(sensors) if self.tick else sensors  # the estimator started from the first
+            received = (
+                self.plant.transmit(sensors) if self.tick else sensors
+            )  # the estimator starts from the first sample
             if received is not None:
                 self._control(received, self._missed * self._control_dt)
                 self._missed = 0
@@ -254,22 +256,22 @@ class Lockstep:
             self._after_tick()
 
     def _control(self, sensors: SensorData, dt: float) -> None:
-        """A tick of the stack, a time [s] after the last sample; the command enters the delay line."""
+        """Run a tick of the stack, ``dt`` [s] after the last sample; the command enters the delay line."""
         stack = self.stack
         self.stamp = round(self.plant.t * NANOSECONDS)
         command = stack.step(sensors, dt, self.plant.truth if self._use_truth else None)
         if stack.log is not None:
-            note = stack.log.take(self.stamp)
+            entry = stack.log.take(self.stamp)
             if self._recorder is not None:
                 result = None if command is None else stack.result
-                self._recorder.tick(self.plant, sensors, stack.state, result, stack.mode, note)
+                self._recorder.tick(self.plant, sensors, stack.state, result, stack.mode, entry)
         if command is not None:
             if stack.result.status is SolveStatus.DAMPED:
                 self.servo.damp()
             self._queue.append((self.tick + self._delay_ticks, command))
 
     def _supervise(self) -> None:
-        """Supervisor, scores, and what a mode means for the drivers."""
+        """Update scores and supervisor; damp the drivers in mode 'damp'."""
         self.monitor.update()
         before = self.stack.mode
         mode = self.stack.supervise(self.plant.t, drivers_damped=self.servo.state is ServoState.DAMPED)
@@ -280,7 +282,7 @@ class Lockstep:
             self._note(f"mode {mode.value}" + (f": {'; '.join(faults)}" if faults else ""))
 
     def _drive(self, sensors: SensorData) -> None:
-        """Drivers, which correct the encoders themselves; the plant counts from the raw ones."""
+        """Run the drivers on corrected encoders; the plant receives positions of the uncorrected ones."""
         offsets = self._encoder_offsets
         if offsets is not None:
             sensors = correct_encoders(sensors, offsets)

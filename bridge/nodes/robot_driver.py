@@ -30,7 +30,7 @@ from models.nodes.parameters import declare_config
 from models.nodes.spin import Stop, run
 from models.types import SensorData
 
-MUJOCO = "mujoco"
+MUJOCO = "mujoco"  #: Name of the built-in simulated plant
 
 
 class RobotDriver(PoiseNode):
@@ -38,8 +38,17 @@ class RobotDriver(PoiseNode):
 
     The stamps of a simulated plant count its ticks, through every reset, and it has services and topics for its world.
     Any other plant is stamped by the clock of its samples, which ``/clock`` follows: it stops with them. ``world`` is
-    shared by several simulated robots, optional; ``slow_ticks`` are the ticks between two messages of ``clock`` and
-    ``ground_truth/odom``.
+    shared by several simulated robots, optional.
+
+    Attributes:
+        config: Parameters of the node.
+        lockstep: Whether the plant waits for the command of each tick.
+        tick: Number of the present tick, from 1; ``restart`` does not reset it.
+        paused: Whether simulated time stands still.
+        drivers: Joint drivers of the plant, from ``configure`` on.
+        period: Real time from one tick to the next [s].
+        slow_ticks: Ticks between two messages of ``clock`` and ``ground_truth/odom``.
+        commands: Commands and modes received.
     """
 
     callbacks_min = 1
@@ -54,7 +63,7 @@ class RobotDriver(PoiseNode):
         self._world = world
         if world is not None:
             world.drivers.append(self)
-        self._first: SensorData | None = None
+        self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
 
     def configure(self) -> None:
         """Build the plant and the topics."""
@@ -82,7 +91,7 @@ class RobotDriver(PoiseNode):
             self, self.drivers, self._period_ns, max_age, self._probe, self._status.publish_state
         )
         self._calibration = CalibrationFile(self, NO_FILE)
-        self._stamp = self._published = 0
+        self._stamp = self._published_stamp = 0  # of the newest and the last published sample [ns]
         self._scan: ScanTopic | None = None
         if self._simulated is not None:
             self._truth = TruthTopics(self, self._simulated.plant)
@@ -129,7 +138,7 @@ class RobotDriver(PoiseNode):
         return result
 
     def deactivate(self) -> None:
-        """Release the torque and write the measurements."""
+        """Release the torque and write the measured latencies."""
         self.drivers.plant.close()
         if self._probe is not None:
             self._probe.save(Path(self.config.latency_file))
@@ -141,7 +150,7 @@ class RobotDriver(PoiseNode):
         if self._simulated is not None:
             self._simulated.reset(hanging=hanging)
             settled = self._simulated.settle()
-            self._first = settled if self.lockstep else None
+            self._settled = settled if self.lockstep else None
         self._status.publish_start(self.stamp)
 
     @property
@@ -175,10 +184,10 @@ class RobotDriver(PoiseNode):
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
         if self._simulated is None:
             self._stamp = round(self.drivers.read().t * NANOSECONDS)
-            if self._stamp <= self._published:
+            if self._stamp <= self._published_stamp:
                 self.counters["ticks without a new sample"] += 1
                 return
-            self._published = self._stamp
+            self._published_stamp = self._stamp
         self.commands.now = self.stamp
         if self._sensing:
             self._publish_sensors(late)
@@ -192,7 +201,7 @@ class RobotDriver(PoiseNode):
     def _publish_sensors(self, late: float) -> None:
         if self._probe is not None:
             self._probe.publish(self.tick, late, self.drivers.state == topics.ACTIVE)
-        self._sensors.publish(self.stamp, self.drivers.read() if self._first is None else self._first)
+        self._sensors.publish(self.stamp, self.drivers.read() if self._settled is None else self._settled)
         if self._probe is not None:
             self._probe.send(self.tick)
 
@@ -207,7 +216,7 @@ class RobotDriver(PoiseNode):
         """Last part of a tick, after the world has advanced."""
         if self._simulated is not None:
             self._simulated.after_physics()
-        self._first = None
+        self._settled = None
         self.tick += 1
         self._status.publish_state()
 

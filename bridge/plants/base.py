@@ -133,7 +133,7 @@ def hanging_command(model: RobotModel) -> JointCommand:
 
 
 class ReleaseGate:
-    """Detects that the feet of a held robot bear its weight, so that a release changes nothing.
+    """Detects that the feet of a held robot bear its weight, so that the release causes no transient.
 
     Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
     at least ``settle_time`` has passed. The load is the true one, as a crane measures it.
@@ -149,7 +149,7 @@ class ReleaseGate:
         self.load = 0.0
         self.waited = 0.0
         self._config = config
-        self._sum, self._window = 0.0, 0.0
+        self._sum, self._window = 0.0, 0.0  # integral of the load [N.s] over the window so far [s]
 
     def update(self, load: float, dt: float) -> bool:
         """Add a load [N], ``dt`` [s] after the last; returns whether the robot may be released."""
@@ -174,13 +174,13 @@ def release_loaded(
     """Step a held robot until its feet bear its weight, and release it.
 
     ``step`` runs one tick; ``fault`` returns why the robot cannot stand, empty while it can. Raises ``PoiseError`` when
-    the feet do not take the weight within ``settle_limit``, or on a fault.
+    the feet do not bear the weight within ``settle_limit``, or on a fault.
     """
     gate = ReleaseGate(robot, config)
     while not gate.update(plant.load, plant.period):
-        why = fault()
-        if why or gate.waited > config.settle_limit:
-            why = why or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
-            raise PoiseError(f"{robot.name} cannot be let go after {gate.waited:.1f} s: {why}")
+        reason = fault()
+        if reason or gate.waited > config.settle_limit:
+            reason = reason or f"the feet carry {gate.load:.0f} N of {gate.weight:.0f} N"
+            raise PoiseError(f"{robot.name} cannot be let go after {gate.waited:.1f} s: {reason}")
         step()
     plant.release()

@@ -10,13 +10,14 @@ from typing import Any, TypeAlias
 from models.config import parse_yaml, read_yaml
 from models.errors import ConfigError
 
+#: One number, or one for each axis or joint of a target
 Numbers: TypeAlias = float | Sequence[float]
 
+#: Valid targets; NAME is a joint
 TARGETS = (
     "imu", "imu.gyro", "imu.accel", "joints", "joint:NAME", "torques", "torque:NAME", "feet", "foot:left", "foot:right",
     "joint_states", "stamps", "scan", "motors", "motor:NAME",
 )  # fmt: skip
-"""Valid targets; NAME is a joint."""
 
 #: Kinds of fault, each with its parameters
 PARAMETERS: Mapping[str, tuple[str, ...]] = {
@@ -30,7 +31,7 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
     "intermittent": ("probability", "period", "share"),
 }
 STAMP_KINDS = ("stuck", "wrong", "delayed")  #: Kinds for stamps
-START, RELEASE = "start", "release"
+START, RELEASE = "start", "release"  #: Events that inject a plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +44,14 @@ class Fault:
     Attributes:
         target: One of ``TARGETS``.
         kind: One of ``PARAMETERS``.
-        start: Begin after the injection [s].
-        end: End after the injection [s].
+        start: Begin, counted from the injection [s].
+        end: End, counted from the injection [s].
         value: Replaces the true value.
         offset: Added to the true value.
         scale: Factor on the true value, or on the full scale [-].
-        drift: Rate at which the added value grows [1/s].
-        delay: Age of the values [s]; the value before the fault is repeated until the first one comes.
-        rate: Of new values [Hz].
+        drift: Growth of the added value, in its unit per second.
+        delay: Age of the values [s]; until the first arrives, the value before the fault is repeated.
+        rate: Rate of new values [Hz].
         probability: Share of the ticks that are lost, each drawn independently [-].
         period: Time from one interruption to the next [s].
         share: Share of the period, from its beginning, that is lost [-]; a half by default.
@@ -173,10 +174,9 @@ class FaultPlan:
         return "; ".join(map(str, self.faults)) or "no faults"
 
 
+#: All forms of a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario. Empty text stands
+#: for no faults.
 Faults: TypeAlias = Fault | FaultPlan | Sequence[Fault] | str | Path
-"""All forms of a plan: faults, YAML, the path of a YAML file, or the name of a packaged scenario.
-
-Empty text stands for no faults."""
 
 
 def scenario_names() -> list[str]:

@@ -31,7 +31,7 @@ class MujocoPlant(SimulatedPlant):
 
     Args:
         model: Robot.
-        seed: Of the sensor noise.
+        seed: Seed of the sensor noise.
         sensor_noise: True for the noise of the robot's profile, False for exact values, or a factor on noise and
             biases.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
@@ -41,9 +41,9 @@ class MujocoPlant(SimulatedPlant):
         visuals: Load meshes for pictures; no effect on the dynamics.
         sensor_errors: Sensor errors in addition to those of profile and seed.
         faults: Faults of sensors and motors from the start or the release on.
-        world: A world with a robot of this name, which then has friction, payload_kg, terrain, timestep and visuals; a
-            new world with this robot alone when None.
-        name: Of the robot in that world.
+        world: World with a robot of this name; it then determines friction, payload_kg, terrain, timestep and visuals.
+            A new world with this robot alone when None.
+        name: Name of the robot in that world.
 
     Attributes:
         world: The world.
@@ -81,9 +81,9 @@ class MujocoPlant(SimulatedPlant):
         self.world = world or MujocoWorld.alone(
             model, friction=friction, payload_kg=payload_kg, terrain=terrain, timestep=timestep, visuals=visuals
         )
-        there, self.mujoco = self.world.robot(name)
-        if there is not model:
-            raise ConfigError(f"world: '{name}' is another {there.name} than the {model.name} given")
+        present, self.mujoco = self.world.robot(name)
+        if present is not model:
+            raise ConfigError(f"world: '{name}' is another {present.name} than the {model.name} given")
         self.name = name
         self.model, self.data = self.world.model, self.world.data
         self.ground, self.obstacle = self.world.ground, self.world.obstacle
@@ -91,14 +91,15 @@ class MujocoPlant(SimulatedPlant):
         self.noise = SensorNoise(model, period=self._period, seed=seed, scale=float(sensor_noise), errors=sensor_errors)
         self.faults = FaultProxy(model, period=self._period, seed=seed, plan=faults)
         self._index_channels()
-        self._read: SensorData | None = None
+        self._sample: SensorData | None = None
         self._values: Vector | None = None  # channels of the newest sample
         self._command: JointCommand | None = None  # of this tick
-        self._pushes: list[tuple[int, int, Vector]] = []  # last tick, body, force
+        self._pushes: list[tuple[int, int, Vector]] = []  # end tick (exclusive), body id, force in W (3,) [N]
         self._tick = 0
-        self._at_tick: tuple[Vector, Vector] | None = None  # true joint positions and velocities
+        # True joint positions [rad] and velocities [rad/s] at the tick, (nj,) each
+        self._joints_at_tick: tuple[Vector, Vector] | None = None
         self._held = True
-        self._fixed: Vector | None = None  # qpos that a jig enforces
+        self._clamped: Vector | None = None  # configuration that a jig enforces, in the order of MuJoCo (nq,)
         self.reset()
 
     def _index_channels(self) -> None:
@@ -129,12 +130,12 @@ class MujocoPlant(SimulatedPlant):
         """Standing posture, soles on the floor, base held, no torque, sensor noise from its start or of a new seed."""
         self.world.put_back(self.name)
         self._held = True
-        self._fixed = None
+        self._clamped = None
         self._pushes.clear()
         self._tick = 0
         self.noise.reset(seed)
         self.faults.reset(seed)
-        self._read = self._values = self._command = None
+        self._sample = self._values = self._command = None
 
     def hold(self) -> None:
         """Hold the base where it is."""
@@ -152,22 +153,22 @@ class MujocoPlant(SimulatedPlant):
         """Lift the held robot by a height [m], as a crane does before any motion."""
         self._qpos[2] += height
         self.data.mocap_pos[self.mujoco.hold_mocap, 2] += height
-        self._read = None
+        self._sample = None
         mujoco.mj_forward(self.model, self.data)
 
     def clamp(self, joints: Vector | None) -> None:
         """Clamp every joint at a true position (nj,) [rad] in a rigid jig that also holds the base; None opens it."""
-        self._fixed = None
+        self._clamped = None
         if joints is not None:
             self._qpos[self._joint_qpos] = joints
-            self._fixed = self._qpos.copy()
+            self._clamped = self._qpos.copy()
             self._qvel[:] = 0.0
             mujoco.mj_forward(self.model, self.data)
-        self._read = None
+        self._sample = None
 
     def read(self) -> SensorData:
         """Measurements of this tick; the same for every call."""
-        if self._read is None:
+        if self._sample is None:
             nj, mj = self.robot.nj, self.mujoco
             values = np.empty(self.noise.size)
             # mode="clip" takes without a buffer; the indices are in range
@@ -176,11 +177,11 @@ class MujocoPlant(SimulatedPlant):
             self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
             self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
             np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
-            self._read = self.noise.measure(self.t, values)
+            self._sample = self.noise.measure(self.t, values)
             if self.faults.active:
                 self.faults.sense(self._tick, values, self._values)
             self._values = values
-        return self._read
+        return self._sample
 
     def transmit(self, sensors: SensorData) -> SensorData | None:
         """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
@@ -201,10 +202,10 @@ class MujocoPlant(SimulatedPlant):
 
     def drive(self) -> None:
         """For the world: update the drives for a further physics step of a tick; a faulty drive keeps its torque."""
-        if self._command is None or self._read is None or self._at_tick is None or self.faults.active:
+        if self._command is None or self._sample is None or self._joints_at_tick is None or self.faults.active:
             return
-        q = self._read.q + (self._qpos[self._joint_qpos] - self._at_tick[0])
-        v = self._read.v + (self._qvel[self._joint_qvel] - self._at_tick[1])
+        q = self._sample.q + (self._qpos[self._joint_qpos] - self._joints_at_tick[0])
+        v = self._sample.v + (self._qvel[self._joint_qvel] - self._joints_at_tick[1])
         self._ctrl[self.mujoco.actuator] = drive_torque(self.robot, self._command, q, v)
 
     def step(self) -> None:
@@ -213,24 +214,24 @@ class MujocoPlant(SimulatedPlant):
 
     def before_step(self) -> None:
         """For the world: prepare the physics of a tick."""
-        if self._read is None:
+        if self._sample is None:
             self.read()  # the errors of the sensors depend on the last tick
         if self.world.substeps > 1:
-            self._at_tick = self._qpos[self._joint_qpos], self._qvel[self._joint_qvel]
+            self._joints_at_tick = self._qpos[self._joint_qpos], self._qvel[self._joint_qvel]
         if self._pushes:
             self._push()
 
     def clamp_again(self) -> None:
-        """For the world: within a step, put the joints back where a jig holds them."""
-        if self._fixed is not None:
-            self._qpos[:] = self._fixed
+        """For the world: within a step, restore the configuration that a jig enforces."""
+        if self._clamped is not None:
+            self._qpos[:] = self._clamped
             self._qvel[:] = 0.0
 
     def after_step(self) -> None:
         """For the world: complete a tick."""
         self._tick += 1
         self.noise.advance()
-        self._read = None
+        self._sample = None
 
     def close(self) -> None:
         """Release the torque."""
@@ -255,8 +256,8 @@ class MujocoPlant(SimulatedPlant):
             raise CommandError(f"push: duration {duration} s is not positive")
         if body not in self.mujoco.bodies:
             raise CommandError(f"push: unknown body '{body}'; known: {', '.join(sorted(self.mujoco.bodies))}")
-        last = self._tick + max(round(duration / self.period), 1)
-        self._pushes.append((last, self.mujoco.bodies[body], vector))
+        end = self._tick + max(round(duration / self.period), 1)
+        self._pushes.append((end, self.mujoco.bodies[body], vector))
 
     def _push(self) -> None:
         """Apply the pushes of this step and remove expired ones."""

@@ -39,6 +39,15 @@ class PoiseNode(LifecycleNode):
 
     A node with ``AUTOSTART`` configures and activates itself unless the parameter ``autostart`` says otherwise: set for
     nodes that only observe.
+
+    Attributes:
+        robot: Profile of the robot, by name or path.
+        autostart: Value of the parameter of this name.
+        active: Whether the node is active.
+        counters: Refused inputs and other irregularities by kind, published as diagnostics.
+        level: Level of the diagnostics.
+        message: Message of the diagnostics.
+        values: Further entries of the diagnostics.
     """
 
     AUTOSTART = False
@@ -84,10 +93,10 @@ class PoiseNode(LifecycleNode):
         """Build the law and create publishers, subscriptions and services."""
 
     def activate(self) -> None:
-        """Start to act; the law begins from its initial state."""
+        """Start the work of the node; the law begins from its initial state."""
 
     def deactivate(self) -> None:
-        """Stop to act."""
+        """Stop the work of the node."""
 
     def cleanup(self) -> None:
         """Destroy what ``configure`` made with ``listen``, ``serve``, ``announce`` or ``own``."""
@@ -105,9 +114,9 @@ class PoiseNode(LifecycleNode):
         raw: bool = False,
         while_active: bool = False,
     ) -> None:
-        """Subscribe until ``cleanup``; see ``Node.create_subscription``. A callback refuses a message by PoiseError.
+        """Subscribe until ``cleanup``; see ``Node.create_subscription``.
 
-        With ``while_active`` an inactive node drops its messages.
+        A callback raises ``PoiseError`` to refuse a message. With ``while_active`` an inactive node drops its messages.
         """
 
         def on_message(message: Any) -> None:
@@ -126,7 +135,7 @@ class PoiseNode(LifecycleNode):
         self._owned.append((self.destroy_service, self.create_service(kind, name, callback)))
 
     def announce(self, kind: type, topic: str, qos: Any) -> Any:
-        """Publisher that works while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
+        """Create a publisher that publishes while active, until ``cleanup``; see ``create_lifecycle_publisher``."""
         publisher = self.create_lifecycle_publisher(kind, topic, qos, event_callbacks=self._qos.publisher(topic, qos))
         self._owned += [(self._qos.forget, topic), (self.destroy_lifecycle_publisher, publisher)]
         return publisher
@@ -158,7 +167,7 @@ class PoiseNode(LifecycleNode):
         self.listen(StatusMessage, topic, on_message, qos)
 
     def own(self, destroy: Callable[[Any], Any], entity: Any) -> None:
-        """Have ``cleanup`` destroy something."""
+        """Register an entity that ``cleanup`` destroys."""
         self._owned.append((destroy, entity))
 
     def every(self, period: float, callback: Callable[[], None]) -> Any:
@@ -236,7 +245,7 @@ class PoiseNode(LifecycleNode):
         return self._transition("unconfigured", self.cleanup, state, super().on_cleanup)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition: deactivate if need be."""
+        """Lifecycle transition: deactivate an active node."""
         was_active, self.active = self.active, False
         return self._transition(
             "finalized", self.deactivate if was_active else lambda: None, state, super().on_shutdown
@@ -251,8 +260,8 @@ class PoiseNode(LifecycleNode):
     def _LifecycleNodeMixin__change_state(self, transition_id: int) -> TransitionCallbackReturn:
         """Refuse a transition that does not start from the present state.
 
-        rclpy lets this error leave its service, which ends the process; a request sent twice after a late reply must
-        not stop a robot.
+        In rclpy this error leaves the service callback and ends the process. A request that is repeated after a late
+        reply must not stop a robot.
         """
         possible = {transition[0]: transition[1] for transition in self._state_machine.available_transitions}
         if transition_id not in possible:
@@ -290,12 +299,12 @@ class PoiseNode(LifecycleNode):
 
     def _set_up_realtime(self) -> None:
         log = self.get_logger().info
-        first = realtime.use_fifo(int(self.get_parameter("realtime.priority").value), log)
+        scheduled = realtime.use_fifo(int(self.get_parameter("realtime.priority").value), log)
         if self.get_parameter("realtime.lock_memory").value:
             realtime.lock_memory(log)
         cores = [int(c) for c in self.get_parameter("realtime.cores").value if c >= 0]
         if cores:
             realtime.pin_to(cores, log)
-        elif first and self.get_parameter("realtime.own_core").value:
+        elif scheduled and self.get_parameter("realtime.own_core").value:
             realtime.take_core(log)
         realtime.settle()

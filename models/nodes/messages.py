@@ -1,4 +1,4 @@
-"""Conversions between hot messages and state types: fast for the usual layout, checked always.
+"""Conversions between hot messages and state types: fast for the usual layout, and always checked.
 
 Every decoder takes the serialised bytes of a raw subscription. Joint values are keyed by name: messages are reordered
 to the robot's order; missing, unknown or duplicate names are refused, as are NaN and infinity, naming field and joint.
@@ -47,7 +47,7 @@ def set_stamp(stamp: Any, ns: int) -> None:
 
 
 def doubles(values: Vector) -> array[float]:
-    """Array for a float64 message field; lists are copied an element at a time by rclpy."""
+    """Array for a float64 message field: rclpy copies a list element by element."""
     return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
@@ -71,13 +71,13 @@ S = TypeVar("S", bound=tuple[Any, ...])  #: Stamp [ns] and the numbers of each f
 
 
 class Codec(Generic[S]):
-    """Serialised messages whose numbers change, in ``fields``, and whose other fields mean the same.
+    """Converts serialised messages in which only the numbers of ``fields`` change.
 
     Args:
         message: A message with its strings and the sizes of its arrays.
         fields: Paths of the fields of numbers; see ``models.nodes.cdr.field_of``.
         fixed: Paths of fields in which a message must not differ from this one.
-        names: Of the numbers of every field, for errors; their index when None.
+        names: Names of the numbers of every field, for errors; their index when None.
     """
 
     def __init__(
@@ -146,7 +146,10 @@ class TorqueCodec(JointCodec[tuple[int, Vector]]):
 
 
 def ordered(model: RobotModel, names: Sequence[str], message: Any, fields: Sequence[str]) -> list[Vector]:
-    """Values by name, of each field of a message, in the order of ``RobotModel.joint_names`` (nj,)."""
+    """Values (nj,) of each field of a message with joint ``names``, in the order of ``RobotModel.joint_names``.
+
+    Raises ``JointNameError`` for a missing, unknown or duplicate name, ``MessageError`` for a field of another size.
+    """
     found = [(field, np.frombuffer(getattr(message, field), dtype=np.float64)) for field in fields]
     for field, numbers in found:
         if len(numbers) != len(names):
@@ -190,7 +193,7 @@ class JointCommandCodec:
         return self._template.pack(stamp, (command.q, command.v, command.tau))
 
     def decode(self, data: bytes) -> tuple[int, JointCommand | JointTrajectory]:
-        """Stamp [ns] and a set-point for now, or a trajectory to interpolate.
+        """Stamp [ns] and a set-point due at once, or a trajectory to interpolate.
 
         Raises ``JointNameError`` when a set-point has a missing, unknown or duplicate joint, ``MessageError`` for bad
         size, NaN or infinity in it. Trajectories are checked by ``validate_trajectory``.
@@ -206,7 +209,7 @@ class JointCommandCodec:
         return stamp_of(data), JointCommand(*values)
 
 
-_FIELDS = ("positions", "velocities", "effort")
+_FIELDS = ("positions", "velocities", "effort")  #: Fields of a point, in the order of ``JointCommand``
 
 
 def _is_set_point(message: Any) -> bool:
@@ -285,11 +288,11 @@ def head_from_message(message: Any) -> tuple[float, float]:
     return float(angles[PAN]), float(angles[TILT])
 
 
-MODES = {mode.value: mode for mode in Mode}  #: Mode by its word
+MODES = {mode.value: mode for mode in Mode}  #: Mode by name
 
 
 def mode_named(word: str) -> Mode:
-    """Mode of a word; ``MessageError`` lists the valid ones."""
+    """Mode of a name; ``MessageError`` lists the valid ones."""
     if word not in MODES:
         raise MessageError(f"unknown mode '{word[:32]}'; known: {', '.join(MODES)}")
     return MODES[word]
