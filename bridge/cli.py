@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
@@ -108,6 +108,10 @@ def up(
         list[str] | None, typer.Option(help=r"Where one of several begins \[m, m, rad]: robot_2=1,-1.5,0.", metavar="…")
     ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1.0, help="Ratio of simulated to real time.")] = 1.0,
+    real_time: Annotated[
+        Literal["yield", "strict"],
+        typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
+    ] = "strict",
     plant: Annotated[
         str, typer.Option(help="The robot: mujoco, the name of an installed plant, or module:Class.")
     ] = "mujoco",
@@ -135,7 +139,9 @@ def up(
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
-    driver = {"plant": plant, "terrain": terrain, "speed": speed} | {k: text for k, text in given.items() if text}
+    driver = {"plant": plant, "terrain": terrain, "speed": speed, "real_time": real_time} | {
+        k: text for k, text in given.items() if text
+    }
     options: dict[str, Any] = {
         "duration": duration,
         "network": network,

@@ -1,4 +1,4 @@
-"""Paces a plant: absolute deadlines in real time, or one command per tick in lockstep."""
+"""Paces a plant: absolute deadlines in real time, waiting for late commands, or one command per tick in lockstep."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -74,7 +74,7 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
-RETRY_PERIOD_NS = 20_000_000  #: Lockstep: time without a command after which the sensors are published again [ns]
+RETRY_PERIOD_NS = 20_000_000  #: Wait for a command after which the tick's sensors are published again [ns]
 
 
 class Paced(Protocol):
@@ -96,6 +96,10 @@ class Paced(Protocol):
     def free_running(self) -> bool:
         """Lockstep: whether the plant steps without an answer, because no command is due."""
 
+    @property
+    def behind(self) -> bool:
+        """Whether simulated time waits for the commands, which lag."""
+
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick, which began ``late`` after its deadline [s]."""
 
@@ -114,7 +118,7 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
 
     In real time tick k begins at t0 + k T on the monotonic clock. Its sensors are published, callbacks are served until
     the next deadline, then the plant gets the newest command. Lost whole periods are counted and skipped: simulated
-    time then falls behind and never catches up.
+    time then falls behind and never catches up. While the commands lag behind the sensors, a simulated plant waits.
     """
     node: Paced = nodes[0]
     pacer: Pacer | None = None
@@ -133,21 +137,24 @@ def run_plant(executor: Any, nodes: Sequence[Any], stop: Stop) -> None:
         for _ in range(node.callbacks_min):
             executor.spin_once(timeout_sec=0.0)
         if node.lockstep and not node.free_running:
-            _await_answer(executor, node, stop)
+            _serve_while(executor, node, stop, lambda: not node.answered and not node.free_running)
         else:
             late = pacer.wait()
             node.overrun(pacer.statistics.skipped - skipped)
             skipped = pacer.statistics.skipped
+            if node.behind:
+                _serve_while(executor, node, stop, lambda: node.behind)
+                pacer = None
         if node.running and not stop.requested:
             node.step()
 
 
-def _await_answer(executor: Any, node: Paced, stop: Stop) -> None:
-    """Serve callbacks until the command of this tick has arrived; publish the sensors again when none comes."""
+def _serve_while(executor: Any, node: Paced, stop: Stop, waiting: Callable[[], bool]) -> None:
+    """Serve callbacks while the plant waits for a command; publish the sensors again when none comes."""
     retry_at = time.monotonic_ns() + RETRY_PERIOD_NS
-    while ok() and not stop.requested and node.running and not node.answered and not node.free_running:
+    while ok() and not stop.requested and node.running and waiting():
         executor.spin_once(timeout_sec=RETRY_PERIOD_NS * _NANO)
-        if time.monotonic_ns() >= retry_at and not node.answered:
+        if time.monotonic_ns() >= retry_at and waiting():
             retry_at = time.monotonic_ns() + RETRY_PERIOD_NS
             node.publish_tick(0.0)
             node.idle()

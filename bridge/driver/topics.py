@@ -1,5 +1,7 @@
 """Topics and services of the driver: commands and mode in; sensors, state, time and the truth out; the simulation."""
 
+import math
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -8,7 +10,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -38,6 +40,8 @@ from models.nodes.perception import scan_to_message
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, sensor
 from models.robot_model import SOLE_FRAMES
 from models.types import SensorData, Vector
+
+FACTOR_TIME = 1.0  #: Over which the real-time factor is averaged [s]
 
 
 class CommandInput:
@@ -152,10 +156,17 @@ class ScanTopic:
 
 
 class StatusTopics:
-    """Publishers of ``/clock``, ``driver_state``, ``encoder_offsets`` and ``robot_description``."""
+    """Publishers of ``/clock``, ``real_time_factor``, ``driver_state``, ``encoder_offsets`` and ``robot_description``.
+
+    Attributes:
+        real_time_factor: Time of the robot over real time, of the last second; NaN before.
+    """
 
     def __init__(self, node: PoiseNode, drivers: Drivers) -> None:
         self._drivers, self._published = drivers, ""
+        self.real_time_factor = math.nan
+        self._factor_since = (math.inf, 0)  # monotonic time [s], stamp [ns]
+        self._factor = node.announce(Float64, topics.REAL_TIME_FACTOR, EVENT)
         self._codec = JointStateCodec(node.model)
         self._zero = np.zeros(node.model.nj)
         self._time = node.announce(Clock, topics.CLOCK, SENSOR)
@@ -181,6 +192,12 @@ class StatusTopics:
         message = Clock()
         set_stamp(message.clock, stamp)
         self._time.publish(message)
+        now, (since, first) = time.monotonic(), self._factor_since
+        if now - since >= FACTOR_TIME:
+            self.real_time_factor = (stamp - first) / NANOSECONDS / (now - since)
+            self._factor.publish(Float64(data=self.real_time_factor))
+        if not since <= now < since + FACTOR_TIME:
+            self._factor_since = (now, stamp)
 
     def publish_state(self) -> None:
         """Publish the state of the drivers, if it has changed."""

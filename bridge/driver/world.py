@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bridge.nodes.robot_driver import RobotDriver
 
 #: Parameters that must be the same for every driver of a world
-SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate")
+SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate", "real_time")
 
 
 def robot_name(node: Any) -> str:
@@ -107,6 +107,11 @@ class DriverWorld:
         """Whether no drivers accept commands although a robot is released."""
         moving = self._moving
         return not any(d.drivers.awaits_command for d in moving) and any(d.free_running for d in moving)
+
+    @property
+    def behind(self) -> bool:
+        """Whether time waits for the commands of a robot."""
+        return any(driver.behind for driver in self._moving)
 
     def publish_tick(self, late: float) -> None:
         """Publish the sensors of this tick of all robots, which began ``late`` after its deadline [s]."""

@@ -1,6 +1,7 @@
 """Node ``robot_driver``: a plant and its joint drivers behind the topics of a robot."""
 
 import sys
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -31,6 +32,7 @@ from models.nodes.spin import Stop, run
 from models.types import SensorData
 
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
+SLOW = 0.9  #: Part of the demanded speed below which the real-time factor is reported [-]
 
 
 class RobotDriver(PoiseNode):
@@ -64,6 +66,7 @@ class RobotDriver(PoiseNode):
         if world is not None:
             world.drivers.append(self)
         self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
+        self._late_since: float | None = None  # monotonic time [s]
 
     def configure(self) -> None:
         """Build the plant and the topics."""
@@ -169,6 +172,24 @@ class RobotDriver(PoiseNode):
         return self.commands.stamp == self.stamp or not self._sensing or self.simulation.faults.corrupted
 
     @property
+    def behind(self) -> bool:
+        """Whether simulated time waits: the newest command answers old sensors, and the longest wait is not over.
+
+        Faults of the sensors make no time wait, nor does the wait begin before the first command.
+        """
+        given, commands = self.config, self.commands
+        lag = (self.stamp - commands.stamp) / NANOSECONDS - self._sensor_ticks * self._period_ns / NANOSECONDS
+        yields = self._simulated is not None and given.real_time == "yield" and self.drivers.awaits_command
+        if not yields or not commands.stamp or lag <= given.yield_lag or self.simulation.faults.corrupted:
+            self._late_since = None
+            return False
+        now = time.monotonic()
+        if self._late_since is None:
+            self._late_since = now
+            self.counters["waits for commands"] += 1
+        return now - self._late_since < given.yield_max
+
+    @property
     def _sensing(self) -> bool:
         return self.tick % self._sensor_ticks == 0
 
@@ -241,6 +262,14 @@ class RobotDriver(PoiseNode):
         self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
         self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
         self.values["starts interrupted"] = str(self.drivers.interruptions)
+        factor = self._status.real_time_factor
+        self.values["real-time factor"] = f"{factor:.2f}"
+        if self._simulated is not None and factor < SLOW * self.config.speed:
+            self.get_logger().warning(
+                f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
+                f"slow; waits for commands so far: {self.counters['waits for commands']}",
+                throttle_duration_sec=10.0,
+            )
         if self._simulated is not None:
             self.values["faults injected"] = self._simulated.plant.faults.summary
 

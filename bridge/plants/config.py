@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -107,6 +107,16 @@ class DriverConfig:
         ),
     ]
     speed: Annotated[float, Field(ge=0.01, le=1.0, description="Simulated over real time, without lockstep")]
+    real_time: Annotated[
+        Literal["yield", "strict"],
+        Field(description="Whether simulated time waits for late commands (yield) or follows the clock (strict)"),
+    ]
+    yield_lag: Annotated[
+        float, Field(ge=0.001, le=1.0, description="Age of the newest command from which simulated time waits [s]")
+    ]
+    yield_max: Annotated[
+        float, Field(ge=0.0, le=60.0, description="Longest wait; then time goes on and the drivers time out [s]")
+    ]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of the simulated sensors' noise")]
     sensor_noise: Annotated[bool, Field(description="Noise, bias and quantisation of the profile")]
     sensor_errors: Annotated[

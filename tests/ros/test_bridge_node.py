@@ -233,3 +233,32 @@ def test_an_obstacle_that_there_is_not_is_refused(bench: Any, bridge: RobotDrive
     bench.wait(answer.done)
     assert not answer.result().success
     assert "start with the terrain 'box' or 'wall'" in answer.result().message
+
+
+def test_simulated_time_waits_for_late_commands_but_not_for_ever(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node: RobotDriver = bench.add(RobotDriver, real_time="yield", yield_lag=0.005, yield_max=1.0)
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(1, 101):
+        node.publish_tick(0.0)
+    assert not node.behind  # no command yet: it is held
+    _send(node, g1, 96)
+    assert not node.behind
+    now = [10.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    node.tick = 103
+    node.publish_tick(0.0)
+    assert node.behind and node.counters["waits for commands"] == 1
+    now[0] += 1.1
+    assert not node.behind  # the controller is dead: time goes on, and the drivers damp
+    _send(node, g1, 103)
+    assert not node.behind
+    node.tick = 120
+    assert node.behind
+
+
+def test_strict_time_waits_for_no_command(bridge: RobotDriver, g1: RobotModel) -> None:
+    _send(bridge, g1, 90)
+    bridge.tick = 150
+    assert not bridge.behind
