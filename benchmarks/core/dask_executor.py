@@ -4,6 +4,9 @@ A worker that dies is restarted by its nanny, and the scheduler gives its case t
 scheduler that dies ends the sweep.
 """
 
+# Annotations stay text: a function that is sent to a worker must not need the classes of this project to load.
+from __future__ import annotations
+
 import asyncio
 import logging
 import time

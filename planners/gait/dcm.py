@@ -110,7 +110,7 @@ def offset_coupling(omega: float, step: StepModel) -> float:
     return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.lever)
 
 
-@njit(cache=True)
+@register_jitable
 def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Point:
     """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
     return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.shape, step.lever)
@@ -118,21 +118,17 @@ def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Po
 
 @njit(cache=True)
 def single_support(
-    point: Vector, end: Vector, omega: float, left: float, rest: Vector | None = None, offset: Vector | None = None
+    point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector
 ) -> tuple[Vector, Vector]:
     """DCM and its rate, both (2,), in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
 
     ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up (2,)
-    [m] (``reaction.py``), ``offset`` CMP minus CoP now (2,) [m], both zero when None.
+    [m] (``reaction.py``), ``offset`` is CMP minus CoP now (2,) [m].
     """
     dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * left)
     for i in range(2):
-        dcm[i] = point[i] + decay * (end[i] - point[i])
-        if rest is not None:
-            dcm[i] += rest[i]
-        rate[i] = omega * (dcm[i] - point[i])
-        if offset is not None:
-            rate[i] = omega * (dcm[i] - point[i] - offset[i])
+        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
+        rate[i] = omega * (dcm[i] - point[i] - offset[i])
     return dcm, rate
 
 
@@ -218,5 +214,5 @@ class DcmState(Struct, frozen=True):
         """
         dcm, rate = double_support(self.old, new, end, omega, max(elapsed, 0.0), duration)
         if elapsed < 0.0:
-            dcm, rate = single_support(self.old, dcm, omega, -elapsed)
+            dcm, rate = single_support(self.old, dcm, omega, -elapsed, np.zeros(2), np.zeros(2))
         return DcmState(dcm, rate, self.start, self.old)

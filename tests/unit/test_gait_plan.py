@@ -107,14 +107,14 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     swing = planned.swing.lift(pose, single, np.zeros(2))
     nominal, offset = planned.plan.nominal(walk)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
-    start = dcm.single_support(point, landing + offset, OMEGA, single)[0]
+    start = dcm.single_support(point, landing + offset, OMEGA, single, np.zeros(2), np.zeros(2))[0]
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
         target = (nominal.x, nominal.y)
         rest, _ = swing_reaction(
             OMEGA, single, swing, target, at.com, at.com_velocity, planned.swing.shape, planned.lever
         )
-        start = dcm.single_support(point, landing + offset, OMEGA, single)[0] + rest
+        start = dcm.single_support(point, landing + offset, OMEGA, single, np.zeros(2), np.zeros(2))[0] + rest
     step, time, end, solved = planned.plan.adjust(walk, planned.with_dcm(start), 0.0, single, nominal, swing)
     assert solved
     assert (step.x, step.y, step.yaw, step.z) == pytest.approx((nominal.x, nominal.y, nominal.yaw, nominal.z), abs=1e-6)
