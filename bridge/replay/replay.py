@@ -202,8 +202,8 @@ def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
     """
     if record.format < FORMAT:
         raise PoiseError(
-            f"the black box was written by an earlier version (format {record.format}): it is of single precision and "
-            "holds no state of the laws, so it can be looked at (poise log black-box), not run again"
+            f"the black box was written by an earlier version (format {record.format}): it holds no state of "
+            "the laws that this one can begin with, so it can be looked at (poise log black-box), not run again"
         )
     if record.replay is None:
         raise PoiseError(

@@ -18,11 +18,13 @@ from models.errors import PoiseError
 from models.files import state_folder
 from models.types import Matrix, Mode, SolveStatus, Vector
 
-FORMAT = 2  #: Version of the file
-SINGLE = 1  #: Version before it: single precision, no numbers of ticks, no state of the laws. Read, but not run again.
+FORMAT = 3  #: Version of the file
+#: The first version: single precision, no numbers of ticks, no state of the laws. It and version 2, whose state of the
+#: laws is of another kind, are read, but not run again.
+SINGLE = 1
 SUFFIX = ".npz"  #: Of the files
 #: Of a file that can be run again: inputs of the laws (JSON), and their state
-_TOLD, _MEMORY = "replay", "replay_memory"
+_INPUTS, _MEMORY = "replay", "replay_memory"
 Array = NDArray[np.float32]
 
 
@@ -110,7 +112,7 @@ class BlackBoxRecord:
                 with fresh.open("wb") as stream:
                     arrays = {name: getattr(self, name) for name in UNITS}
                     if self.replay is not None:
-                        arrays |= {_TOLD: np.array(json.dumps(self.replay.record)), _MEMORY: self.replay.data}
+                        arrays |= {_INPUTS: np.array(json.dumps(self.replay.record)), _MEMORY: self.replay.data}
                     np.savez(stream, meta=np.array(json.dumps(self._meta())), **arrays)
                     stream.flush()
                     os.fsync(stream.fileno())
@@ -139,14 +141,18 @@ class BlackBoxRecord:
         try:
             with np.load(path, allow_pickle=False) as data:
                 meta = json.loads(str(data["meta"]))
-                if meta["format"] not in (SINGLE, FORMAT):
+                if meta["format"] not in range(SINGLE, FORMAT + 1):
                     raise PoiseError(f"{path}: black box of format {meta['format']}; this reads {FORMAT}")
-                arrays = {name: data[name] for name in UNITS if name in data or meta["format"] == FORMAT}
+                arrays = {name: data[name] for name in UNITS if name in data or meta["format"] > SINGLE}
                 if meta["format"] == SINGLE:
                     t = arrays["t"]
                     arrays["stamp"], arrays["number"] = np.round(t * NANOSECONDS).astype(np.int64), np.arange(len(t))
                     arrays["sample_t"] = np.full(len(t), np.nan)
-                replay = ReplayStart(json.loads(str(data[_TOLD])), data[_MEMORY]) if _TOLD in data else None
+                replay = (
+                    ReplayStart(json.loads(str(data[_INPUTS])), data[_MEMORY])
+                    if meta["format"] == FORMAT and _INPUTS in data
+                    else None
+                )
                 return cls(
                     replay=replay,
                     robot=meta["robot"],
