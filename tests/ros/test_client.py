@@ -172,8 +172,8 @@ def test_a_robot_without_foot_sensors_is_recorded_without_them(
     observer = Observer(g1, context)
     with pytest.raises(PoiseError, match="ground_truth/odom, joint_states silent"):
         observer.recording([])
-    observer._base_rows += [(k, np.zeros(13)) for k in range(3)]
-    observer._joint_rows += [(k, np.zeros(3 * g1.nj)) for k in range(3)]
+    observer._rows[topics.GROUND_TRUTH] += [(k, np.zeros(13)) for k in range(3)]
+    observer._rows[topics.JOINT_STATES] += [(k, np.zeros(3 * g1.nj)) for k in range(3)]
     recording = observer.recording([])
     observer.close()
     assert np.isnan(recording.wrenches).all() and recording.estimate is None

@@ -62,14 +62,15 @@ from importlib import import_module
 from pathlib import Path
 from models.nodes import spin
 
+run = spin.run
 for module in ("bridge.nodes.robot_driver", "bridge.nodes.control", "controllers.nodes.supervisor"):
-    main, run = import_module(module).main, spin.run
+    main = import_module(module).main
     def serve(executor, nodes, stop):
         for node in nodes:
             node.trigger_configure()
             node.trigger_activate()
         executor.spin_once(timeout_sec=0.1)
-    import_module(module).run = lambda factories, args, loop=None: run(factories, args, serve)
+    spin.run = import_module(module).run = lambda factories, args, loop=None: run(factories, args, serve)
     try:
         main([])
     except SystemExit as end:
