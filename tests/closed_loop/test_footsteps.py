@@ -82,7 +82,7 @@ def test_it_waves_while_it_walks(loop: ClosedLoop) -> None:
     if loop.mode is not Mode.WALK:
         assert loop.command("walk").accepted
     loop.set_velocity(0.2, 0.0, 0.0)
-    loop.run(0.5)
+    loop.run(1.0)  # under way
     assert "only: wave" in loop.command("squat").reason
     assert loop.command("wave").accepted
     start, data, hand = loop.truth.q[:2].copy(), loop.robot.data(), []

@@ -11,6 +11,11 @@ from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 POINTS = [np.array(p) for p in ([0.0, -0.1], [0.15, 0.1], [0.3, -0.1], [0.42, 0.1], [0.5, -0.1])]
 
 
+def in_single(point: np.ndarray, end: np.ndarray, omega: float, left: float) -> tuple[np.ndarray, np.ndarray]:
+    """A single support without reaction of the swing leg and with the CMP in the CoP."""
+    return dcm.single_support(point, end, omega, left, np.zeros(2), np.zeros(2))
+
+
 def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 20000) -> np.ndarray:
     """The pendulum ``xi' = omega (xi - p)`` through one double and one single support (midpoint rule)."""
     xi, h = start.copy(), (SINGLE + DOUBLE) / steps
@@ -56,8 +61,8 @@ def test_rates_are_the_derivatives(t: float) -> None:
     before = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, t, DOUBLE)
     after = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, t + h, DOUBLE)
     assert (after[0] - before[0]) / h == pytest.approx(before[1], abs=1e-4)
-    before = dcm.single_support(POINTS[1], end, OMEGA, 0.2 - t)
-    after = dcm.single_support(POINTS[1], end, OMEGA, 0.2 - t - h)
+    before = in_single(POINTS[1], end, OMEGA, 0.2 - t)
+    after = in_single(POINTS[1], end, OMEGA, 0.2 - t - h)
     assert (after[0] - before[0]) / h == pytest.approx(before[1], abs=1e-4)
     states = (POINTS[0], np.array([0.1, -0.2])), (POINTS[1], np.array([0.3, 0.1]))
     first = dcm.blend(*states, t + 0.1, 0.5)
@@ -70,13 +75,13 @@ def test_phases_join_without_a_jump_of_dcm_or_zmp() -> None:
     offset = touchdown_offset(POINTS)
     following = touchdown_offset(POINTS[1:])
     landing = POINTS[1] + offset
-    end = dcm.single_support(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)[0]
-    before = dcm.single_support(POINTS[0], landing, OMEGA, 0.0)
+    end = in_single(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)[0]
+    before = in_single(POINTS[0], landing, OMEGA, 0.0)
     after = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, 0.0, DOUBLE)
     assert after[0] == pytest.approx(before[0], abs=1e-12)
     assert after[1] == pytest.approx(before[1], abs=1e-12)
     before = dcm.double_support(POINTS[0], POINTS[1], end, OMEGA, DOUBLE, DOUBLE)
-    after = dcm.single_support(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)
+    after = in_single(POINTS[1], POINTS[2] + following, OMEGA, SINGLE)
     assert after[0] == pytest.approx(before[0], abs=1e-12)
     assert after[1] == pytest.approx(before[1], abs=1e-12)
 
