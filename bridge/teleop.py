@@ -16,11 +16,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 from std_msgs.msg import String
 
-from bridge.plants.config import Positive
 from bridge.ros.client import Client
 from bridge.ros.operator import Operator
 from controllers.commands.command_signature import Signer
-from models.config import STRICT, default_config
+from models.config import STRICT, Positive, default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import Velocity

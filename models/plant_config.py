@@ -5,11 +5,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT
+from models.config import STRICT, NonNegative, Positive
 
-Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=2)]
-NonNegative = Annotated[float, Field(ge=0.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -10,12 +10,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, default_config
+from models.config import STRICT, Positive, default_config
 from models.errors import ConfigError
 from models.types import Matrix
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
 Angle = Annotated[float, Field(gt=-0.6, lt=0.6)]
 
 FLAT = "flat"

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, saved
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.results import NOT_RUN
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, Positive
 
 
 @schema(frozen=True, slots=True, kw_only=True, config=STRICT)

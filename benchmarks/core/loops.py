@@ -8,9 +8,8 @@ from unittest.mock import patch
 import numpy as np
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Positive
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.types import JointCommand, Vector
 

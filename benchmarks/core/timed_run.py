@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most
+from benchmarks.core.benchmark import Benchmark, Bound, at_most
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.machine import resident
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.types import SolveStatus, Vector
 
 MICRO = 1e-3  # nanoseconds to microseconds

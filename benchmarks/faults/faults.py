@@ -13,7 +13,7 @@ import yaml
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, Positive, at_least, settings
+from benchmarks.core.benchmark import Bound, at_least, settings
 from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import Search, TorqueSteps, demand, largest
@@ -21,7 +21,7 @@ from benchmarks.faults.fault_acts import ACTS, Doing
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from bridge.plants.sensors import SensorErrors
-from models.config import STRICT, read_yaml
+from models.config import STRICT, Positive, read_yaml
 from models.errors import PoiseError
 from models.profile import load_profile
 from models.robot_model import RobotModel

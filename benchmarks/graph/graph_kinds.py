@@ -26,14 +26,14 @@ from geometry_msgs.msg import Twist
 from pydantic.dataclasses import dataclass as schema
 from std_msgs.msg import String
 
-from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.benchmark import settings
 from benchmarks.core.fault_rows import AnyRow
 from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
 from bridge.ros.environment import free_domain
 from bridge.ros.processes import BRIDGE, CONTROL, PLANNER, SUPERVISOR, ProcessSpec, process_specs
 from controllers.commands.command_signature import write_key
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.benchmark import settings
 from benchmarks.core.machine import Use, UseMeter
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import CONTROL, REALTIME_NODES, ProcessSpec, process_specs
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import COMMAND

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, Positive, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_most, saved, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
@@ -40,7 +40,7 @@ from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.types import ControlResult, Reference, RobotState
 from planners.gait.adjustment import StepPlanner

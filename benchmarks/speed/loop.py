@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, Positive, at_least, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_least, at_most, saved, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand, keep_upright
 from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off, plot_tails
@@ -34,7 +34,7 @@ from bridge.loop.lockstep import PlantMonitor
 from bridge.plants.world import BarePhysics
 from bridge.plots import new_figure
 from controllers.safety.supervisor import Supervisor
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.nodes.realtime import each_thread
 
 #: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body

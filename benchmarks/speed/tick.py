@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, Positive, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_most, saved, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
@@ -45,7 +45,7 @@ from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
 from controllers.qp.terms import Terms
 from controllers.whole_body.controller import WholeBodyController
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.robot_model import RobotModel
 from models.types import ControlResult, JointTrajectory, Reference, RobotState
 

@@ -10,14 +10,14 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_most, saved, settings
 from benchmarks.core.harness import Case, Options, Report
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.sensors import SensorErrors
 from bridge.plots import new_figure
 from controllers.calibration.closed_chain import ChainTerms
 from models.calibration import Calibration
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Mode, Vector

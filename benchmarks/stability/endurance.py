@@ -18,12 +18,12 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_most, saved, settings
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import CommandError
 from models.types import Mode, Vector
 

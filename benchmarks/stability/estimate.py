@@ -25,14 +25,14 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 from scipy.stats import chi2
 
-from benchmarks.core.benchmark import Benchmark, Bound, Count, Positive, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, Count, at_most, saved, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import demand
 from benchmarks.core.timed_run import Stopwatch, blocks_growth, collector_off
 from benchmarks.stability.exercise import exercise, exercise_config
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.types import Mode
 
 #: What a contact-aided estimator can observe, as rows of the error of pose and twist: the rest is yaw and position

@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.benchmark import settings
 from benchmarks.core.loops import demand, keep_upright
 from benchmarks.stability.push import stance
 from benchmarks.stability.push_bounds import ankle_bound
 from bridge.closed_loop import ClosedLoop
 from bridge.stability import distance_along
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.types import Mode, Vector
 
 

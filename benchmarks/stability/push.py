@@ -18,7 +18,7 @@ from matplotlib.projections.polar import PolarAxes
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import Search, largest
@@ -28,7 +28,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.stability import Balance, balance, distance_along
 from controllers.balance.controller import BalanceController
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.robot_model import RobotModel
 from models.types import RobotState, Vector
 

@@ -18,14 +18,14 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, settings
 from benchmarks.core.harness import Case, Options, Report
 from benchmarks.core.loops import Search, demand, largest
 from benchmarks.stability.falls import FAILED, GOAL, PASSED, draw_fall, moments_since
 from benchmarks.stability.push import PushMap, PushMode, angles, direction_name, draw_map, stance
 from benchmarks.stability.push_bounds import ankle_bound, step_distance
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, default_config
+from models.config import STRICT, Positive, default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError, PoiseError
 from models.heading import heading

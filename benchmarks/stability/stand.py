@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved, settings
 from benchmarks.core.harness import Case, Options, Report
 from benchmarks.stability.push import PushConfig, bound_at_rest, stance
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.types import Mode
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]

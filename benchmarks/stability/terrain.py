@@ -9,18 +9,17 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, Positive, at_least, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, NonNegative, Positive
 from models.heading import heading
 from models.robot_model import RobotModel
 from models.terrain import FLAT, terrain_named
 
-NonNegative = Annotated[float, Field(ge=0.0)]
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 

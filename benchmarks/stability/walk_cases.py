@@ -10,13 +10,13 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Positive, settings
+from benchmarks.core.benchmark import settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case
 from benchmarks.core.loops import demand
 from benchmarks.stability.falls import last_moments
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.heading import heading, turned

@@ -13,7 +13,7 @@ from std_msgs.msg import Float64
 
 from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
@@ -23,8 +23,6 @@ from models.status import MotionState, MotionStatus, RouteState, RouteStatus
 from models.types import Mode
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
-
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

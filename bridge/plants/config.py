@@ -7,11 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, parse_config, parse_yaml, read_yaml
+from models.config import STRICT, Positive, parse_config, parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.profile import CameraSensor
 
-Positive = Annotated[float, Field(gt=0.0)]
 Fraction = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 

@@ -126,22 +126,22 @@ def _ticks(
         if (dt := note.value("dt")) is not None:
             before[note.stamp] = note.stamp - round(dt * NANOSECONDS)
     stamps = sorted(stamp for stamp in run.joints if stamp >= start)
-    unheard = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
+    skipped = {s for stamp, last in [*starts.items(), *before.items()] for s in _between(stamps, last, stamp)}
     period = last = 0
     for stamp in stamps:
-        heard = notes.get(stamp)
+        inputs = notes.get(stamp)
         if stamp in before:
             period = stamp - before[stamp]
         due = last + period
-        if stamp in unheard or (last and stamp < due and heard is None):
+        if stamp in skipped or (last and stamp < due and inputs is None):
             continue
-        sensors = _sample(run, stamp, heard)
+        sensors = _sample(run, stamp, inputs)
         if sensors is None:
             continue  # the next tick finds that this one is missing
         late = bool(last) and stamp != due and stamp not in starts
         if late:
             report.lost += 1
-        yield stamp, sensors, heard, (stamp - last) / NANOSECONDS if late else None
+        yield stamp, sensors, inputs, (stamp - last) / NANOSECONDS if late else None
         last = stamp
 
 

@@ -14,11 +14,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from bridge.plants.config import Positive
 from bridge.ros.client import Client
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.cdr import numbers_of

@@ -15,14 +15,14 @@ from models.types import Matrix, Vector
 
 #: Unknowns of the placement of the right sole in the left one: x, y [m], yaw [rad]; both lie on one level floor
 PLACEMENT = 3
-#: Unknowns of the inertial unit: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]
+#: Unknowns of the IMU: rotation vector of its mounting (3) [rad], accelerometer bias (3) [m/s^2]
 MOUNTING = 6
 
 
 class ChainTerms:
     """Pose of the right sole in the left one and accelerometer reading, as functions of the unknowns.
 
-    Unknowns: x = (offsets of the joints between the soles and the inertial unit (k), placement (3), mounting (6)).
+    Unknowns: x = (offsets of the joints between the soles and the IMU (k), placement (3), mounting (6)).
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -70,7 +70,7 @@ class ChainTerms:
         return pin.log6(error).vector, pin.Jlog6(error) @ jacobian
 
     def imu_position(self) -> Vector:
-        """Origin of the inertial unit in the left sole's frame (3,) [m]."""
+        """Origin of the IMU in the left sole's frame (3,) [m]."""
         left, imu = self._data.oMf[self._feet[0]], self._data.oMf[self._imu]
         return np.asarray(left.actInv(imu).translation)
 
@@ -102,7 +102,7 @@ _GAP = 1.5  #: Windows further apart than this many lengths are not differentiat
 def calibrate_closed_chain(
     windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig
 ) -> Outcome:
-    r"""Offsets of the joints between the soles and the inertial unit, from motions on both planted soles.
+    r"""Offsets of the joints between the soles and the IMU, from motions on both planted soles.
 
     .. math::
         \min_x \sum_k \|\log(T_k^{-1} L(q_k - o)^{-1} R(q_k - o))\|^2_{\Sigma_T}
@@ -110,9 +110,9 @@ def calibrate_closed_chain(
              + \|T_{k+1} - T_k\|^2_{\Sigma_w} + \|x\|^2_{\Sigma_0},
         \qquad x = (o, \mu, b)
 
-    L, R: sole poses; p_LI: place of the inertial unit in the left sole's frame, differentiated over the windows; T:
+    L, R: sole poses; p_LI: place of the IMU in the left sole's frame, differentiated over the windows; T:
     placement of the right sole in the left one, (x, y, yaw), which creeps a little while both stand; mu, b: mounting
-    and bias of the inertial unit. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
+    and bias of the IMU. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
     Gauss-Newton, each step solved by a Kalman filter over the windows, whose final covariance is the posterior.
 
     Args:
@@ -172,7 +172,7 @@ def calibrate_closed_chain(
     worst = int(sigma.argmax())
     return accept(
         f"offsets of {k} joints, the largest {np.abs(x[:k]).max():.4f} rad, known to {sigma[worst]:.4f} rad "
-        f"('{names[worst]}') or better; {untouched} joints that are not between the soles and the inertial unit are "
+        f"('{names[worst]}') or better; {untouched} joints that are not between the soles and the IMU are "
         "not observable and stay as they are",
         details,
         replace(base, encoder_offsets=offsets),

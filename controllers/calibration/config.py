@@ -22,7 +22,7 @@ class RestConfig:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ImuConfig:
-    """Calibration of the inertial unit."""
+    """Calibration of the IMU."""
 
     time: Annotated[float, Field(gt=0.0, description="time to average over [s]")]
     min_time: Annotated[float, Field(gt=0.0, description="less is refused [s]")]
@@ -53,7 +53,7 @@ class ChainConfig:
     iterations: Annotated[int, Field(ge=2, description="largest number of Gauss-Newton steps [1]")]
     free_iterations: Annotated[int, Field(ge=1, description="first steps that weigh nothing down [1]")]
     placement: Annotated[float, Field(gt=0.0, description="std of the unknown placement of the soles [m, rad]")]
-    misalignment: Annotated[float, Field(gt=0.0, description="least std of the inertial unit's mounting [rad]")]
+    misalignment: Annotated[float, Field(gt=0.0, description="least std of the IMU's mounting [rad]")]
     accel_bias: Annotated[float, Field(gt=0.0, description="least std of the accelerometer's bias [m/s^2]")]
 
 

@@ -1,4 +1,4 @@
-"""Sole poses relative to the inertial unit, and pose, twist and covariance of the base from those of the unit."""
+"""Sole poses relative to the IMU, and pose, twist and covariance of the base from those of the unit."""
 
 from typing import NamedTuple
 
@@ -19,12 +19,12 @@ Index = NDArray[np.int64]
 
 
 class ImuPose(NamedTuple):
-    """Inertial unit in the base frame."""
+    """IMU in the base frame."""
 
     rotation: Array  # R_BI (3, 3)
     position: Array  # (3,) [m]
     jacobian: Array  # local Jacobian (6, k); k = 0 when the unit sits on the base
-    columns: Index  # joints between base and inertial unit (k,)
+    columns: Index  # joints between base and IMU (k,)
 
 
 class PoseVariances(NamedTuple):
@@ -36,10 +36,10 @@ class PoseVariances(NamedTuple):
 
 
 class SoleChains(NamedTuple):
-    """Chains to soles and inertial unit, and the poses that follow."""
+    """Chains to soles and IMU, and the poses that follow."""
 
     tree: KinematicTree
-    frames: TreeFrames  # left sole, right sole, inertial unit
+    frames: TreeFrames  # left sole, right sole, IMU
     columns: Index  # joints between base and each sole, filled up with -1 (2, k)
     variances: PoseVariances
     imu: ImuPose
@@ -50,8 +50,8 @@ class SoleKinematics:
     """Kinematic measurement of the filter; compared with Pinocchio by a test.
 
     Attributes:
-        imu: Inertial unit in the base frame.
-        soles: Soles in the frame of the inertial unit.
+        imu: IMU in the base frame.
+        soles: Soles in the frame of the IMU.
         unboxed: Both, for compiled code.
 
     Args:
@@ -61,7 +61,7 @@ class SoleKinematics:
         orientation: Standard deviation of the model error of a sole orientation [rad].
 
     Raises:
-        RobotModelError: A joint is not revolute, or moves both a sole and the inertial unit.
+        RobotModelError: A joint is not revolute, or moves both a sole and the IMU.
     """
 
     def __init__(self, model: RobotModel, *, encoder: float, position: float, orientation: float) -> None:
@@ -74,7 +74,7 @@ class SoleKinematics:
             shared = sorted(set(path) & set(paths[2]))
             if shared:
                 raise RobotModelError(
-                    f"joint '{model.joint_names[shared[0]]}' moves both the {foot.name} sole and the inertial unit"
+                    f"joint '{model.joint_names[shared[0]]}' moves both the {foot.name} sole and the IMU"
                 )
         columns = np.full((2, max(map(len, paths[:2]))), -1, dtype=np.int64)
         for row, path in zip(columns, paths, strict=False):
@@ -109,7 +109,7 @@ def _joint_column(
 
 @njit(cache=True)
 def sole_poses(joints: Array, chains: Unboxed[SoleChains]) -> None:
-    """Soles relative to the inertial unit, and the covariance that encoder noise gives them.
+    """Soles relative to the IMU, and the covariance that encoder noise gives them.
 
     With ``T = T_BI^-1 T_BS`` and local Jacobians, ``dT = J_S dq_S - Ad(T^-1) J_I dq_I``, both in the sole frame, so
     ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``.
@@ -167,7 +167,7 @@ def sole_poses(joints: Array, chains: Unboxed[SoleChains]) -> None:
 def base_state(
     rotation: Array, vectors: Array, biases: Array, rate: Array, joints: Array, imu: ImuPose, q: Array, v: Array
 ) -> None:
-    """Write configuration q and velocity v in Pinocchio's order, from the filter's state of the inertial unit.
+    """Write configuration q and velocity v in Pinocchio's order, from the filter's state of the IMU.
 
     ``rotation`` is R_WI (3, 3); ``vectors`` start with velocity and position of the unit in W (4, 3), ``biases`` with
     that of the gyro (2, 3). ``rate`` is the measured angular rate (3,) [rad/s]; ``joints`` are positions, velocities,
@@ -176,7 +176,7 @@ def base_state(
     imu_rotation, imu_position = imu.rotation, imu.position
     base = np.empty((3, 3))
     turned = np.empty(3)
-    twist = np.empty((2, 3))  # of the inertial unit in its own frame, joint motion taken off: linear, angular
+    twist = np.empty((2, 3))  # of the IMU in its own frame, joint motion taken off: linear, angular
     for i in range(3):
         for j in range(3):
             base[i, j] = (
@@ -235,7 +235,7 @@ def base_covariance(
     """Joint covariance of the base's pose in W and its twist in B.
 
     With the right-invariant error xi, the error n_g of the present rate sample, and the errors dq, dv of position and
-    velocity of the joints between base and inertial unit (Jacobian J of the unit in its own frame), to first order::
+    velocity of the joints between base and IMU (Jacobian J of the unit in its own frame), to first order::
 
         dtheta_W = xi_R - R_WI J_w dq
         dp_B     = xi_p - [p_B]x xi_R - R_WI (J_v dq + J_w dq x r_IB)
@@ -247,7 +247,7 @@ def base_covariance(
 
     Args:
         rotation: R_WI (3, 3).
-        position: Origin of the inertial unit in W (3,) [m].
+        position: Origin of the IMU in W (3,) [m].
         covariance: Of the error of the filter (27, 27).
         imu: R_BI, r_BI and J.
         variances: Of a joint position, a joint velocity and one sample of the rate (3,) [rad^2, (rad/s)^2, (rad/s)^2].

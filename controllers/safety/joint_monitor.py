@@ -7,14 +7,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, default_config
+from models.config import STRICT, Positive, default_config
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 
 Array = NDArray[np.float64]
-
-Positive = Annotated[float, Field(gt=0.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

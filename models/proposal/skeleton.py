@@ -1,4 +1,4 @@
-"""Joints in the zero posture and what they form: mirrored partners, legs, arms, torso, head and inertial unit."""
+"""Joints in the zero posture and what they form: mirrored partners, legs, arms, torso, head and IMU."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -212,7 +212,7 @@ _CAMERA = re.compile(r"camera|rgbd|realsense|d435|zed|gaze|eye", re.IGNORECASE)
 _HEAD = re.compile(r"head|face", re.IGNORECASE)
 _IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
 
-_IMU_REACH = 0.5  #: How far from the base an inertial unit may be, over the leg's length [-]
+_IMU_REACH = 0.5  #: How far from the base an IMU may be, over the leg's length [-]
 _HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles
 
 
@@ -227,7 +227,7 @@ class Limbs:
 
 
 def find_limbs(robot: ET.Element, skeleton: Skeleton, legs: Legs, floor: float) -> Limbs:
-    """Find arms, torso, head and inertial unit; ``floor`` is the height of the soles in the base at zero [m]."""
+    """Find arms, torso, head and IMU; ``floor`` is the height of the soles in the base at zero [m]."""
     findings: list[Finding] = []
     left = _arm(skeleton, legs)
     arms = left, tuple(skeleton.partners[j] for j in left)
@@ -305,10 +305,10 @@ def _imu(skeleton: Skeleton, torso: int, leg: float, findings: list[Finding]) ->
         away = float(np.linalg.norm(skeleton.place(link).translation))
         if away < _IMU_REACH * leg:
             return level(skeleton, link)
-        text = f"an inertial unit {1e3 * away:.0f} mm from the base: joint noise times that lever is velocity noise"
+        text = f"an IMU {1e3 * away:.0f} mm from the base: joint noise times that lever is velocity noise"
         findings.append(Finding("note", f"link '{link}'", text, f"placed in link '{base}' instead"))
         return level(skeleton, base)
-    findings.append(Finding("note", f"link '{base}'", "no link is called imu", "the inertial unit is placed here"))
+    findings.append(Finding("note", f"link '{base}'", "no link is called imu", "the IMU is placed here"))
     return level(skeleton, base)
 
 

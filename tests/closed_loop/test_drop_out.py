@@ -1,4 +1,4 @@
-"""The inertial unit falls silent while the robot stands: a short drop-out is bridged, a long one damps."""
+"""The IMU falls silent while the robot stands: a short drop-out is bridged, a long one damps."""
 
 import math
 
@@ -10,7 +10,7 @@ from models.types import Mode
 
 
 def _silence(loop: ClosedLoop, duration: float) -> None:
-    """Let the inertial unit measure nothing for a time [s] from now."""
+    """Let the IMU measure nothing for a time [s] from now."""
     loop.inject(Fault("imu", "wrong", value=math.nan, end=duration))
 
 

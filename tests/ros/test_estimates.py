@@ -61,7 +61,7 @@ class Estimated:
         self.imu = data.oMf[model.frame_id("imu")].rotation
 
     def tick(self, count: int = 1, *, imu: bool = True, feet: bool = True) -> None:
-        """Feed the samples of so many ticks, with or without the inertial unit and the feet."""
+        """Feed the samples of so many ticks, with or without the IMU and the feet."""
         node, zero = self.node, np.zeros(self.model.nj)
         for _ in range(count):
             self.stamp += MS

@@ -1,4 +1,4 @@
-"""Calibration of inertial unit, feet, and encoders in a jig, on made-up samples: what is found and what is refused."""
+"""Calibration of IMU, feet, and encoders in a jig, on made-up samples: what is found and what is refused."""
 
 from __future__ import annotations
 

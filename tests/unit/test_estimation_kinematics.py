@@ -21,7 +21,7 @@ def random_joints(model: RobotModel, rng: np.random.Generator) -> np.ndarray:
 
 
 def relative_poses(model: RobotModel, q: np.ndarray) -> list[pin.SE3]:
-    """Pose of each sole in the inertial unit's frame, by Pinocchio."""
+    """Pose of each sole in the IMU's frame, by Pinocchio."""
     data = model.data()
     pin.framesForwardKinematics(model.pin, data, np.concatenate([pin.neutral(model.pin)[:7], q]))
     imu = data.oMf[model.frame_id("imu")]
@@ -62,7 +62,7 @@ def test_covariance_is_that_of_the_encoders(robot: RobotModel) -> None:
 
 
 def test_base_state_inverts_the_mounting(robot: RobotModel) -> None:
-    """From the true state of the inertial unit, the true base; on TALOS the waist moves between the two."""
+    """From the true state of the IMU, the true base; on TALOS the waist moves between the two."""
     rng = np.random.default_rng(2)
     kinematics = kinematics_of(robot)
     q = np.concatenate([rng.normal(size=3), pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()])

@@ -1,4 +1,4 @@
-"""MuJoCo against Pinocchio at random states: dynamics, kinematics and the inertial unit."""
+"""MuJoCo against Pinocchio at random states: dynamics, kinematics and the IMU."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""Complementary filter of the inertial unit: what it finds out at rest, in motion, and what it refuses."""
+"""Complementary filter of the IMU: what it finds out at rest, in motion, and what it refuses."""
 
 import math
 from dataclasses import replace
