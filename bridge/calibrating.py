@@ -56,11 +56,12 @@ class Calibrator:
         return outcome.reply
 
     def _procedure(self, what: str) -> Callable[[], str]:
+        hanging, config = self._lockstep.hanging, self._session.config
         if what == "imu":
-            return lambda: self._wait(self._session.config.imu.time)
+            return lambda: self._wait(config.imu.time)
         if what == "feet":
-            return self._hang_feet if self._lockstep.hanging else lambda: self._move("calibrate_feet")
-        return self._jig if self._lockstep.hanging else lambda: self._move("calibrate_joints")
+            return lambda: self._wait(config.feet.time) if hanging else self._move("calibrate_feet")
+        return self._jig if hanging else lambda: self._move("calibrate_joints")
 
     def _wait(self, time: float) -> str:
         """Run for a time [s]; returns the failure, empty without one."""
@@ -70,9 +71,6 @@ class Calibrator:
         if lockstep.hanging or lockstep.stack.mode is Mode.STAND:
             return ""
         return f"calibration given up: {'; '.join(lockstep.stack.supervisor.faults) or lockstep.stack.mode.value}"
-
-    def _hang_feet(self) -> str:
-        return self._wait(self._session.config.feet.time)
 
     def _jig(self) -> str:
         lockstep, config = self._lockstep, self._session.config

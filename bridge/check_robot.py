@@ -183,13 +183,7 @@ class Verdict:
 def check_robot(
     urdf: Path, out: Path, packages: Sequence[Path] = (), *, overwrite: bool = False, seed: int = 0
 ) -> Verdict:
-    """Propose a profile for a URDF, write it and try it.
-
-    The profile is written to ``out``, which is replaced only with ``overwrite``, a changed URDF next to it.
-    ``packages`` are folders searched first for ``package://``; ``seed`` is of the sensor noise. Raises
-    ``RobotModelError`` with file, joint or link when the URDF cannot become a robot that stands, ``ConfigError`` when
-    ``out`` exists.
-    """
+    """Propose a profile for a URDF, write it to ``out``, over a file only with ``overwrite``, and try it."""
     if out.exists() and not overwrite:
         raise ConfigError(f"{out}: exists already: give another name with --out, or --overwrite")
     proposal, files = _propose(urdf, out, packages)

@@ -9,7 +9,7 @@ from typer.core import TyperGroup
 
 from bridge.commands import record
 from bridge.commands.common import Namespace, Network, console, need, need_ros, report_errors, signer_of
-from bridge.commands.robot import calibrate, hang, mode, reach, send, walk
+from bridge.commands.robot import calibrate, hang, mode, reach, reset, send, status, walk
 from models.numerics.threads import use_one_thread
 
 ENTRY_POINTS = "poise.commands"  #: Entry points of groups of commands, such as ``poise bench``
@@ -46,7 +46,15 @@ app = typer.Typer(
 )
 app.add_typer(record.log_app, name="log")
 
-Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.")]
+
+def _robots() -> list[str]:
+    """Names of the profiles, for completion."""
+    from models.profile import robot_names
+
+    return list(robot_names())
+
+
+Robot = Annotated[str, typer.Option(help="Robot profile, by name or path.", autocompletion=_robots)]
 
 
 def _print_version(requested: bool) -> None:
@@ -95,7 +103,8 @@ def up(
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
     calibration: Annotated[
-        Path | None, typer.Option(help="Folder of the calibration files; a temporary one by default.")
+        Path | None,
+        typer.Option(help="Folder of the calibration files; the user's by default, temporary with sensor errors."),
     ] = None,
     actions: Annotated[bool, typer.Option(help="Offer actions, in a separate process.")] = True,
     camera: Annotated[bool, typer.Option(help="Render the robot's camera, in a separate process.")] = False,
@@ -111,7 +120,7 @@ def up(
     real_time: Annotated[
         Literal["yield", "strict"],
         typer.Option(help="Simulated time waits for late commands (yield), or does not (strict)."),
-    ] = "strict",
+    ] = "yield",
     plant: Annotated[
         str, typer.Option(help="The robot: mujoco, the name of an installed plant, or module:Class.")
     ] = "mujoco",
@@ -124,6 +133,7 @@ def up(
     from bridge.launch.world import inhabitants, up_world
     from bridge.plants.fault_plan import fault_plan
     from bridge.plants.sensors import read_sensor_errors
+    from models.calibration_store import calibration_directory
     from models.terrain import terrain_named
 
     with report_errors():
@@ -138,6 +148,8 @@ def up(
         raise typer.BadParameter("--camera goes with one robot: it does not draw the others")
     if several and plant != "mujoco":
         raise typer.BadParameter("--plant goes with one robot: several share a world of mujoco")
+    if calibration is None and not sensor_errors:
+        calibration = calibration_directory() / plant.replace(":", ".")  # a simulated robot has its own
     given = {"sensor_errors": sensor_errors, "faults.plan": faults, "plant_options": plant_options}
     driver = {"plant": plant, "terrain": terrain, "speed": speed, "real_time": real_time} | {
         k: text for k, text in given.items() if text
@@ -240,7 +252,25 @@ def robots() -> None:
     console().print(table)
 
 
-for _command in (record.record, record.replay, record.plot, record.export, send, mode, calibrate, hang):
+@app.command()
+def joints(robot: Robot = "g1") -> None:
+    """List the joints of a robot: names, aliases and limits."""
+    from rich.table import Column, Table
+
+    from models.robot_model import RobotModel
+
+    with report_errors():
+        model = RobotModel.load(robot)
+    joint = Column("joint", no_wrap=True)
+    table = Table(joint, Column("aliases", overflow="fold"), r"q \[rad]", r"v \[rad/s]", r"tau \[N.m]", box=None)
+    for i, name in enumerate(model.joint_names):
+        aliases = (name.removesuffix("_joint"), *model.profile.joints[name].aliases)
+        position = f"{model.q_lower[i]:.2f} to {model.q_upper[i]:.2f}"
+        table.add_row(name, ", ".join(aliases), position, f"{model.v_max[i]:.1f}", f"{model.tau_max[i]:.0f}")
+    console(soft_wrap=True).print(table)
+
+
+for _command in (record.record, record.replay, record.plot, record.export, send, mode, status, reset, calibrate, hang):
     app.command()(_command)
 for _numeric in (walk, reach):
     app.command(context_settings={"ignore_unknown_options": True})(_numeric)  # -0.3 is a number, not an option

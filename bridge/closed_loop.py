@@ -75,14 +75,6 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         world: World shared with other robots, see ``bridge/shared_world.py``; a new one when None.
         name: Name of the robot in that world.
 
-    Attributes:
-        robot: The robot.
-        plant: The simulated robot; no law may read it.
-        stack: The control stack, with its stages and inputs.
-        log: Log of the run.
-        events: Stamp [s] and text of commands, pushes and changes of mode.
-        black_box: The black box, with the files that it has written; None when disabled.
-
     Raises ``ConfigError`` for an argument out of range, ``RobotModelError`` when the robot cannot be loaded,
     ``PoiseError`` when the preflight checks fail, or the feet of the held robot do not take its weight.
     """
@@ -123,6 +115,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
                 raise ConfigError(f"{option}: unknown '{value}'; known: {', '.join(known)}")
         self.config = config or default_config(LoopConfig, "bridge", "closed_loop")
         self.robot = robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
+        #: The simulated robot; no law may read it
         self.plant = MujocoPlant(
             self.robot,
             seed=seed,
@@ -170,7 +163,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
             drivers=drivers,
         )
         self.log = LoopLog(self.robot)
-        self.events: list[tuple[float, str]] = []
+        self.events: list[tuple[float, str]] = []  #: Stamp [s] and text of commands, pushes and changes of mode
         self.black_box = None if black_box is None else LoopBlackBox(self.stack, black_box, self.events)
         self._calibrator = Calibrator(self.robot, self._lockstep)
         self._guard: ObstacleGuard | None = None
@@ -276,7 +269,6 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self._lockstep.hang(seed)
 
     def _clear(self, seed: int | None) -> None:
-        """Clear the records."""
         self.log.clear()
         self.events.clear()
         if self._guard is not None:
@@ -292,10 +284,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self.stack.calibration = calibration
 
     def calibrate(self, what: str) -> CommandReply:
-        """Calibrate 'imu', 'joints' or 'feet' with the motions it needs; see ``bridge/calibrating.py``.
-
-        A success becomes ``calibration`` and takes effect with the next ``reset``, as on the robot.
-        """
+        """Calibrate 'imu', 'joints' or 'feet' with the motions they need; in effect from the next ``reset`` on."""
         reply = self._calibrator.run(what)
         self._note(f"calibrate {what[:32]}: {reply.reason}")
         return reply
@@ -328,27 +317,18 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self._note(f"velocity {forward:g} m/s forward, {left:g} m/s left, {turn:g} rad/s")
 
     def look(self, pan: float, tilt: float) -> None:
-        """Turn the head smoothly to joint angles [rad], clamped to their limits; possible while walking.
-
-        Raises ``CommandError`` without a head, in a mode without motion, or when a value is not finite.
-        """
+        """Turn the head to joint angles [rad], clamped to their limits; ``CommandError`` when that is impossible."""
         if self.mode not in ACTIVE_MODES:
             raise CommandError(f"head refused in mode '{self.mode.value}'")
         self.stack.look(pan, tilt)
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
-        """Push a body at its centre of mass with a force in the world (3,) [N] for a time [s], from the next tick on.
-
-        Raises ``CommandError`` when the body is unknown, or force or duration is invalid.
-        """
+        """Push a body at its centre of mass by a force in the world (3,) [N]; ``CommandError`` when invalid."""
         self.plant.push(force, duration, body)
         self._note(f"push ({force[0]:g}, {force[1]:g}, {force[2]:g}) N for {duration:g} s on {body}")
 
     def inject(self, faults: Faults) -> str:
-        """Inject faults into sensors and motors, their times counted from the next tick; returns a description.
-
-        Raises ``ConfigError``, and injects nothing, when they are invalid or do not fit the robot.
-        """
+        """Inject faults, timed from the next tick; returns a description. Invalid ones raise ``ConfigError``."""
         return self.plant.faults.inject(faults)
 
     def clear_faults(self) -> str:

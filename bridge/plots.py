@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from bridge.record.mcap_log import EVENTS
 from bridge.record.recording import Recording
 from bridge.record.render import DONE
-from bridge.stability import Stability, analyse, support_polygon
+from bridge.stability import Stability, analyse
 from controllers.recording.black_box_file import BlackBoxRecord
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError
@@ -50,47 +50,36 @@ def plot_run(model: RobotModel, recording: Recording, stability: Stability, fold
 def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> None:
     for time, name in recording.events:
         axes.axvline(time, color="0.75", linewidth=0.8, zorder=0)
-        if text and not name.endswith("done"):
-            axes.annotate(
-                name,
-                (time, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(2, 3),
-                textcoords="offset points",
-                fontsize=8,
-            )
+        if text and not name.endswith(DONE):
+            axes.annotate(name, (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
 
 
 def _balance(model: RobotModel, recording: Recording, stability: Stability) -> Figure:
-    figure = new_figure(12.0, 6.0)
-    grid = figure.add_gridspec(2, 2, width_ratios=[2.2, 1.0])
+    """ZMP, DCM and CoM from above with the footsteps, and against time."""
+    figure = new_figure(14.0, 7.0)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.0, 1.2])
     series = {"ZMP": stability.zmp, "DCM": stability.dcm, "CoM": stability.com[:, :2]}
-    for row, axis in enumerate("xy"):
-        axes = figure.add_subplot(grid[row, 0])
-        _mark_events(axes, recording, text=row == 0)
-        for name, values in series.items():
-            axes.plot(stability.t, values[:, row], color=COLOURS[name], linewidth=0.9, label=name)
-        axes.set_ylabel(f"{axis} [m]")
-        axes.margins(x=0.0)
-        axes.legend(loc="lower left", fontsize=8, ncols=3)
-    axes.set_xlabel("t [s]")
-    above = figure.add_subplot(grid[:, 1])
-    data = model.data()
-    pin.framesForwardKinematics(model.pin, data, recording.q[0])
-    corners = []
-    for foot in model.feet:
-        placement = data.oMf[foot.frame_id]
-        outline = (placement.rotation @ foot.corners.T).T + placement.translation
-        corners.append(outline)
-        above.fill(outline[:, 0], outline[:, 1], color="0.85", zorder=0)
-    hull = support_polygon(corners)
-    above.plot(*np.vstack([hull, hull[:1]]).T, color="0.6", linewidth=0.8)
+    above = figure.add_subplot(grid[:, 0])
+    for foot, outline in footsteps(model, recording):
+        above.fill(outline[:, 0], outline[:, 1], facecolor=("#cfe3f1", "#f6d9dc")[foot], edgecolor="0.5", linewidth=0.5)
     for name, values in series.items():
         above.plot(values[:, 0], values[:, 1], color=COLOURS[name], linewidth=0.7, label=name)
+    if recording.estimate is not None:
+        above.plot(*recording.estimate[:, :2].T, "k:", linewidth=0.9, label="base, estimated")
+        above.plot(*recording.q[:, :2].T, "k", linewidth=0.7, label="base, true")
     above.set_aspect("equal")
     above.set_xlabel("x [m]")
     above.set_ylabel("y [m]")
-    above.set_title("from above, with the soles", fontsize=9)
+    above.legend(loc="best", fontsize=8)
+    above.set_title("footsteps from above: left blue, right red", fontsize=9)
+    for row, axis in enumerate("xy"):
+        axes = figure.add_subplot(grid[row, 1])
+        _mark_events(axes, recording, text=row == 0)
+        for name, values in series.items():
+            axes.plot(stability.t, values[:, row], color=COLOURS[name], linewidth=0.8, label=name)
+        axes.set_ylabel(f"{axis} [m]")
+        axes.margins(x=0.0)
+    axes.set_xlabel("t [s]")
     return figure
 
 
@@ -136,35 +125,7 @@ def plot_walk(model: RobotModel, recording: Recording, folder: Path) -> Path:
     """Draw the walking part of a run, from the beginning of the walk on; returns the file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "walk.png"
-    stability = analyse(model, recording)
-    series = {"ZMP": stability.zmp, "DCM": stability.dcm, "CoM": stability.com[:, :2]}
-    figure = new_figure(14.0, 7.0)
-    grid = figure.add_gridspec(2, 2, width_ratios=[1.0, 1.2])
-    above = figure.add_subplot(grid[:, 0])
-    for foot, outline in footsteps(model, recording):
-        above.fill(outline[:, 0], outline[:, 1], facecolor=("#cfe3f1", "#f6d9dc")[foot], edgecolor="0.5", linewidth=0.5)
-    for name, values in series.items():
-        above.plot(values[:, 0], values[:, 1], color=COLOURS[name], linewidth=0.7, label=name)
-    if recording.estimate is not None:
-        above.plot(*recording.estimate[:, :2].T, "k:", linewidth=0.9, label="base, estimated")
-        above.plot(*recording.q[:, :2].T, "k", linewidth=0.7, label="base, true")
-    above.set_aspect("equal")
-    above.set_xlabel("x [m]")
-    above.set_ylabel("y [m]")
-    above.legend(loc="center", fontsize=8)
-    above.set_title("footsteps from above: left blue, right red", fontsize=9)
-    for row, axis in enumerate("xy"):
-        axes = figure.add_subplot(grid[row, 1])
-        for time, text in recording.events:
-            axes.axvline(time, color="0.75", linewidth=0.8, zorder=0)
-            if row == 0 and time > recording.t[0] + 0.5 and not text.endswith(DONE):
-                axes.annotate(text, (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
-        for name, values in series.items():
-            axes.plot(stability.t, values[:, row], color=COLOURS[name], linewidth=0.8, label=name)
-        axes.set_ylabel(f"{axis} [m]")
-        axes.margins(x=0.0)
-    axes.set_xlabel("t [s]")
-    figure.savefig(file, dpi=110)
+    _balance(model, recording, analyse(model, recording)).savefig(file, dpi=110)
     return file
 
 
@@ -185,10 +146,7 @@ def plot_record(run: RecordedRun, folder: Path) -> list[Path]:
 
 
 def as_recording(run: RecordedRun) -> Recording:
-    """Some rows of a recording with the true base where the simulator published it, otherwise the estimated one.
-
-    Raises ``PoiseError`` when no odometry has sensors of the same stamp.
-    """
+    """Rows of a recording with the true base, else the estimated one; ``PoiseError`` without either."""
     bases = run.truths or run.estimates
     stamps = sorted(set(bases) & set(run.joints))
     if not stamps:
@@ -214,7 +172,6 @@ def _label(topic: str, text: str) -> str:
 
 
 def _stacked(count: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Axes against time, one above the other."""
     figure = new_figure(13.0, height)
     return figure, [figure.add_subplot(count, 1, i + 1) for i in range(count)]
 
@@ -281,7 +238,6 @@ def plot_black_box(model: RobotModel, record: BlackBoxRecord, folder: Path) -> l
 
 
 def _recording(record: BlackBoxRecord) -> Recording:
-    """Some rows as a recording: estimated state, measured torques and wrenches."""
     arrays = (record.t, record.q, record.v, record.joint_tau, record.wrenches)
     t, q, v, tau, wrenches = (array[:: -(-len(record.t) // BOX_ROWS)].astype(float) for array in arrays)
     return Recording(record.robot, t, q, v, tau, wrenches, record.events)

@@ -20,19 +20,8 @@ class SharedWorld:
     In a tick the laws of every robot process its sensors, then the world moves once. The loops start one after the
     other; ``step`` or ``run`` of one loop moves that robot alone, and the others stand still as if no time passed.
 
-    Args:
-        robots: Profile by name and path, or loaded model, by the robot's name in the world.
-        places: Start poses by name; side by side for those left out.
-        seed: Of the sensor noise of the first robot; the next one has the next seed.
-        terrain: The ground, or its name.
-        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
-        timestep: Physics and driver tick [s].
-        visuals: Load meshes for pictures.
-        options: For every ``ClosedLoop``; none of ``OF_ONE``.
-
-    Raises:
-        ConfigError: As ``MujocoWorld`` and ``ClosedLoop``; or an option applies to one robot only.
-        PoiseError: As ``ClosedLoop``.
+    Each robot gets the next seed. ``options`` are for every ``ClosedLoop``, none of ``OF_ONE``; the other arguments are
+    those of ``MujocoWorld``. Raises ``ConfigError`` and ``PoiseError`` as these two.
     """
 
     def __init__(

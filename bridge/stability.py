@@ -15,11 +15,7 @@ from models.types import Matrix, Vector
 
 
 def support_polygon(corners: Sequence[Matrix]) -> Matrix:
-    """Convex hull of the soles' corners, counter-clockwise (n, 2) [m].
-
-    ``corners`` are those of each loaded sole in W, x and y (k, 2) or more columns [m]. Raises ``ValueError`` for fewer
-    than three.
-    """
+    """Convex hull of soles' corners (k, 2 or more) in W, counter-clockwise (n, 2) [m]; ``ValueError`` below three."""
     points = np.vstack([np.asarray(sole)[:, :2] for sole in corners])
     if len(points) < 3:
         raise ValueError(f"a support polygon needs three corners, found {len(points)}")
@@ -34,20 +30,13 @@ def _outward(polygon: Matrix) -> tuple[Matrix, Vector]:
 
 
 def margin(polygon: Matrix, point: Vector) -> float:
-    """Distance from a point to the nearest edge of a counter-clockwise polygon [m]; positive inside, negative outside.
-
-    Outside it is minus the largest distance to a violated edge line, at most the true distance. ``polygon`` is (n, 2)
-    and ``point`` (2,) in W [m].
-    """
+    """Distance from a point to the nearest edge line of a counter-clockwise polygon [m], negative outside."""
     normals, offsets = _outward(polygon)
     return float(np.min(offsets - normals @ point[:2]))
 
 
 def distance_along(polygon: Matrix, point: Vector, direction: Vector) -> float:
-    """Distance from a point inside a counter-clockwise polygon to its edge along a unit direction [m].
-
-    0 on that edge or beyond it. ``polygon`` is (n, 2) [m], ``point`` (2,) [m] and ``direction`` (2,), all in W.
-    """
+    """Distance from a point inside a counter-clockwise polygon to its edge along a unit direction [m], or 0."""
     normals, offsets = _outward(polygon)
     slack = offsets - normals @ point[:2]
     rate = normals @ direction[:2]
@@ -57,7 +46,6 @@ def distance_along(polygon: Matrix, point: Vector, direction: Vector) -> float:
 
 LOADED_FRACTION = 0.02  #: Share of the weight on both feet below which the robot is in flight [-]
 FLOOR_GAP = 0.005  #: Height above the lower sole up to which a sole is on the floor, loaded or not [m]
-
 
 LEAST_HEIGHT = 0.1  #: Least CoM height of the pendulum; below it the robot lies on the floor [m]
 
@@ -86,10 +74,7 @@ class Balance:
 
 
 def balance(model: RobotModel, data: pin.Data, q: Vector, v: Vector, wrenches: ArrayLike) -> Balance:
-    """Balance of a configuration (nq,), a velocity (nv,) and the wrenches on the soles in their frames (2, 6).
-
-    ``data`` is a work space, which then has placements and velocities of the state.
-    """
+    """Balance of q (nq,), v (nv,) and wrenches in the sole frames (2, 6); ``data`` is updated to this state."""
     pin.centerOfMass(model.pin, data, q, v)
     pin.updateFramePlacements(model.pin, data)
     com, velocity = data.com[0].copy(), data.vcom[0].copy()

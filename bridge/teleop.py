@@ -258,7 +258,6 @@ def teleop(
 
 
 def _do(operator: Operator, deed: str) -> None:
-    """Call the service of that name, otherwise publish a word."""
     if deed in operator.services:
         operator.call(deed)
     else:
@@ -266,7 +265,6 @@ def _do(operator: Operator, deed: str) -> None:
 
 
 def _line(mode: str, commander: str, velocity: Velocity) -> str:
-    """Status line for the operator."""
     forward, left, turn = velocity
     return (
         f"mode {mode or 'unknown'}, in command: {commander or 'unknown'}, "

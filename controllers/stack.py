@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 from msgspec import structs
@@ -57,7 +57,7 @@ class StackConfig:
     head: HeadConfig | None = None
 
 
-class StackMemory(NamedTuple):
+class StackSnapshot(NamedTuple):
     """State of the stack between two ticks, without that of its stages."""
 
     state: RobotState  #: Last estimate
@@ -73,28 +73,22 @@ class Law(Protocol):
     @property
     def motion_active(self) -> bool:
         """Whether a motion is being executed."""
-        ...
 
     @property
     def reference(self) -> Reference:
         """Reference of the last tick."""
-        ...
 
     def reset(self, state: RobotState) -> None:
         """Start over from a state."""
-        ...
 
     def follow(self, trajectory: JointTrajectory) -> None:
         """Start a motion."""
-        ...
 
     def stop_motion(self) -> None:
         """Slow down and hold the posture reached."""
-        ...
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick."""
-        ...
 
 
 class VelocityInput(Protocol):
@@ -102,11 +96,9 @@ class VelocityInput(Protocol):
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Walk with a velocity [m/s, m/s, rad/s]."""
-        ...
 
     def stop(self) -> None:
         """Come to a standstill."""
-        ...
 
 
 class ControlStack:
@@ -115,31 +107,12 @@ class ControlStack:
         sensors -> calibration -> estimator -> posture or gait -> whole-body QP -> joint command
 
     One law runs in every active mode. In a mode that moves nothing only the estimator runs; ``reset`` precedes the next
-    active mode.
+    active mode. ``step`` runs all stages of a tick. Where the stages live in nodes, which have the ``robot`` too,
+    ``build_estimator``, ``build_gait`` and ``build_law`` build them with the parameters of each node, and ``estimate``
+    and ``control`` run them.
 
-    ``step`` runs all stages of a tick. Where the stages live in nodes, ``build_estimator``, ``build_gait`` and
-    ``build_law`` build them with the parameters of each node, and ``estimate`` and ``control`` run them.
-
-    Args:
-        robot: The robot; None where nodes build the stages.
-        config: Configuration of the stages.
-        period: Time between two ticks [s].
-        calibration: Corrects the sensors from the next ``reset`` on; optional.
-        law: Whole-body law instead of ``BalanceController``.
-        log: Records the inputs of the stack for a replay; optional.
-        supervised: Whether the supervisor runs in the stack; otherwise the mode comes from outside.
-
-    Attributes:
-        robot: The robot.
-        calibration: Corrects the sensors from the next ``reset`` on; optional.
-        raw: Last sample, as measured; None before the first.
-        sensors: Last sample, corrected.
-        state: Last estimate.
-        result: Result of the last tick in an active mode.
-        scheduled: Feet that the last reference has in contact; None while the mode moves nothing.
-        head: Head, of a robot that has one.
-        tuning: Gains of the standing law that change while it runs.
-        velocity_input: Accepts the velocities of text commands; the stack itself by default.
+    ``period`` is the time between two ticks [s]; ``law`` replaces ``BalanceController``; ``log`` records the inputs for
+    a replay; without ``supervised`` the mode comes from outside.
     """
 
     def __init__(
@@ -153,6 +126,7 @@ class ControlStack:
         log: InputLog | None = None,
         supervised: bool = True,
     ) -> None:
+        #: ``calibration`` corrects the sensors from the next ``reset`` on
         self.log, self.calibration, self._correction = log, calibration, calibration
         self.robot: RobotModel
         self._estimator: StateEstimator | None = None
@@ -160,14 +134,15 @@ class ControlStack:
         self._law: Law | None = None
         self._gait_timer: AbstractContextManager[None] = nullcontext()
         self.head: Head | None = None
-        self.tuning: Tuning | None = None
+        self.tuning: Tuning | None = None  #: Gains of the standing law that change while it runs
         self._supervisor: Supervisor | None = None
-        self.raw: SensorData | None = None
-        self.sensors: SensorData
-        self.state: RobotState
-        self.result: ControlResult
+        self.raw: SensorData | None = None  #: Last sample, as measured
+        self.sensors: SensorData  #: Last sample, corrected
+        self.state: RobotState  #: Last estimate
+        self.result: ControlResult  #: Of the last tick in an active mode
+        #: Feet that the last reference has in contact; None while the mode moves nothing
         self.scheduled: tuple[bool, bool] | None = None
-        self.velocity_input: VelocityInput = self
+        self.velocity_input: VelocityInput = self  #: Accepts the velocities of text commands
         self._mode = Mode.OFF
         self._held_velocity: Velocity | None = None
         self._command_t = 0.0
@@ -207,7 +182,7 @@ class ControlStack:
         """Build the whole-body law, the head and the joint monitor, or replace them."""
         self.robot = robot
         if law is None:
-            head = Head.of(robot, config.head)
+            head = Head.for_robot(robot, config.head)
             law = BalanceController(robot, config.balance, config.whole_body, head=head)
         self._law = law
         self.head, self.tuning = (law.head, Tuning(law)) if isinstance(law, BalanceController) else (None, None)
@@ -220,7 +195,6 @@ class ControlStack:
         self._connect_gait()
 
     def _connect_gait(self) -> None:
-        """Connect the gait to the law, once both are built."""
         if isinstance(self._law, BalanceController):
             if self._gait is not None:
                 self._law.set_gait(self._gait, self._gait_timer)
@@ -251,12 +225,7 @@ class ControlStack:
             self._law.enter(Mode.OFF)
 
     def reset_estimator(self, sensors: SensorData, *, after: int | None = None) -> RobotState:
-        """Start the estimator from a sample at rest, with the newest calibration.
-
-        Args:
-            sensors: As measured.
-            after: Stamp of the tick before the first one [ns]; None when the first tick uses this sample.
-        """
+        """Start from a measured sample at rest; ``after`` is the stamp of the tick before, where there is one [ns]."""
         self._correction, self.scheduled, self._command_t = self.calibration, None, 0.0
         self.raw, self.sensors = sensors, self._correct(sensors)
         if self.log is not None:
@@ -270,7 +239,7 @@ class ControlStack:
         """Start the whole-body law from a state, standing."""
         self.law.reset(state)
         if self.head is not None:
-            self.head.drop()
+            self.head.discard_command()
         self._monitor.reset()
         self._record("reset")
 
@@ -284,16 +253,7 @@ class ControlStack:
         return reply
 
     def step(self, sensors: SensorData, dt: float, state: RobotState | None = None) -> JointCommand | None:
-        """One tick of all stages.
-
-        Args:
-            sensors: As measured.
-            dt: Time since the last sample [s].
-            state: Replaces the estimate; optional.
-
-        Returns:
-            The command; None while the mode moves nothing.
-        """
+        """One tick, ``dt`` [s] after the last; None where the mode moves nothing. ``state`` replaces the estimate."""
         if state is None:
             self.estimate(sensors, dt)
         else:
@@ -330,21 +290,13 @@ class ControlStack:
         result = self.law.step(state, dt)
         reference = self.reference
         if self.head is not None:
-            result = self.head.drive(result, reference)
+            result = self.head.blend_setpoint(result, reference)
         self._monitor.step(state, result.command)
         self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
         return result
 
     def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
-        """Update the supervisor with the present status; also when no sample arrives.
-
-        Args:
-            t: Present time [s].
-            drivers_damped: Whether the joint drivers fell back to damping.
-
-        Returns:
-            The mode from now on.
-        """
+        """Update the supervisor at time ``t`` [s], also when no sample arrives; returns the mode from now on."""
         status = self.status
         health = Health(
             state_stamp=self.state.t,
@@ -384,7 +336,7 @@ class ControlStack:
         reference = self.reference
         if self.head is None:
             return reference.posture, reference.posture_velocity
-        return self.head.without(reference)
+        return self.head.without_head(reference)
 
     @property
     def capture_margin(self) -> float:
@@ -413,13 +365,13 @@ class ControlStack:
         return self.law.motion_active
 
     @property
-    def memory(self) -> StackMemory:
+    def snapshot(self) -> StackSnapshot:
         """State that the stack keeps between two ticks."""
-        return StackMemory(self.state, self.scheduled, self._mode, self._held_velocity, self._correction)
+        return StackSnapshot(self.state, self.scheduled, self._mode, self._held_velocity, self._correction)
 
-    def recall(self, memory: StackMemory) -> None:
-        """Restore a ``memory``; the caller restores the stages."""
-        self.state, self.scheduled, self._mode, self._held_velocity, self._correction = memory
+    def restore(self, snapshot: StackSnapshot) -> None:
+        """Restore a ``snapshot``; the caller restores the stages."""
+        self.state, self.scheduled, self._mode, self._held_velocity, self._correction = snapshot
 
     # Inputs; each is recorded
 
@@ -449,7 +401,6 @@ class ControlStack:
         return reply
 
     def _plan(self, motion: str) -> JointTrajectory:
-        """Plan a motion from the present posture."""
         if self._motions is None:
             from planners.motion import MotionPlanner  # with placo, whose import takes long
 
@@ -457,12 +408,8 @@ class ControlStack:
         return self._motions.plan(motion, start_q=self.posture[0])
 
     def follow(self, trajectory: JointTrajectory, number: int | None = None) -> None:
-        """Follow a motion, while walking with arms and head only; see ``BalanceController.follow`` for refusals.
-
-        Args:
-            trajectory: The motion.
-            number: Identifies the motion in a recording; a number of the log when None.
-        """
+        """Follow a motion, while walking with arms and head only; refused as by ``BalanceController.follow``."""
+        trajectory = replace(trajectory, joint_names=self.robot.named(trajectory.joint_names))
         self.law.follow(trajectory)
         if self.head is not None:
             self.head.release(trajectory)
@@ -476,11 +423,7 @@ class ControlStack:
         self._record("stop_motion")
 
     def look(self, pan: float, tilt: float) -> None:
-        """Turn the head to joint angles [rad]; a later motion that moves the head ends the command.
-
-        Raises:
-            CommandError: The robot has no head, or a value is not finite.
-        """
+        """Turn the head to joint angles [rad] until a motion moves it; ``CommandError`` where that fails."""
         if self.head is None:
             raise CommandError("this robot has no head to turn: its profile names no joints 'head.pan' and 'head.tilt'")
         self.head.command(pan, tilt)

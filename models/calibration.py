@@ -11,7 +11,7 @@ from msgspec import structs
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, JointCommand, Matrix, SensorData, Vector
 
@@ -49,13 +49,9 @@ def encoder_command(command: JointCommand, offsets: Vector) -> JointCommand:
 
 
 def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorData:
-    """Correct one sample.
+    """Correct one sample: a new one with the velocities and torques of ``sensors``; NaN stays NaN.
 
-    ::
-
-        q = q_m - o_q,   w = w_m - b_w,   f = f_m - b_f,   W = W_m - o_W,   W_z = g_z W_z
-
-    Returns a new sample; velocities and torques are those of ``sensors``. NaN stays NaN.
+    q = q_m - o_q, w = w_m - b_w, f = f_m - b_f, W = W_m - o_W, W_z = g_z W_z
     """
     wrenches = sensors.wrenches - calibration.wrench_offsets
     wrenches[:, 2] *= calibration.force_gains
@@ -74,13 +70,13 @@ def apply_calibration(sensors: SensorData, calibration: Calibration) -> SensorDa
 class CalibrationLimits:
     """Largest plausible corrections, and how many calibration files are kept."""
 
-    gyro_bias: Annotated[float, Field(gt=0.0, description="each axis [rad/s]")]
-    accel_bias: Annotated[float, Field(gt=0.0, description="each axis [m/s^2]")]
-    encoder_offset: Annotated[float, Field(gt=0.0, description="each joint [rad]")]
-    force_offset: Annotated[float, Field(gt=0.0, description="each axis [N]")]
-    torque_offset: Annotated[float, Field(gt=0.0, description="each axis [N.m]")]
-    force_gain: Annotated[float, Field(gt=0.0, lt=1.0, description="deviation of a gain from 1 [-]")]
-    keep: Annotated[int, Field(ge=1, le=100, description="previous files that are kept [1]")]
+    gyro_bias: Positive  #: each axis [rad/s]
+    accel_bias: Positive  #: each axis [m/s^2]
+    encoder_offset: Positive  #: each joint [rad]
+    force_offset: Positive  #: each axis [N]
+    torque_offset: Positive  #: each axis [N.m]
+    force_gain: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of a gain from 1 [-]
+    keep: Annotated[int, Field(ge=1, le=100)]  #: previous files that are kept [1]
 
 
 def implausible(calibration: Calibration, model: RobotModel, limits: CalibrationLimits) -> str:

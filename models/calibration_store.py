@@ -4,17 +4,16 @@ import os
 from dataclasses import field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import yaml
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from models.calibration import Calibration, CalibrationLimits, implausible
 from models.config import STRICT, default_config, load_config
 from models.errors import ConfigError, JointNameError
-from models.files import state_folder
+from models.files import user_folder
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES
 
@@ -27,9 +26,9 @@ Vector3 = tuple[float, float, float]
 class _Foot:
     """One foot sensor in the file."""
 
-    force_offset: Annotated[Vector3, Field(description="[N]")]
-    torque_offset: Annotated[Vector3, Field(description="[N.m]")]
-    force_gain: Annotated[float, Field(description="[-]")]
+    force_offset: Vector3  #: [N]
+    torque_offset: Vector3  #: [N.m]
+    force_gain: float  #: [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -38,15 +37,14 @@ class _File:
 
     schema_version: Literal[1]
     robot: str
-    written: Annotated[str, Field(description="when, ISO 8601 with a zone")]
-    gyro_bias: Annotated[Vector3, Field(description="[rad/s]")]
-    accel_bias: Annotated[Vector3, Field(description="[m/s^2]")]
-    encoder_offsets: Annotated[dict[str, float], Field(description="of every joint, by name [rad]")]
-    feet: Annotated[dict[Literal["left", "right"], _Foot], Field(description="both feet")]
-    calibrated: Annotated[
-        dict[Literal["imu", "joints", "feet"], str], Field(description="when each part was calibrated, ISO 8601")
-    ] = field(default_factory=dict)
-    complete: Annotated[Literal[True] | None, Field(description="last line of the file: nothing is missing")] = None
+    written: str  #: when, ISO 8601 with a zone
+    gyro_bias: Vector3  #: [rad/s]
+    accel_bias: Vector3  #: [m/s^2]
+    encoder_offsets: dict[str, float]  #: of every joint, by name [rad]
+    feet: dict[Literal["left", "right"], _Foot]  #: both feet
+    #: when each part was calibrated, ISO 8601
+    calibrated: dict[Literal["imu", "joints", "feet"], str] = field(default_factory=dict)
+    complete: Literal[True] | None = None  #: last line of the file: nothing is missing
 
     def __post_init__(self) -> None:
         for name, stamp in (("written", self.written), *self.calibrated.items()):
@@ -63,17 +61,11 @@ class _File:
 
 
 def calibration_directory() -> Path:
-    """Folder of the calibration files.
-
-    ``$POISE_CALIBRATION_DIR`` when set, else ``poise/calibration`` in the user's state folder; see ``state_folder``.
-
-    Raises:
-        ConfigError: There is neither a variable nor a home folder.
-    """
+    """``$POISE_CALIBRATION_DIR``, else ``poise/calibration`` in ``$XDG_CONFIG_HOME``, else in ``~/.config``."""
     given = os.environ.get(DIRECTORY_VARIABLE)
     if given:
         return Path(given)
-    return state_folder("calibration")
+    return user_folder("calibration", "XDG_CONFIG_HOME", ".config")
 
 
 class CalibrationStore:
@@ -83,11 +75,8 @@ class CalibrationStore:
     A new file is written beside the old one, flushed to the disk, and renamed over it: after any interruption the name
     points to a complete file.
 
-    Args:
-        model: The robot.
-        directory: Folder, created when first written to; ``calibration_directory()`` when None.
-        limits: Plausible corrections; the packaged ``models/config/calibration.yaml`` when None.
-        namespace: ROS namespace of the robot, such as ``/left_cell/g1``; empty or ``/`` for none.
+    ``directory`` is ``calibration_directory()`` when None, and created when first written to; ``limits`` are the
+    packaged plausible corrections when None; ``namespace`` is empty or ``/`` for none.
     """
 
     def __init__(
@@ -103,10 +92,7 @@ class CalibrationStore:
         self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
 
     def load(self) -> tuple[Calibration, tuple[str, ...]]:
-        """The newest usable calibration, and why each newer file was refused.
-
-        When no file is usable, the calibration corrects nothing; a missing file is no error.
-        """
+        """The newest usable calibration, one that corrects nothing without any, and why newer files were refused."""
         refused: list[str] = []
         for path in self.files():
             try:
@@ -121,13 +107,7 @@ class CalibrationStore:
         return [path for path in names if path.is_file()]
 
     def read(self, path: Path) -> Calibration:
-        """Read and validate one file.
-
-        Raises:
-            ConfigError: It is unreadable, incomplete, for another robot, of another version or implausible; the
-                message names the file and the key.
-            JointNameError: A joint is unknown or missing; the message names file and joint.
-        """
+        """Read and validate one file; ``ConfigError`` or ``JointNameError`` names the file and the key."""
         data = load_config(_File, path)
         if data.robot != self._model.name:
             raise ConfigError(f"{path}: robot: is for '{data.robot}', not for '{self._model.name}'")
@@ -151,15 +131,9 @@ class CalibrationStore:
         return calibration
 
     def save(self, calibration: Calibration, *, now: datetime, what: str | None = None) -> Calibration:
-        """Write a calibration, return it with its stamps; the present file becomes ``.1``.
+        """Write a calibration, return it with the stamp ``now`` for ``what``; the present file becomes ``.1``.
 
-        Args:
-            calibration: New corrections.
-            now: Time stamp, with a time zone.
-            what: Part that was just calibrated and gets the stamp ('imu', 'joints', 'feet').
-
-        Raises:
-            ConfigError: It is for another robot or implausible, the stamp has no zone, or the disk refuses.
+        Raises ``ConfigError`` when it is for another robot or implausible, the stamp has no zone, or the disk refuses.
         """
         if now.tzinfo is None:
             raise ConfigError("calibration: the time stamp has no time zone")
@@ -182,11 +156,7 @@ class CalibrationStore:
         return calibration
 
     def rollback(self) -> Calibration:
-        """Return to the file before the present one, which is kept as ``.rejected``.
-
-        Raises:
-            ConfigError: No previous file is usable, and nothing is changed; or the disk refuses.
-        """
+        """Return to the file before the present one, kept as ``.rejected``; ``ConfigError`` when none is usable."""
         for path in self.files():
             if path == self.path:
                 continue

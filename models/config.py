@@ -1,6 +1,10 @@
 """YAML configuration: a frozen pydantic dataclass is the schema, and every refusal names the file and the key."""
 
+import inspect
 import json
+import re
+import sys
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -34,11 +38,7 @@ class _UniqueKeyLoader(yaml.CSafeLoader):
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read one YAML mapping.
-
-    Raises:
-        ConfigError: The file is missing, is not YAML, repeats a key or is not a mapping.
-    """
+    """Read one YAML mapping; ``ConfigError`` when it is missing, not YAML, repeats a key or is not a mapping."""
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -58,13 +58,7 @@ def parse_yaml(text: str | bytes, source: str) -> dict[str, Any]:
 
 
 def parse_config(schema: type[T], data: dict[str, Any], source: str) -> T:
-    """Validate a mapping (from YAML or ROS parameters) against its schema, a frozen pydantic dataclass with ``STRICT``.
-
-    ``source`` names its origin in error messages.
-
-    Raises:
-        ConfigError: A key is unknown, missing, of the wrong type or out of range; every such key is named.
-    """
+    """Validate a mapping from ``source`` against a pydantic dataclass; ``ConfigError`` names every wrong key."""
     try:
         return TypeAdapter(schema).validate_json(json.dumps(data))
     except TypeError as error:
@@ -89,3 +83,20 @@ def default_config(schema: type[T], package: str, name: str) -> T:
         _PACKAGED[key] = load_config(schema, Path(str(files(package))) / "config" / f"{name}.yaml")
     config: T = _PACKAGED[key]
     return config
+
+
+@cache
+def descriptions(schema: type[Any]) -> dict[str, str]:
+    """Text of the ``#:`` comment above or beside each field of a schema or its bases, by field."""
+    found: dict[str, str] = {}
+    for kind in reversed(schema.__mro__[:-1]):
+        body = re.search(rf"^class {kind.__name__}\b.*?(?=^\S|\Z)", _source(kind.__module__), re.MULTILINE | re.DOTALL)
+        fields = re.findall(r"^((?: +#: .*\n)*)    (\w+): (.*)$", body[0] if body else "", re.MULTILINE)
+        texts = {name: (above or beside.partition("  #: ")[2]).replace("#:", "") for above, name, beside in fields}
+        found |= {name: " ".join(text.split()) for name, text in texts.items() if text}
+    return found
+
+
+@cache
+def _source(module: str) -> str:
+    return inspect.getsource(sys.modules[module])

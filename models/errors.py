@@ -1,5 +1,15 @@
 """The error tree. Errors are raised when something is built, never inside the control loop."""
 
+from difflib import get_close_matches
+from functools import lru_cache
+
+
+@lru_cache(maxsize=64)  # a stream of refused messages repeats itself
+def did_you_mean(word: str, known: tuple[str, ...]) -> str:
+    """``: did you mean 'NAME'?`` for the nearest known name; empty when none is near."""
+    found = get_close_matches(word[:64], known, 1)
+    return f": did you mean '{found[0]}'?" if found else ""
+
 
 class PoiseError(Exception):
     """Base of every error that poise raises on purpose."""

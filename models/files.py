@@ -6,25 +6,22 @@ from pathlib import Path
 from models.errors import ConfigError, PoiseError
 
 
-def state_folder(name: str) -> Path:
-    """Folder ``poise/<name>`` in the user's state folder, which is ``$XDG_STATE_HOME``, else ``~/.local/state``.
-
-    Raises:
-        ConfigError: There is neither that variable nor a home folder.
-    """
-    state = os.environ.get("XDG_STATE_HOME")
+def user_folder(name: str, variable: str, usual: str) -> Path:
+    """``poise/<name>`` in the folder of an XDG variable or ``usual`` of the home; ``ConfigError`` without one."""
+    given = os.environ.get(variable)
     try:
-        return (Path(state) if state else Path.home() / ".local" / "state") / "poise" / name
+        return (Path(given) if given else Path.home() / usual) / "poise" / name
     except RuntimeError as error:
-        raise ConfigError(f"no folder for {name} files: neither XDG_STATE_HOME nor a home folder is set") from error
+        raise ConfigError(f"no folder for {name} files: neither {variable} nor a home folder is set") from error
+
+
+def state_folder(name: str) -> Path:
+    """``poise/<name>`` in ``$XDG_STATE_HOME``, else ``~/.local/state``: files that programs write for themselves."""
+    return user_folder(name, "XDG_STATE_HOME", ".local/state")
 
 
 def part_beside(path: Path) -> Path:
-    """Empty file beside ``path`` to write into until it is complete, and then to ``replace`` it.
-
-    Raises:
-        PoiseError: It cannot be written.
-    """
+    """Empty file beside ``path`` to write into and then to ``replace`` it; ``PoiseError`` if it cannot be written."""
     part = path.with_name(f".{path.name}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -24,11 +24,7 @@ def turned(points: ArrayLike, yaw: float) -> Matrix:
 
 @njit(cache=True)
 def base_footprint(base: Vector, soles: Matrix) -> Vector:
-    """Pose of the footprint in B, position and quaternion xyzw (7,): between the soles, level with the lower one.
-
-    It has the yaw of the base. ``base`` is the pose of B in W (7,), ``soles`` the origins of both soles in W (2, 3)
-    [m].
-    """
+    """Footprint in B (7,): between the ``soles`` (2, 3), level with the lower one, with the yaw of B (7,)."""
     x, y, z, w = base[3], base[4], base[5], base[6]
     px = 0.5 * (soles[0, 0] + soles[1, 0]) - base[0]
     py = 0.5 * (soles[0, 1] + soles[1, 1]) - base[1]

@@ -57,14 +57,7 @@ class _Constant(NamedTuple):
 
 
 class LawState:
-    """Location of the state of a law that has just been built, without the separate laws in ``apart``.
-
-    Attributes:
-        arrays: Arrays that own their memory, by path.
-        objects: Objects, lists and dictionaries that can change, by path.
-        places: Path of each array and object, by its id.
-        found: Each array and object, by its path.
-    """
+    """State of a law just built, without ``apart``: ``arrays`` that own memory and mutable ``objects``, by path."""
 
     def __init__(self, law: object, apart: Collection[object] = ()) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
@@ -238,11 +231,7 @@ def describe(law: LawState, captured: Captured) -> tuple[Bytes, dict[str, Any]]:
 
 
 def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
-    """Restore a state in a law like the one it was captured from.
-
-    Raises:
-        PoiseError: The law is of another version than the one of the state.
-    """
+    """Restore a state in a law like the one it was captured from; ``PoiseError`` for another version of the law."""
     if description["arrays"] != _arrays(law):
         raise PoiseError(_OTHER_VERSION)
     objects, arrays = np.split(data, [description["objects"]])
@@ -259,7 +248,6 @@ def restore(law: LawState, data: Bytes, description: dict[str, Any]) -> None:
 
 
 def _assign(target: Any, contents: tuple[Any, ...]) -> None:
-    """Replace the items of a container or the attributes of an object."""
     if isinstance(target, _CONTAINERS) and not isinstance(target, dict):
         old = [*target, *[None] * len(contents)]
         items = [_resolve(*pair) for pair in zip(contents, old, strict=False)]
@@ -333,20 +321,16 @@ def attributes(value: object) -> dict[str, Any]:
     if isinstance(value, tuple):
         return dict(zip(value._fields, value, strict=True))  # type: ignore[attr-defined]
     own = getattr(value, "__dict__", None)
-    names = _slots(type(value))
+    kind: Any = type(value)
+    names = _slots(kind)
     if not names:
         return own if own is not None else {}
     found = {name: getattr(value, name) for name in names if hasattr(value, name)}
     return found if own is None else found | own
 
 
-_SLOTS: dict[type, tuple[str, ...]] = {}  #: Results of ``_slots`` by class
-
-
-def _slots(kind: type) -> tuple[str, ...]:
-    """Names of the slots of a class and its bases."""
-    if kind not in _SLOTS:
-        each = [vars(base).get("__slots__", ()) for base in kind.__mro__]
-        names = [name for slots in each for name in ((slots,) if isinstance(slots, str) else slots)]
-        _SLOTS[kind] = tuple(name for name in names if name not in ("__dict__", "__weakref__"))
-    return _SLOTS[kind]
+@cache
+def _slots(kind: Any) -> tuple[str, ...]:
+    each = [vars(base).get("__slots__", ()) for base in kind.__mro__]
+    names = [name for slots in each for name in ((slots,) if isinstance(slots, str) else slots)]
+    return tuple(name for name in names if name not in ("__dict__", "__weakref__"))

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from models.config import default_config
 from models.errors import ConfigError, RobotModelError
-from models.mujoco_spec import HOLD, ROOT_JOINT, build_spec, prefix
-from models.plant_config import PlantConfig
+from models.mujoco_spec import HOLD, ROOT_JOINT, PlantConfig, build_spec, prefix
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Terrain, terrain_named
 from models.types import Matrix, Vector
@@ -80,21 +79,7 @@ def build_mujoco(
     terrain: str | Terrain = FLAT,
     config: PlantConfig | None = None,
 ) -> MujocoModel:
-    """Build the simulated robot and its floor.
-
-    Args:
-        model: The robot.
-        timestep: Physics step [s].
-        visuals: Load meshes, floor texture, light and camera for pictures; no effect on the dynamics.
-        friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
-        payload_kg: Mass of a ball at the torso's centre of mass that only the plant has [kg].
-        terrain: The ground, or its name in ``models/config/terrain.yaml``.
-        config: Solver and contact settings; the packaged ones when None.
-
-    Raises:
-        ConfigError: An argument is out of range, or the terrain is unknown.
-        RobotModelError: MuJoCo refuses the URDF; the file and MuJoCo's reason are named.
-    """
+    """Build one simulated robot and its floor; see ``build_mujoco_world``."""
     return build_mujoco_world(
         {"": model},
         timestep=timestep,
@@ -116,14 +101,13 @@ def build_mujoco_world(
     terrain: str | Terrain = FLAT,
     config: PlantConfig | None = None,
 ) -> dict[str, MujocoModel]:
-    """Build several robots by name on one floor; they touch each other with soles and hulls.
+    """Build simulated robots by name on one floor; they touch each other with soles and hulls.
 
-    Arguments are those of ``build_mujoco``; ``payload_kg`` is by the robot's name, and ``friction`` is the smallest of
-    the profiles' when None. All robots are at the origin of W: place them apart.
-
-    Raises:
-        ConfigError: An argument is out of range, the terrain is unknown, or there is no robot or too many.
-        RobotModelError: MuJoCo refuses a robot.
+    All are at the origin of W: place them apart. ``friction`` is the Coulomb coefficient of sole on floor [-], the
+    smallest of the profiles' when None; ``payload_kg`` the mass of a ball at a torso's centre of mass that only the
+    plant has [kg]; ``terrain`` the ground, or its name in ``models/config/terrain.yaml``. ``visuals`` loads what
+    pictures need, without effect on the dynamics. Raises ``ConfigError`` for an argument out of range,
+    ``RobotModelError`` with MuJoCo's reason when it refuses a robot.
     """
     payloads = payload_kg or {}
     if not timestep > 0.0:

@@ -2,18 +2,68 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
+from models.config import STRICT, NonNegative, Positive
 from models.constants import GRAVITY
-from models.plant_config import PlantConfig
 from models.robot_model import Foot, RobotModel
 from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
+
+Count = Annotated[int, Field(ge=2)]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class ContactConfig:
+    """Contact of robot and floor; units in the YAML file."""
+
+    corner_radius: Positive
+    sole_points: tuple[Count, Count]
+    torsional_friction: NonNegative
+    rolling_friction: NonNegative
+    time_constant: Positive
+    damping_ratio: Positive
+    impedance: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SpringConfig:
+    """Stiffness of a constraint as MuJoCo's solref; units in the YAML file."""
+
+    time_constant: Positive
+    damping_ratio: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class SceneConfig:
+    """Camera, light and floor of pictures; units in the YAML file."""
+
+    camera_offset: tuple[float, float, float]
+    camera_height_target: float
+    light_height: Positive
+    checker_size: Positive
+    shadow_range: Positive
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class PlantConfig:
+    """Settings of the simulated world; see ``models/config/mujoco.yaml``."""
+
+    integrator: Literal["implicitfast", "Euler"]
+    friction_hardness: Positive
+    contact: ContactConfig
+    joint_limits: SpringConfig
+    hold: SpringConfig
+    payload_radius: Positive
+    scene: SceneConfig
+
 
 HOLD = "hold"  #: Name of the weld and of the mocap body that hold the robot until it is released
 ROOT_JOINT = "root_joint"  #: Name of the free joint of the base
@@ -38,14 +88,7 @@ def build_spec(
     terrain: Terrain,
     config: PlantConfig,
 ) -> mujoco.MjSpec:
-    """Specification of simulated robots on one floor; arguments as for ``models.mujoco_model.build_mujoco_world``.
-
-    A robot without a name is alone. Others have their name and a slash as prefix; they touch and see each other by
-    soles, hulls and the capsules between the hulls.
-
-    Raises:
-        ValueError: MuJoCo refuses a URDF.
-    """
+    """Specification of robots on one floor, their names as prefixes; ``ValueError`` when MuJoCo refuses a URDF."""
     alone = "" in robots
     world = _read(robots[""], visuals) if alone else mujoco.MjSpec()
     _set_options(world, timestep, config)
@@ -219,10 +262,7 @@ def _add_frames(spec: Any, model: RobotModel) -> None:
 
 
 def _add_soles(spec: Any, model: RobotModel, config: PlantConfig, *, uneven: bool) -> None:
-    """A massless body for each sole holds its contact points: its force on the foot is the ground reaction.
-
-    Four corners bear on level ground like the whole sole; uneven ground also touches the points between them.
-    """
+    """Massless bodies hold the contact points, four on level ground: their force is the ground reaction."""
     radius = config.contact.corner_radius
     for foot in model.feet:
         name = model.pin.frames[foot.frame_id].name

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, load_config
+from models.config import STRICT, NonNegative, Positive, load_config
 from models.errors import ConfigError
 
 Vector3 = tuple[float, float, float]
@@ -28,45 +28,50 @@ RESERVED_FRAMES = ("base_link", "l_sole", "r_sole", "base_footprint", "odom")
 class Motor:
     """One type of drive (motor, gearbox and its driver), shared by the joints that use it."""
 
-    armature: Annotated[float, Field(ge=0.0, description="rotor inertia reflected to the joint [kg.m^2]")]
-    damping: Annotated[float, Field(ge=0.0, description="viscous friction at the joint [N.m.s/rad]")]
-    frictionloss: Annotated[float, Field(ge=0.0, description="dry friction at the joint [N.m]")]
-    torque_rate: Annotated[float, Field(gt=0.0, description="fastest change of the drive's torque [N.m/s]")]
-    kp: Annotated[float, Field(ge=0.0, description="position gain of the driver [N.m/rad]")]
-    kd: Annotated[float, Field(ge=0.0, description="velocity gain of the driver [N.m.s/rad]")]
+    armature: NonNegative  #: rotor inertia reflected to the joint [kg.m^2]
+    damping: NonNegative  #: viscous friction at the joint [N.m.s/rad]
+    frictionloss: NonNegative  #: dry friction at the joint [N.m]
+    torque_rate: Positive  #: fastest change of the drive's torque [N.m/s]
+    kp: NonNegative  #: position gain of the driver [N.m/rad]
+    kd: NonNegative  #: velocity gain of the driver [N.m.s/rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Joint:
     """The drive of one joint, and its differences from the motor type."""
 
-    motor: Annotated[str, Field(description="key in `motors`")]
-    kp: Annotated[float | None, Field(ge=0.0, description="replaces the motor's position gain [N.m/rad]")] = None
-    kd: Annotated[float | None, Field(ge=0.0, description="replaces the motor's velocity gain [N.m.s/rad]")] = None
-    torque_limit: Annotated[float | None, Field(gt=0.0, description="replaces the URDF's effort [N.m]")] = None
-    velocity_limit: Annotated[float | None, Field(gt=0.0, description="replaces the URDF's velocity [rad/s]")] = None
+    motor: str  #: key in `motors`
+    kp: Annotated[float | None, Field(ge=0.0)] = None  #: replaces the motor's position gain [N.m/rad]
+    kd: Annotated[float | None, Field(ge=0.0)] = None  #: replaces the motor's velocity gain [N.m.s/rad]
+    torque_limit: Annotated[float | None, Field(gt=0.0)] = None  #: replaces the URDF's effort [N.m]
+    velocity_limit: Annotated[float | None, Field(gt=0.0)] = None  #: replaces the URDF's velocity [rad/s]
+    aliases: tuple[str, ...] = ()  #: further names, as textbooks call the joint
+
+
+def joint_key(name: str) -> tuple[str, ...]:
+    """What names of a joint share: their words in any order, without ``joint``; ``l`` and ``r`` are the sides."""
+    sides = {"l": "left", "r": "right"}
+    return tuple(sorted(sides.get(word, word) for word in name.lower().split("_") if word != "joint"))
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Frame:
     """A frame fixed to a link of the URDF."""
 
-    link: Annotated[str, Field(description="link of the URDF")]
-    xyz: Annotated[Vector3, Field(description="origin in the link's frame [m]")] = (0.0, 0.0, 0.0)
-    rpy: Annotated[Vector3, Field(description="roll, pitch, yaw in the link's frame [rad]")] = (0.0, 0.0, 0.0)
+    link: str  #: link of the URDF
+    xyz: Vector3 = (0.0, 0.0, 0.0)  #: origin in the link's frame [m]
+    rpy: Vector3 = (0.0, 0.0, 0.0)  #: roll, pitch, yaw in the link's frame [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Sole:
     """The flat contact surface of one foot: z = 0 plane of the sole frame, x forward, z up."""
 
-    link: Annotated[str, Field(description="link of the URDF that carries the sole")]
-    xyz: Annotated[Vector3, Field(description="origin of the sole frame in the link's frame [m]")]
-    rectangle: Annotated[
-        tuple[float, float, float, float],
-        Field(description="x_min, x_max, y_min, y_max of the contact rectangle in the sole frame [m]"),
-    ]
-    rpy: Annotated[Vector3, Field(description="roll, pitch, yaw in the link's frame [rad]")] = (0.0, 0.0, 0.0)
+    link: str  #: link of the URDF that carries the sole
+    xyz: Vector3  #: origin of the sole frame in the link's frame [m]
+    #: x_min, x_max, y_min, y_max of the contact rectangle in the sole frame [m]
+    rectangle: tuple[float, float, float, float]
+    rpy: Vector3 = (0.0, 0.0, 0.0)  #: roll, pitch, yaw in the link's frame [rad]
 
     def __post_init__(self) -> None:
         x_min, x_max, y_min, y_max = self.rectangle
@@ -80,65 +85,63 @@ class Feet:
 
     left: Sole
     right: Sole
-    friction: Annotated[float, Field(gt=0.0, le=2.0, description="Coulomb coefficient of sole on floor [-]")]
+    friction: Annotated[float, Field(gt=0.0, le=2.0)]  #: Coulomb coefficient of sole on floor [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Hull:
     """Coarse hull of a link: all points within ``radius`` of a segment (a sphere when both ends coincide)."""
 
-    link: Annotated[str, Field(description="link of the URDF")]
-    start: Annotated[Vector3, Field(description="first end of the segment in the link's frame [m]")]
-    end: Annotated[Vector3, Field(description="second end of the segment in the link's frame [m]")]
-    radius: Annotated[float, Field(gt=0.0, description="[m]")]
+    link: str  #: link of the URDF
+    start: Vector3  #: first end of the segment in the link's frame [m]
+    end: Vector3  #: second end of the segment in the link's frame [m]
+    radius: Positive  #: [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ImuSensor:
     """Noise of the IMU mounted at frame `imu`."""
 
-    gyro_noise_density: Annotated[float, Field(ge=0.0, description="[rad/s/sqrt(Hz)]")]
-    gyro_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [rad/s]")]
-    accel_noise_density: Annotated[float, Field(ge=0.0, description="[m/s^2/sqrt(Hz)]")]
-    accel_bias: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on bias [m/s^2]")]
-    gyro_range: Annotated[float, Field(gt=0.0, description="full scale [rad/s]")]
-    accel_range: Annotated[float, Field(gt=0.0, description="full scale [m/s^2]")]
-    gyro_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [rad/s/sqrt(s)]")] = 0.0
-    accel_bias_walk: Annotated[float, Field(ge=0.0, description="drift of the bias [m/s^2/sqrt(s)]")] = 0.0
-    misalignment: Annotated[float, Field(ge=0.0, description="std of the mounting rotation, each axis [rad]")] = 0.0
-    gyro_scale: Annotated[float, Field(ge=0.0, description="standard deviation of the scale error [-]")] = 0.0
-    accel_scale: Annotated[float, Field(ge=0.0, description="standard deviation of the scale error [-]")] = 0.0
-    gyro_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [rad/s]")] = 0.0
-    accel_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [m/s^2]")] = 0.0
+    gyro_noise_density: NonNegative  #: [rad/s/sqrt(Hz)]
+    gyro_bias: NonNegative  #: standard deviation of the turn-on bias [rad/s]
+    accel_noise_density: NonNegative  #: [m/s^2/sqrt(Hz)]
+    accel_bias: NonNegative  #: standard deviation of the turn-on bias [m/s^2]
+    gyro_range: Positive  #: full scale [rad/s]
+    accel_range: Positive  #: full scale [m/s^2]
+    gyro_bias_walk: NonNegative = 0.0  #: drift of the bias [rad/s/sqrt(s)]
+    accel_bias_walk: NonNegative = 0.0  #: drift of the bias [m/s^2/sqrt(s)]
+    misalignment: NonNegative = 0.0  #: std of the mounting rotation, each axis [rad]
+    gyro_scale: NonNegative = 0.0  #: standard deviation of the scale error [-]
+    accel_scale: NonNegative = 0.0  #: standard deviation of the scale error [-]
+    gyro_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [rad/s]
+    accel_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class EncoderSensor:
     """Quantisation and noise of the joint encoders and of the torque estimate."""
 
-    resolution: Annotated[float, Field(ge=0.0, description="position step at the joint [rad]")]
-    velocity_noise: Annotated[float, Field(ge=0.0, description="standard deviation [rad/s]")]
-    torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, as a share of the torque limit [-]")]
-    offset: Annotated[float, Field(ge=0.0, description="standard deviation of the zero of each joint [rad]")] = 0.0
+    resolution: NonNegative  #: position step at the joint [rad]
+    velocity_noise: NonNegative  #: standard deviation [rad/s]
+    torque_noise: NonNegative  #: standard deviation, as a share of the torque limit [-]
+    offset: NonNegative = 0.0  #: standard deviation of the zero of each joint [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootSensor:
     """Noise of the force-torque sensor in each sole."""
 
-    force_noise: Annotated[float, Field(ge=0.0, description="standard deviation, each axis [N]")]
-    torque_noise: Annotated[float, Field(ge=0.0, description="standard deviation, each axis [N.m]")]
-    force_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N]")]
-    torque_offset: Annotated[float, Field(ge=0.0, description="standard deviation of the turn-on offset [N.m]")]
-    gain: Annotated[float, Field(ge=0.0, description="standard deviation of the gain error of each axis [-]")] = 0.0
-    crosstalk: Annotated[
-        float, Field(ge=0.0, description="std of what one axis at full scale adds to another, share of its scale [-]")
-    ] = 0.0
-    force_range: Annotated[float | None, Field(gt=0.0, description="full scale; none: unlimited [N]")] = None
-    torque_range: Annotated[float | None, Field(gt=0.0, description="full scale; none: unlimited [N.m]")] = None
-    force_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N]")] = 0.0
-    torque_resolution: Annotated[float, Field(ge=0.0, description="step of the output; 0: not rounded [N.m]")] = 0.0
-    fitted: Annotated[bool, Field(description="whether the robot has these sensors; without, they read nan")] = True
+    force_noise: NonNegative  #: standard deviation, each axis [N]
+    torque_noise: NonNegative  #: standard deviation, each axis [N.m]
+    force_offset: NonNegative  #: standard deviation of the turn-on offset [N]
+    torque_offset: NonNegative  #: standard deviation of the turn-on offset [N.m]
+    gain: NonNegative = 0.0  #: standard deviation of the gain error of each axis [-]
+    crosstalk: NonNegative = 0.0  #: std of what one axis at full scale adds to another, share of its scale [-]
+    force_range: Annotated[float | None, Field(gt=0.0)] = None  #: full scale; none: unlimited [N]
+    torque_range: Annotated[float | None, Field(gt=0.0)] = None  #: full scale; none: unlimited [N.m]
+    force_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [N]
+    torque_resolution: NonNegative = 0.0  #: step of the output; 0: not rounded [N.m]
+    fitted: bool = True  #: whether the robot has these sensors; without, they read nan
 
     def __post_init__(self) -> None:
         if self.crosstalk > 0.0 and (self.force_range is None or self.torque_range is None):
@@ -149,13 +152,13 @@ class FootSensor:
 class ScanSensor:
     """A planar laser scanner mounted at frame `scan`, x ahead and z up."""
 
-    angle_min: Annotated[float, Field(ge=-6.2832, le=6.2832, description="direction of the first ray [rad]")]
-    angle_max: Annotated[float, Field(ge=-6.2832, le=6.2832, description="direction of the last ray [rad]")]
-    rays: Annotated[int, Field(ge=2, le=20000, description="readings of a scan [1]")]
-    range_min: Annotated[float, Field(ge=0.0, description="shortest distance that is measured [m]")]
-    range_max: Annotated[float, Field(gt=0.0, description="longest distance that is measured [m]")]
-    rate: Annotated[float, Field(gt=0.0, le=1000.0, description="scans a second [Hz]")]
-    noise: Annotated[float, Field(ge=0.0, description="standard deviation of a distance [m]")] = 0.0
+    angle_min: Annotated[float, Field(ge=-6.2832, le=6.2832)]  #: direction of the first ray [rad]
+    angle_max: Annotated[float, Field(ge=-6.2832, le=6.2832)]  #: direction of the last ray [rad]
+    rays: Annotated[int, Field(ge=2, le=20000)]  #: readings of a scan [1]
+    range_min: NonNegative  #: shortest distance that is measured [m]
+    range_max: Positive  #: longest distance that is measured [m]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: scans a second [Hz]
+    noise: NonNegative = 0.0  #: standard deviation of a distance [m]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.angle_max - self.angle_min <= 6.2832:
@@ -168,18 +171,18 @@ class ScanSensor:
 class CameraSensor:
     """A colour camera without distortion at frame `camera_optical_frame`: x right, y down, z ahead (REP-103)."""
 
-    width: Annotated[int, Field(ge=16, le=4096, description="of a picture [pixel]")]
-    height: Annotated[int, Field(ge=16, le=4096, description="of a picture [pixel]")]
-    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8, description="angle from the left to the right edge [rad]")]
-    rate: Annotated[float, Field(gt=0.0, le=1000.0, description="pictures a second [Hz]")]
+    width: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
+    height: Annotated[int, Field(ge=16, le=4096)]  #: of a picture [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0.1, le=2.8)]  #: angle from the left to the right edge [rad]
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)]  #: pictures a second [Hz]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Head:
     """The joints that turn the head, and with it the camera."""
 
-    pan: Annotated[str, Field(description="joint that turns it to the side")]
-    tilt: Annotated[str, Field(description="joint that nods it")]
+    pan: str  #: joint that turns it to the side
+    tilt: str  #: joint that nods it
 
     def __post_init__(self) -> None:
         if self.pan == self.tilt:
@@ -190,11 +193,9 @@ class Head:
 class Latency:
     """Transport delays of the robot's own electronics."""
 
-    sensors: Annotated[float, Field(ge=0.0, description="from the measurement to its arrival at the computer [s]")]
-    commands: Annotated[float, Field(ge=0.0, description="from sending a command to its effect in the driver [s]")]
-    jitter: Annotated[
-        float, Field(ge=0.0, description="largest age of a sample at its stamp, at most one tick counts [s]")
-    ] = 0.0
+    sensors: NonNegative  #: from the measurement to its arrival at the computer [s]
+    commands: NonNegative  #: from sending a command to its effect in the driver [s]
+    jitter: NonNegative = 0.0  #: largest age of a sample at its stamp, at most one tick counts [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -213,30 +214,31 @@ class Sensors:
 class Profile:
     """A whole robot; see the packaged files for a commented example."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="short name of the robot")]
-    urdf: Annotated[str, Field(min_length=1, description="package://PACKAGE/PATH, absolute, or relative to this file")]
-    base_link: Annotated[str, Field(description="root link of the URDF: the floating base")]
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]  #: short name of the robot
+    urdf: Annotated[str, Field(min_length=1)]  #: package://PACKAGE/PATH, absolute, or relative to this file
+    base_link: str  #: root link of the URDF: the floating base
     motors: dict[str, Motor]
-    joints: Annotated[dict[str, Joint], Field(description="every moving joint of the URDF, by name")]
+    joints: dict[str, Joint]  #: every moving joint of the URDF, by name
     feet: Feet
-    frames: Annotated[dict[str, Frame], Field(description="REP-120 frames by name")]
-    postures: Annotated[
-        dict[str, dict[str, float]], Field(description="joint positions by name [rad]; a joint left out is at 0")
-    ]
+    frames: dict[str, Frame]  #: REP-120 frames by name
+    postures: dict[str, dict[str, float]]  #: joint positions by name [rad]; a joint left out is at 0
     sensors: Sensors
-    head: Annotated[Head | None, Field(description="joints of pan and tilt; none for a head that is fixed")] = None
-    jig_postures: Annotated[
-        tuple[str, ...], Field(description="named postures in which a jig or marks hold the robot for calibration")
-    ] = ("zero", "stand")
-    hulls: Annotated[
-        dict[str, Hull], Field(description="what touches the simulated floor when the robot falls, by name")
-    ] = field(default_factory=dict)
-    source: Annotated[str, Field(description="file the profile was read from; filled in by the loader")] = ""
+    head: Head | None = None  #: joints of pan and tilt; none for a head that is fixed
+    #: named postures in which a jig or marks hold the robot for calibration
+    jig_postures: tuple[str, ...] = ("zero", "stand")
+    #: what touches the simulated floor when the robot falls, by name
+    hulls: dict[str, Hull] = field(default_factory=dict)
+    source: str = ""  #: file the profile was read from; filled in by the loader
 
     def __post_init__(self) -> None:
         for name, joint in self.joints.items():
             if joint.motor not in self.motors:
                 raise ValueError(f"joint '{name}': unknown motor '{joint.motor}'; known: {_listed(self.motors)}")
+        of: dict[tuple[str, ...], str] = {}
+        for name, joint in self.joints.items():
+            for each in (name, *joint.aliases):
+                if of.setdefault(joint_key(each), name) != name:
+                    raise ValueError(f"joint '{name}': '{each}' is a name of '{of[joint_key(each)]}' too")
         for frame in REQUIRED_FRAMES:
             if frame not in self.frames:
                 raise ValueError(f"frames: '{frame}' is missing")
@@ -277,13 +279,7 @@ def _robots_folder() -> Path:
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
-    """Load a robot profile by packaged name (see ``robot_names``) or path; ``source`` holds the absolute path.
-
-    An argument that ends in .yaml or .yml, or contains a path separator, is a path.
-
-    Raises:
-        ConfigError: No such robot or file, or the file is refused; the message names the file and the key.
-    """
+    """Load a robot profile by packaged name or path, which is its ``source``; ``ConfigError`` names file and key."""
     text = str(name_or_path)
     is_path = isinstance(name_or_path, Path) or text.endswith((".yaml", ".yml")) or "/" in text
     path = Path(text).expanduser().resolve() if is_path else _robots_folder() / f"{text}.yaml"

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import ConfigError, JointNameError, RobotModelError
-from models.profile import Frame, Profile, Sole, load_profile
+from models.errors import ConfigError, JointNameError, RobotModelError, did_you_mean
+from models.profile import Frame, Profile, Sole, joint_key, load_profile
 from models.types import FOOT_NAMES, Matrix, Vector
 from models.urdf import pinocchio_from_urdf, resolve_uri
 
@@ -43,56 +43,41 @@ def corners_of(rectangle: Sequence[float]) -> Matrix:
 
 
 class RobotModel:
-    """Kinematics, dynamics, limits and names of one robot.
-
-    Attributes:
-        name: Short name of the robot.
-        profile: Profile of the robot.
-        urdf: Path of the URDF.
-        pin: Pinocchio model, free flyer first; its armature is set, so ``pin.crba`` includes rotor inertia.
-        nq: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj).
-        nv: Size of a velocity: base twist in the base frame (6), joints (nj).
-        nj: Number of joints.
-        joint_names: Names in the order of every joint vector (that of the URDF tree in Pinocchio).
-        mass: Total mass [kg].
-        q_lower, q_upper: Position limits (nj,) [rad].
-        v_max: Velocity limits (nj,) [rad/s].
-        tau_max: Torque limits (nj,) [N.m].
-        tau_rate_max: Torque rate limits of the drives (nj,) [N.m/s].
-        armature: Rotor inertia reflected to the joints (nj,) [kg.m^2].
-        damping: Viscous friction (nj,) [N.m.s/rad].
-        frictionloss: Dry friction (nj,) [N.m].
-        kp, kd: Driver gains (nj,) [N.m/rad], [N.m.s/rad].
-        feet: Left and right foot.
-    """
+    """Kinematics, dynamics, limits and names of one robot."""
 
     def __init__(self, profile: Profile) -> None:
         """Build the model; see ``load`` for refusals."""
         source = Path(profile.source) if profile.source else Path.cwd() / "profile.yaml"
-        self.profile = profile
-        self.name = profile.name
-        self.urdf = resolve_uri(profile.urdf, source.parent)
+        self.profile = profile  #: Profile of the robot
+        self.name = profile.name  #: Short name of the robot
+        self.urdf = resolve_uri(profile.urdf, source.parent)  #: Path of the URDF
+        #: Pinocchio model, free flyer first, with armature: ``pin.crba`` includes rotor inertia
         self.pin = pinocchio_from_urdf(self.urdf)
-        self.nq: int = self.pin.nq
-        self.nv: int = self.pin.nv
-        self.nj: int = self.nv - _BASE_NV
-        self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]
-        self.mass = float(pin.computeTotalMass(self.pin))
+        self.nq: int = self.pin.nq  #: Size of a configuration: base position (3), base quaternion xyzw (4), joints (nj)
+        self.nv: int = self.pin.nv  #: Size of a velocity: base twist in the base frame (6), joints (nj)
+        self.nj: int = self.nv - _BASE_NV  #: Number of joints
+        self.joint_names: tuple[str, ...] = tuple(self.pin.names)[2:]  #: In the order of every joint vector, the URDF's
+        self.mass = float(pin.computeTotalMass(self.pin))  #: Total mass [kg]
         self._index = {name: i for i, name in enumerate(self.joint_names)}
         _check_names(profile, self.joint_names, self.urdf)
+        self._aliases = {
+            joint_key(each): i
+            for i, name in enumerate(self.joint_names)
+            for each in (name, *profile.joints[name].aliases)
+        }
 
         drives = [(profile.joints[name], profile.motors[profile.joints[name].motor]) for name in self.joint_names]
-        self.q_lower = _frozen(self.pin.lowerPositionLimit[_BASE_NQ:])
-        self.q_upper = _frozen(self.pin.upperPositionLimit[_BASE_NQ:])
+        self.q_lower = _frozen(self.pin.lowerPositionLimit[_BASE_NQ:])  #: (nj,) [rad]
+        self.q_upper = _frozen(self.pin.upperPositionLimit[_BASE_NQ:])  #: (nj,) [rad]
         urdf_v, urdf_tau = self.pin.velocityLimit[_BASE_NV:], self.pin.effortLimit[_BASE_NV:]
         self.v_max = _frozen(_or_default(j.velocity_limit, urdf_v[i]) for i, (j, _) in enumerate(drives))
         self.tau_max = _frozen(_or_default(j.torque_limit, urdf_tau[i]) for i, (j, _) in enumerate(drives))
-        self.tau_rate_max = _frozen(m.torque_rate for _, m in drives)
-        self.armature = _frozen(m.armature for _, m in drives)
-        self.damping = _frozen(m.damping for _, m in drives)
-        self.frictionloss = _frozen(m.frictionloss for _, m in drives)
-        self.kp = _frozen(_or_default(j.kp, m.kp) for j, m in drives)
-        self.kd = _frozen(_or_default(j.kd, m.kd) for j, m in drives)
+        self.tau_rate_max = _frozen(m.torque_rate for _, m in drives)  #: Torque rate limits of the drives (nj,) [N.m/s]
+        self.armature = _frozen(m.armature for _, m in drives)  #: Rotor inertia reflected to the joints (nj,) [kg.m^2]
+        self.damping = _frozen(m.damping for _, m in drives)  #: Viscous friction (nj,) [N.m.s/rad]
+        self.frictionloss = _frozen(m.frictionloss for _, m in drives)  #: Dry friction (nj,) [N.m]
+        self.kp = _frozen(_or_default(j.kp, m.kp) for j, m in drives)  #: Driver gains (nj,) [N.m/rad]
+        self.kd = _frozen(_or_default(j.kd, m.kd) for j, m in drives)  #: Driver gains (nj,) [N.m.s/rad]
         self.pin.armature = np.concatenate([np.zeros(_BASE_NV), self.armature])
         self.pin.velocityLimit = np.concatenate([self.pin.velocityLimit[:_BASE_NV], self.v_max])
         self.pin.effortLimit = np.concatenate([self.pin.effortLimit[:_BASE_NV], self.tau_max])
@@ -101,18 +86,13 @@ class RobotModel:
         for hull_name, hull in profile.hulls.items():
             self.link_frame_id(hull.link, f"hull '{hull_name}'")
         soles = (profile.feet.left, profile.feet.right)
-        self.feet = (self._foot(0, soles[0]), self._foot(1, soles[1]))
+        self.feet = (self._foot(0, soles[0]), self._foot(1, soles[1]))  #: Left and right foot
         self._postures = {name: self._posture(name, values) for name, values in profile.postures.items()}
         self._postures["zero"] = _frozen(np.clip(np.zeros(self.nj), self.q_lower, self.q_upper))
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> RobotModel:
-        """Load a robot by the name of a packaged profile or the path of a profile.
-
-        Raises:
-            ConfigError: The profile is refused; see ``load_profile``.
-            RobotModelError: The URDF is refused, or does not fit the profile; file, joint or link, and cause are named.
-        """
+        """Load a robot by packaged name or path of a profile; ``ConfigError`` or ``RobotModelError`` says why not."""
         return cls(load_profile(name_or_path))
 
     @property
@@ -130,57 +110,49 @@ class RobotModel:
         return self.pin.createData()
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio id of a REP-120 frame (base_link, l_sole, r_sole, torso, gaze, l_wrist, r_wrist, imu, ...).
-
-        Raises:
-            ConfigError: The profile has no such frame; the known ones are listed.
-        """
+        """Pinocchio id of a REP-120 frame (base_link, l_sole, torso, ...); ``ConfigError`` lists the known ones."""
         if name not in self._frames:
             raise ConfigError(f"{self.name}: unknown frame '{name}'; known: {', '.join(self._frames)}")
         return self._frames[name]
 
     def posture(self, name: str) -> Vector:
-        """Joint positions of a named posture, read-only (nj,) [rad].
-
-        Raises:
-            ConfigError: The profile has no such posture; the known ones are listed.
-        """
+        """Joint positions of a named posture, read-only (nj,) [rad]; ``ConfigError`` lists the known ones."""
         if name not in self._postures:
             raise ConfigError(f"{self.name}: unknown posture '{name}'; known: {', '.join(self._postures)}")
         return self._postures[name]
 
     def joint_index(self, name: str) -> int:
-        """Position of a joint in every joint vector; ``JointNameError`` when there is no such joint."""
-        if name not in self._index:
-            raise JointNameError(f"{self.name}: unknown joint '{name}'")
-        return self._index[name]
+        """Position of a joint, by name or alias, in every joint vector; ``JointNameError`` names the nearest one."""
+        index = self._index.get(name)
+        if index is None and (index := self._aliases.get(joint_key(name))) is None:
+            near = did_you_mean(name, self.joint_names)
+            raise JointNameError(f"{self.name}: unknown joint '{name[:64]}'{near or ':'} `poise joints` lists all")
+        return index
+
+    def named(self, names: Iterable[str]) -> tuple[str, ...]:
+        """The robot's names of joints given by name or alias; errors as ``joint_index``."""
+        return tuple(self.joint_names[self.joint_index(name)] for name in names)
 
     def reorder(self, names: Sequence[str], values: ArrayLike) -> Vector:
-        """Values given by name, in any order, in the order of ``joint_names`` (nj,); a new array.
-
-        Raises:
-            JointNameError: A name is missing, unknown or given twice, or there are not as many values as names.
-        """
+        """Values given by name in the order of ``joint_names`` (nj,), new; ``JointNameError`` unless one for each."""
         array = np.asarray(values, dtype=np.float64)
         if array.shape != (len(names),):
             raise JointNameError(f"{self.name}: {len(names)} joint names for values of shape {array.shape}")
         result = np.empty(self.nj)
-        seen: set[str] = set()
+        seen: set[int] = set()
         for name, value in zip(names, array, strict=True):
-            if name in seen:
+            index = self.joint_index(name)
+            if index in seen:
                 raise JointNameError(f"{self.name}: joint '{name}' is given twice")
-            seen.add(name)
-            result[self.joint_index(name)] = value
+            seen.add(index)
+            result[index] = value
         if len(seen) != self.nj:
-            missing = [name for name in self.joint_names if name not in seen]
+            missing = [name for i, name in enumerate(self.joint_names) if i not in seen]
             raise JointNameError(f"{self.name}: joint '{missing[0]}' is missing (of {len(missing)} missing)")
         return result
 
     def standing_configuration(self, posture: str = "stand") -> Vector:
-        """Configuration with the mid-point of the soles at x = y = z = 0, yaw 0 (nq,) [m, rad]; see ``planted``.
-
-        Soles that are parallel and level in the posture lie flat on z = 0.
-        """
+        """Configuration (nq,) of a posture, mid-point of the soles at the origin, yaw 0; see ``planted``."""
         return self.planted(self.posture(posture), self.data())
 
     def planted(self, joints: Vector, data: pin.Data) -> Vector:
@@ -214,11 +186,7 @@ class RobotModel:
         return ids
 
     def link_frame_id(self, link: str, user: str) -> int:
-        """Pinocchio id of a link of the URDF; ``user`` names the reference to it in the error message.
-
-        Raises:
-            RobotModelError: The URDF has no such link.
-        """
+        """Pinocchio id of a link of the URDF for ``user``, which a ``RobotModelError`` for an unknown link names."""
         frame_id = int(self.pin.getFrameId(link, pin.FrameType.BODY))
         if frame_id >= self.pin.nframes:
             raise RobotModelError(f"{self.profile.source}: {user}: link '{link}' does not exist in {self.urdf}")

@@ -30,11 +30,7 @@ class Scan:
 
     @property
     def points(self) -> Matrix:
-        """Points that the scan hit, in the scanner's plane (k, 2) [m].
-
-        A reading that is too close to measure counts as a hit at ``range_min``; other readings outside the range are
-        left out.
-        """
+        """Points hit, in the scanner's plane (k, 2) [m]; what is too close to measure is at ``range_min``."""
         ranges = np.where(np.isneginf(self.ranges), self.range_min, self.ranges)
         index = np.flatnonzero((ranges >= self.range_min) & (ranges <= self.range_max))
         angles, ranges = self.angle_min + self.angle_increment * index, ranges[index]

@@ -63,11 +63,7 @@ def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
 
 
 def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
-    """Accelerations at the points (n, k) [rad/s^2] for velocities (n, k) [rad/s]; zero at both ends.
-
-    The smaller of those of the two cubic Hermite segments, zero where they differ in sign. Taking the smaller keeps a
-    short segment from making its long neighbour overshoot.
-    """
+    """Accelerations (n, k) for velocities (n, k): the smaller of both Hermite segments', zero at both ends."""
     a = np.zeros_like(q)
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     rise = 6.0 * np.diff(q, axis=0)  # (n - 1, k)
@@ -80,10 +76,7 @@ def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
 
 
 def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
-    """Quintics through points with given velocities; accelerations are those of ``knot_accelerations``.
-
-    Returns c (n - 1, 6, k) with q(t) = sum_j c_j u^j and u = (t - t_i) / (t_{i+1} - t_i) on segment i.
-    """
+    """Quintics c (n - 1, 6, k) with q = sum_j c_j u^j on each segment; accelerations of ``knot_accelerations``."""
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     a = knot_accelerations(times, q, v)
     rise = np.diff(q, axis=0)
@@ -103,10 +96,7 @@ def quintic_coefficients(times: Vector, q: Matrix, v: Matrix) -> np.ndarray[tupl
 def evaluate_quintic(
     coefficients: NDArray[np.float64], segment: int, u: float, length: float, curve: NDArray[np.float64]
 ) -> None:
-    """Evaluate a segment of ``quintic_coefficients`` of ``length`` [s] at u in [0, 1].
-
-    Writes position [rad], velocity [rad/s] and acceleration [rad/s^2] to ``curve`` (3, k).
-    """
+    """Position, velocity and acceleration at u in [0, 1] of a segment of ``length`` [s], to ``curve`` (3, k)."""
     c = coefficients[segment]
     for j in range(c.shape[1]):
         c1, c2, c3, c4, c5 = c[1, j], c[2, j], c[3, j], c[4, j], c[5, j]

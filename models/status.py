@@ -11,6 +11,8 @@ from msgspec import Meta, Struct
 
 from models.types import Mode, SolveStatus
 
+#: The way back of a robot that has fallen
+GET_UP = "in simulation 'poise reset' puts it back on its feet; on hardware lift it upright by a gantry"
 Count = Annotated[int, Meta(ge=0)]
 
 
@@ -40,6 +42,7 @@ class GaitStatus(Status, frozen=True):
 
     ready: bool  # the robot can walk
     settled: bool  # it stands still
+    limited: str = ""  # how the commanded velocity exceeds the limits of the gait; empty within them
 
 
 class MotionState(Enum):
@@ -90,6 +93,12 @@ class SupervisorStatus(Status, frozen=True):
     refused: Count  # refused text commands since the start
     refusal: str  # reason of the last one
     faults: tuple[str, ...]  # latched
+    holds: tuple[str, ...] = ()  # present faults that end with their cause
+    preflight: tuple[str, ...] = ()  # findings of the last preflight check
+    fallen: bool = False  # the robot lies
+    motion: str = ""  # requested or under way
+    answered: Count = 0  # requests and text commands answered since the start
+    answer: str = ""  # to the last one
 
 
 class NodeStatus(Status, frozen=True):

@@ -96,11 +96,7 @@ class Block:
 
 
 def terrain_named(terrain: str | Terrain, *, seed: int | None = None) -> Terrain:
-    """The terrain itself, or by its name in ``models/config/terrain.yaml``, with another seed if one is given.
-
-    Raises:
-        ConfigError: The name is unknown.
-    """
+    """The terrain itself, or by name, with another seed if one is given; ``ConfigError`` for an unknown name."""
     if isinstance(terrain, str):
         known = terrains()
         if terrain not in known:
@@ -150,7 +146,6 @@ class Ground:
 
 
 def _tiles(terrain: Terrain) -> list[Block]:
-    """Tiles ahead of the patch."""
     rng = np.random.default_rng(terrain.seed)
     half, size = 0.5 * terrain.size, terrain.size
     tiles = []

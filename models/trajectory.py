@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, default_config
+from models.config import STRICT, NonNegative, Positive, default_config
 from models.errors import JointNameError, TrajectoryError
 from models.spline import evaluate_quintic, monotone_velocities, quintic_coefficients
 from models.types import JointTrajectory, Matrix, Vector
@@ -52,10 +52,7 @@ class TrajectorySampler:
         """Coefficients of the powers of u on each segment (n - 1, 6, nj) [rad]."""
 
     def sample(self, t: float) -> tuple[Vector, Vector, Vector]:
-        """Position [rad], velocity [rad/s] and acceleration [rad/s^2], each (nj,), at time t since the start [s].
-
-        Before 0 the start is returned, after the end the last point at rest.
-        """
+        """Position, velocity, acceleration, each (nj,), at t [s]; before 0 the start, after the end at rest."""
         if t >= self.duration or len(self._times) < 2:
             # Copies, because a compiled law would compile again, in the loop, for an array that is read-only.
             return self._end[0].copy(), self._end[1].copy(), self._end[2].copy()
@@ -86,12 +83,7 @@ class TrajectorySampler:
 def fill_points(
     traj: JointTrajectory, columns: NDArray[np.intp], nj: int, start_q: Vector, start_v: Vector | None
 ) -> tuple[Vector, Matrix, Matrix, Matrix | None]:
-    """Points of every joint of the robot, from the start on.
-
-    Returns:
-        Times (m,) [s], positions [rad], velocities [rad/s] and, where given, torques [N.m], each (m, nj). m is n, or
-        n + 1 when a lead-in from ``start_q`` comes first.
-    """
+    """Times (m,), positions, velocities and torques, if any, (m, nj), after a lead-in from ``start_q`` if needed."""
     lead_in = int(traj.times[0] > 0.0)
     m = len(traj.times) + lead_in
     times = np.zeros(m)
@@ -119,14 +111,14 @@ def fill_points(
 class TrajectoryLimits:
     """Schema of ``models/config/trajectory.yaml``."""
 
-    max_points: Annotated[int, Field(gt=0, description="most points in one trajectory [1]")]
-    start_jump: Annotated[float, Field(gt=0, description="largest step from the joint to the first point [rad]")]
-    position_tolerance: Annotated[float, Field(ge=0, description="points outside the joint limits by at most [rad]")]
-    overshoot_tolerance: Annotated[float, Field(ge=0, description="curve outside the joint limits by at most [rad]")]
-    velocity_tolerance: Annotated[float, Field(ge=0, description="share of the velocity limit allowed on top [1]")]
-    effort_tolerance: Annotated[float, Field(ge=0, description="share of the torque limit allowed on top [1]")]
-    rest_velocity: Annotated[float, Field(ge=0, description="what still counts as rest [rad/s]")]
-    checks_per_segment: Annotated[int, Field(ge=1, description="instants checked between two points [1]")]
+    max_points: Annotated[int, Field(gt=0)]  #: most points in one trajectory [1]
+    start_jump: Positive  #: largest step from the joint to the first point [rad]
+    position_tolerance: NonNegative  #: points outside the joint limits by at most [rad]
+    overshoot_tolerance: NonNegative  #: curve outside the joint limits by at most [rad]
+    velocity_tolerance: NonNegative  #: share of the velocity limit allowed on top [1]
+    effort_tolerance: NonNegative  #: share of the torque limit allowed on top [1]
+    rest_velocity: NonNegative  #: what still counts as rest [rad/s]
+    checks_per_segment: Annotated[int, Field(ge=1)]  #: instants checked between two points [1]
 
 
 @cache
@@ -148,166 +140,152 @@ def validate_trajectory(
 ) -> None:
     """Refuse a trajectory that the robot must not execute.
 
-    Args:
-        traj: Trajectory to validate.
-        model: Robot that is to execute it.
-        start_q: Joint positions when it starts (nj,) [rad]; without it the start jump is not checked.
-        start_v: Joint velocities then (nj,) [rad/s]; zero when None.
-        require_all: Whether every joint of the robot must be named.
-        end_at_rest: Whether velocities at the last point must be zero.
-        elapsed: Age of ``start_q`` [s]; the joint may have travelled at its velocity limit since.
-        limits: Tolerances; the packaged ones when None.
+    It starts at ``start_q`` (nj,) [rad], which is ``elapsed`` seconds old, with ``start_v`` [rad/s]; without
+    ``start_q`` the start jump is not checked. ``require_all`` requires every joint of the robot, ``end_at_rest`` no
+    velocity at the last point.
 
-    Raises:
-        JointNameError: A joint is unknown, named twice, or missing although ``require_all``.
-        TrajectoryError: Wrong shape, too few or too many points, NaN or infinity, times that are negative or do not
-            increase, a point or the curve between points outside position, velocity or torque limits, a start jump.
-            The message names field, point and joint.
+    Raises ``JointNameError`` for a joint that is unknown, named twice or missing, and ``TrajectoryError`` for a wrong
+    shape, too few or too many points, NaN or infinity, times that are negative or do not increase, a point or the curve
+    between points outside position, velocity or torque limits, or a start jump; the message names field, point and
+    joint.
     """
-    limits = limits or default_limits()
-    columns = _check_names(traj, model, require_all)
-    _check_shapes(traj, limits)
-    _check_finite(traj)
-    _check_times(traj)
-    _check_points(traj, model, columns, limits)
-    if end_at_rest and traj.velocities is not None:
-        last = traj.velocities[-1]
-        moving = np.abs(traj.velocities[-1:]) > limits.rest_velocity
-        _refuse_first(moving, traj, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(traj.times) - 1)
-    if start_q is not None:
-        _check_start(traj, model, columns, start_q, elapsed, limits)
-    _check_curve(traj, model, columns, start_q, start_v, limits)
+    _Check(traj, model, limits or default_limits(), require_all).all(start_q, start_v, elapsed, end_at_rest=end_at_rest)
+
+
+class _Check:
+    """Checks of one trajectory, which raise; ``columns`` is the joint of each of its columns (k,)."""
+
+    def __init__(self, traj: JointTrajectory, model: RobotModel, limits: TrajectoryLimits, require_all: bool) -> None:
+        self.traj, self.model, self.limits = traj, model, limits
+        self.columns = _check_names(traj, model, require_all)
+
+    def all(self, start_q: Vector | None, start_v: Vector | None, elapsed: float, *, end_at_rest: bool) -> None:
+        traj = self.traj
+        self.shapes()
+        self.finite()
+        self.times()
+        self.points()
+        if end_at_rest and traj.velocities is not None:
+            last = traj.velocities[-1]
+            moving = np.abs(traj.velocities[-1:]) > self.limits.rest_velocity
+            self.refuse(moving, lambda _, k: f"ends at {last[k]:g} rad/s, expected rest", len(traj.times) - 1)
+        if start_q is not None:
+            self.start(start_q, elapsed)
+        self.curve(start_q, start_v)
+
+    def shapes(self) -> None:
+        if self.traj.times.ndim != 1:
+            raise TrajectoryError(f"times: expected one axis, found shape {self.traj.times.shape}")
+        n, k = len(self.traj.times), len(self.traj.joint_names)
+        if n == 0:
+            raise TrajectoryError("times: the trajectory has no points")
+        if n > self.limits.max_points:
+            raise TrajectoryError(f"times: {n} points, at most {self.limits.max_points}")
+        for field, values in _fields(self.traj):
+            if values.shape != (n, k):
+                raise TrajectoryError(f"{field}: expected {n} points of {k} joints, found shape {values.shape}")
+
+    def finite(self) -> None:
+        bad = np.flatnonzero(~np.isfinite(self.traj.times))
+        if bad.size:
+            raise TrajectoryError(f"times: point {bad[0]} is {self.traj.times[bad[0]]}")
+        for field, values in _fields(self.traj):
+            self.refuse(~np.isfinite(values), lambda i, k: f"{field} is {values[i, k]}")  # noqa: B023
+
+    def times(self) -> None:
+        times = self.traj.times
+        if times[0] < 0.0:
+            raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
+        late = np.flatnonzero(np.diff(times) <= 0.0)
+        if late.size:
+            i = int(late[0]) + 1
+            kind = "equal to" if times[i] == times[i - 1] else "before"
+            raise TrajectoryError(f"times: point {i} at {times[i]:g} s is {kind} point {i - 1} at {times[i - 1]:g} s")
+
+    def points(self) -> None:
+        traj, model, limits, columns = self.traj, self.model, self.limits, self.columns
+        low, high = model.q_lower[columns], model.q_upper[columns]
+        q, tol = traj.positions, limits.position_tolerance
+        self.refuse(
+            (q < low - tol) | (q > high + tol),
+            lambda i, k: f"position {q[i, k]:g} rad outside [{low[k]:g}, {high[k]:g}]",
+        )
+        for values, limit, tolerance, what in (
+            (traj.velocities, model.v_max[columns], limits.velocity_tolerance, "velocity [rad/s]"),
+            (traj.efforts, model.tau_max[columns], limits.effort_tolerance, "effort [N.m]"),
+        ):
+            if values is not None:
+                text = f"{what} {{:g}} beyond the limit {{:g}}"
+                beyond = np.abs(values) > limit * (1.0 + tolerance)
+                self.refuse(beyond, lambda i, k: text.format(values[i, k], limit[k]))  # noqa: B023
+
+    def start(self, start_q: Vector, elapsed: float) -> None:
+        present, reach = start_q[self.columns], self.model.v_max[self.columns]  # (k,)
+        allowed = self.limits.start_jump + reach * (float(self.traj.times[0]) + elapsed)  # (k,)
+        jump = self.traj.positions[0] - present  # (k,)
+        self.refuse(
+            (np.abs(jump) > allowed)[None],
+            lambda _, k: (
+                f"start jump of {jump[k]:g} rad from {present[k]:g} rad, at most {allowed[k]:g} rad: "
+                "give the first point more time"
+            ),
+        )
+
+    def curve(self, start_q: Vector | None, start_v: Vector | None) -> None:
+        """Position and velocity limits of the sampled curve between the points."""
+        traj, model, columns = self.traj, self.model, self.columns
+        if start_q is None:
+            start_q = np.zeros(model.nj)
+            start_q[columns] = traj.positions[0]
+        times, q, v, _ = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
+        if len(times) < 2:
+            return
+        first = len(traj.times) - len(times)  # -1 when the curve has a lead-in from start_q
+        u = (np.arange(self.limits.checks_per_segment) + 0.5) / self.limits.checks_per_segment  # (m,)
+        c = quintic_coefficients(times, q, v)[:, :, columns]  # (n - 1, 6, k)
+        powers = u[:, None] ** np.arange(6)  # (m, 6)
+        slopes = np.arange(6) * np.where(np.arange(6) > 0, u[:, None] ** np.maximum(np.arange(6) - 1, 0), 0.0)  # (m, 6)
+        position = powers @ c  # (n - 1, m, k)
+        velocity = np.abs(slopes @ c).max(axis=1) / np.diff(times)[:, None]  # (n - 1, k)
+        tol = self.limits.overshoot_tolerance
+        low, high = model.q_lower[columns] - tol, model.q_upper[columns] + tol
+        inside = start_q[columns]  # a joint that already is outside may come back in
+        low, high = np.minimum(low, inside - tol), np.maximum(high, inside + tol)
+        outside: NDArray[np.bool_] = np.any((position < low) | (position > high), axis=1)  # (n - 1, k)
+        self.refuse(outside, lambda i, k: f"the curve after this point leaves [{low[k]:g}, {high[k]:g}] rad", first)
+        most = model.v_max[columns]
+        self.refuse(
+            velocity > most * (1.0 + self.limits.velocity_tolerance),
+            lambda i, k: (
+                f"the curve after this point reaches {velocity[i, k]:g} rad/s, beyond the limit {most[k]:g}: "
+                f"give it {(times[i + 1] - times[i]) * velocity[i, k] / most[k]:.2g} s or more"
+            ),
+            first,
+        )
+
+    def refuse(self, bad: NDArray[np.bool_], describe: Callable[[int, int], str], offset: int = 0) -> None:
+        """Raise for the first True of ``bad`` (n, k), naming point (row plus ``offset``) and joint."""
+        if bad.any():
+            i, k = (int(index) for index in np.argwhere(bad)[0])
+            where = f"point {i + offset}" if i + offset >= 0 else "start"
+            raise TrajectoryError(f"joint '{self.traj.joint_names[k]}', {where}: {describe(i, k)}")
 
 
 def _check_names(traj: JointTrajectory, model: RobotModel, require_all: bool) -> NDArray[np.intp]:
     """Column of each named joint (k,); raises ``JointNameError`` or, when no joint is named, ``TrajectoryError``."""
     if not traj.joint_names:
         raise TrajectoryError("joint_names: empty")
-    seen: set[str] = set()
-    for name in traj.joint_names:
-        if name in seen:
-            raise JointNameError(f"joint_names: '{name}' is given twice")
-        seen.add(name)
     columns = np.array([model.joint_index(name) for name in traj.joint_names], dtype=np.intp)
+    seen: set[int] = set()
+    for name, column in zip(traj.joint_names, columns.tolist(), strict=True):
+        if column in seen:
+            raise JointNameError(f"joint_names: '{name}' is given twice")
+        seen.add(column)
     if require_all:
-        missing = [name for name in model.joint_names if name not in seen]
+        missing = [name for i, name in enumerate(model.joint_names) if i not in seen]
         if missing:
             raise JointNameError(f"joint_names: missing {', '.join(missing)}")
     return columns
-
-
-def _check_shapes(traj: JointTrajectory, limits: TrajectoryLimits) -> None:
-    """Sizes of every field."""
-    if traj.times.ndim != 1:
-        raise TrajectoryError(f"times: expected one axis, found shape {traj.times.shape}")
-    n, k = len(traj.times), len(traj.joint_names)
-    if n == 0:
-        raise TrajectoryError("times: the trajectory has no points")
-    if n > limits.max_points:
-        raise TrajectoryError(f"times: {n} points, at most {limits.max_points}")
-    for field, values in _fields(traj):
-        if values.shape != (n, k):
-            raise TrajectoryError(f"{field}: expected {n} points of {k} joints, found shape {values.shape}")
-
-
-def _check_finite(traj: JointTrajectory) -> None:
-    """No NaN and no infinity anywhere."""
-    bad = np.flatnonzero(~np.isfinite(traj.times))
-    if bad.size:
-        raise TrajectoryError(f"times: point {bad[0]} is {traj.times[bad[0]]}")
-    for field, values in _fields(traj):
-        _refuse_first(~np.isfinite(values), traj, lambda i, k: f"{field} is {values[i, k]}")  # noqa: B023
-
-
-def _check_times(traj: JointTrajectory) -> None:
-    """No time before the start, strictly increasing."""
-    times = traj.times
-    if times[0] < 0.0:
-        raise TrajectoryError(f"times: point 0 is at {times[0]:g} s, before the start")
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if late.size:
-        i = int(late[0]) + 1
-        kind = "equal to" if times[i] == times[i - 1] else "before"
-        raise TrajectoryError(f"times: point {i} at {times[i]:g} s is {kind} point {i - 1} at {times[i - 1]:g} s")
-
-
-def _check_start(
-    traj: JointTrajectory,
-    model: RobotModel,
-    columns: NDArray[np.intp],
-    start_q: Vector,
-    elapsed: float,
-    limits: TrajectoryLimits,
-) -> None:
-    """The first point is near the present joint positions."""
-    allowed = limits.start_jump + model.v_max[columns] * (float(traj.times[0]) + elapsed)  # (k,)
-    jump = traj.positions[0] - start_q[columns]  # (k,)
-    _refuse_first(
-        (np.abs(jump) > allowed)[None],
-        traj,
-        lambda _, k: f"start jump of {jump[k]:g} rad from {start_q[columns[k]]:g} rad, at most {allowed[k]:g} rad",
-    )
-
-
-def _check_points(
-    traj: JointTrajectory, model: RobotModel, columns: NDArray[np.intp], limits: TrajectoryLimits
-) -> None:
-    """Position, velocity and torque limits at the points."""
-    low, high = model.q_lower[columns], model.q_upper[columns]
-    q, tol = traj.positions, limits.position_tolerance
-    _refuse_first(
-        (q < low - tol) | (q > high + tol),
-        traj,
-        lambda i, k: f"position {q[i, k]:g} rad outside [{low[k]:g}, {high[k]:g}]",
-    )
-    for values, limit, tolerance, what in (
-        (traj.velocities, model.v_max[columns], limits.velocity_tolerance, "velocity [rad/s]"),
-        (traj.efforts, model.tau_max[columns], limits.effort_tolerance, "effort [N.m]"),
-    ):
-        if values is not None:
-            _refuse_beyond(values, limit, tolerance, what, traj)
-
-
-def _check_curve(
-    traj: JointTrajectory,
-    model: RobotModel,
-    columns: NDArray[np.intp],
-    start_q: Vector | None,
-    start_v: Vector | None,
-    limits: TrajectoryLimits,
-) -> None:
-    """Position and velocity limits of the sampled curve between the points."""
-    if start_q is None:
-        start_q = np.zeros(model.nj)
-        start_q[columns] = traj.positions[0]
-    times, q, v, _ = fill_points(traj, columns, model.nj, np.asarray(start_q, dtype=np.float64), start_v)
-    if len(times) < 2:
-        return
-    first = len(traj.times) - len(times)  # -1 when the curve has a lead-in from start_q
-    u = (np.arange(limits.checks_per_segment) + 0.5) / limits.checks_per_segment  # (m,)
-    c = quintic_coefficients(times, q, v)[:, :, columns]  # (n - 1, 6, k)
-    powers = u[:, None] ** np.arange(6)  # (m, 6)
-    slopes = np.arange(6) * np.where(np.arange(6) > 0, u[:, None] ** np.maximum(np.arange(6) - 1, 0), 0.0)  # (m, 6)
-    position = powers @ c  # (n - 1, m, k)
-    velocity = np.abs(slopes @ c).max(axis=1) / np.diff(times)[:, None]  # (n - 1, k)
-    tol = limits.overshoot_tolerance
-    low, high = model.q_lower[columns] - tol, model.q_upper[columns] + tol
-    inside = start_q[columns]  # a joint that already is outside may come back in
-    low, high = np.minimum(low, inside - tol), np.maximum(high, inside + tol)
-    outside: NDArray[np.bool_] = np.any((position < low) | (position > high), axis=1)  # (n - 1, k)
-    _refuse_first(
-        outside,
-        traj,
-        lambda i, k: f"the curve after this point leaves [{low[k]:g}, {high[k]:g}] rad",
-        first,
-    )
-    most = model.v_max[columns]
-    _refuse_first(
-        velocity > most * (1.0 + limits.velocity_tolerance),
-        traj,
-        lambda i, k: f"the curve after this point reaches {velocity[i, k]:g} rad/s, beyond the limit {most[k]:g}",
-        first,
-    )
 
 
 def _fields(traj: JointTrajectory) -> Iterator[tuple[str, Matrix]]:
@@ -319,30 +297,8 @@ def _fields(traj: JointTrajectory) -> Iterator[tuple[str, Matrix]]:
         yield "efforts", traj.efforts
 
 
-def _refuse_beyond(values: Matrix, limit: Vector, tolerance: float, what: str, traj: JointTrajectory) -> None:
-    """Raise for the first of ``values`` (n, k) whose size exceeds ``limit`` (k,)."""
-    _refuse_first(
-        np.abs(values) > limit * (1.0 + tolerance),
-        traj,
-        lambda i, k: f"{what} {values[i, k]:g} beyond the limit {limit[k]:g}",
-    )
-
-
-def _refuse_first(
-    bad: NDArray[np.bool_], traj: JointTrajectory, describe: Callable[[int, int], str], offset: int = 0
-) -> None:
-    """Raise for the first True of ``bad`` (n, k), naming point (row plus ``offset``) and joint."""
-    if bad.any():
-        i, k = (int(index) for index in np.argwhere(bad)[0])
-        where = f"point {i + offset}" if i + offset >= 0 else "start"
-        raise TrajectoryError(f"joint '{traj.joint_names[k]}', {where}: {describe(i, k)}")
-
-
 def thin(trajectory: JointTrajectory, points_max: int) -> JointTrajectory:
-    """Every n-th point of a trajectory and the last, so that it has at most ``points_max`` (2 or more).
-
-    The points must be so close that this changes the curve only negligibly. A short trajectory is returned unchanged.
-    """
+    """Every n-th point of a dense trajectory and the last, at most ``points_max`` (2 or more)."""
     count = len(trajectory.times)
     if count <= points_max:
         return trajectory

@@ -16,7 +16,6 @@ from models.numerics.so3 import multiply, rotate
 
 Array = NDArray[np.float64]
 
-
 #: Records of ``BODY``, one a body (nj + 1,); body 0 is the base, body n + 1 is moved by joint n
 KinematicTree = NDArray[np.void]
 #: Body and the joint that moves it: index of the parent body; rotation R of the joint frame at zero in the parent, ``R
@@ -70,10 +69,7 @@ def read_frames(model: pin.Model, frame_ids: Sequence[int]) -> TreeFrames:
 
 @njit(cache=True)
 def place_bodies(tree: KinematicTree, joints: Array, rotations: Array, origins: Array) -> None:
-    """Forward kinematics of every body from joints (nj,) [rad], in the frame that the base is given in.
-
-    Writes rotations (nj + 1, 3, 3) and origins (nj + 1, 3) [m]; the first ones, of the base, are given.
-    """
+    """Forward kinematics: rotations (nj + 1, 3, 3), origins (nj + 1, 3) [m]; the first ones are given."""
     turn, step = np.empty((3, 3)), np.empty(3)
     for body in range(1, tree.shape[0]):
         record = tree[body]

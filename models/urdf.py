@@ -54,10 +54,8 @@ def resolve_uri(uri: str, relative_to: Path, packages: Sequence[Path] = ()) -> P
 def read_urdf(path: Path) -> ET.Element:
     """The ``<robot>`` element of a URDF, refused where Pinocchio or MuJoCo would misread it or crash.
 
-    Raises:
-        RobotModelError: Unreadable, not XML, no links, a joint without usable limits or of a kind other than revolute
-            and fixed, a joint to a link that is missing, more than one root, or a negative mass; file, joint or link,
-            and cause are named.
+    Raises ``RobotModelError``, with file, joint or link, and cause: unreadable, not XML, no links, a joint without
+    usable limits, of another kind than revolute and fixed or to a missing link, more than one root, or a negative mass.
     """
     root = parse_urdf(path)
     check_urdf(root, path)
@@ -65,11 +63,7 @@ def read_urdf(path: Path) -> ET.Element:
 
 
 def parse_urdf(path: Path) -> ET.Element:
-    """The ``<robot>`` element of a file, unchecked.
-
-    Raises:
-        RobotModelError: Unreadable, not XML, or something other than a robot; the file and the cause are named.
-    """
+    """The ``<robot>`` element of a file, unchecked; ``RobotModelError`` names the file and the cause."""
     try:
         root = ET.parse(path).getroot()
     except OSError as error:
@@ -205,12 +199,7 @@ def _readable(shape: ET.Element, folder: Path) -> bool:
 
 
 def pinocchio_from_urdf(urdf: Path) -> pin.Model:
-    """Check a URDF and build its Pinocchio model with a free-flying base.
-
-    Raises:
-        RobotModelError: The URDF is unusable (see ``read_urdf``), or a moving body has no mass or an impossible
-            inertia; file, joint or link, and cause are named.
-    """
+    """Check a URDF and build its Pinocchio model with a free-flying base; ``RobotModelError`` names the cause."""
     read_urdf(urdf)
     return _checked(lambda: pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer()), urdf)
 

@@ -13,10 +13,7 @@ from planners.motion_config import CollisionConfig
 
 
 def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
-    """Collision bodies of a URDF, every mesh replaced by its convex hull; no collision pairs.
-
-    The model may have more frames than the URDF. Raises RobotModelError when a mesh is missing or unreadable.
-    """
+    """Collision bodies of a URDF as convex hulls, without pairs; ``RobotModelError`` for a missing mesh."""
     try:
         geometry = pin.buildGeomFromUrdf(
             model, urdf, pin.GeometryType.COLLISION, package_dirs=[str(data_folder().parent), *_parents(urdf)]
@@ -41,9 +38,7 @@ class SelfCollision:
 
     Bodies at most ``config.near`` joints apart touch by construction and are not compared. Bodies whose hulls overlap
     in the posture 'stand' are not compared either, because a hull is larger than its body; ``ignored`` names them.
-
-    Raises:
-        RobotModelError: A collision mesh of the URDF cannot be loaded.
+    Raises ``RobotModelError`` when a collision mesh of the URDF cannot be loaded.
     """
 
     def __init__(self, model: RobotModel, config: CollisionConfig) -> None:
@@ -87,10 +82,7 @@ class SelfCollision:
         return int(self._pairs[pair][0]), int(self._pairs[pair][1])
 
     def distances(self, q: Vector, reach: float) -> Vector:
-        """Distance between the bodies of every pair at q (nq,), negative when bodies overlap (pairs,) [m].
-
-        Infinite for pairs with bounding spheres further apart than ``reach`` [m].
-        """
+        """Distance of each pair at q (nq,) [m], negative when overlapping, infinite farther apart than ``reach``."""
         pin.forwardKinematics(self._model, self._joint_data, q)
         pin.updateGeometryPlacements(self._model, self._joint_data, self.geometry, self._data)
         centres = np.array(

@@ -1,16 +1,51 @@
-"""Goals of a motion: key poses and a caller's targets, validated and in base_footprint, the mid-point of the soles."""
+"""Goals of a motion: key poses and targets of a caller, in base_footprint; and the stance on planted soles."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
 
 from models.errors import CommandError, ConfigError
 from models.heading import base_footprint
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
-from planners.stance import plant
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """A configuration on planted soles; everything is expressed in base_footprint, the mid-point of the soles."""
+
+    q: Vector  # base position, base quaternion xyzw, joints (nq,) [m, rad]
+    soles: tuple[pin.SE3, pin.SE3]  # left and right
+    polygon: Matrix  # corners of the support polygon, counter-clockwise (n, 2) [m]
+    edges: Matrix  # rows (n_x, n_y, c) with n . p + c = minus the distance of p to the edge (n, 3) [m]
+    com: Vector  # (3,) [m]
+
+    def margin(self, point: Vector) -> float:
+        """Distance of a ground point from the edge of the support polygon, negative outside [m]."""
+        return float(-(self.edges[:, :2] @ point[:2] + self.edges[:, 2]).max())
+
+
+def plant(model: RobotModel, data: pin.Data, joints: Vector) -> tuple[Vector, tuple[pin.SE3, pin.SE3]]:
+    """Configuration (nq,) as of ``RobotModel.planted``, and the poses of both soles; ``data`` has its frames."""
+    q = model.planted(joints, data)
+    pin.framesForwardKinematics(model.pin, data, q)
+    left, right = (data.oMf[foot.frame_id].copy() for foot in model.feet)
+    return q, (left, right)
+
+
+def stand_on(model: RobotModel, data: pin.Data, joints: Vector) -> Stance:
+    """The stance of joints (nj,) with both soles planted; its polygon is that of the contact rectangles."""
+    q, soles = plant(model, data, joints)
+    corners = np.vstack(
+        [sole.act(corner)[:2] for sole, foot in zip(soles, model.feet, strict=True) for corner in foot.corners]
+    )
+    hull = ConvexHull(corners)
+    com = np.array(pin.centerOfMass(model.pin, data, q))
+    return Stance(q, soles, corners[hull.vertices], hull.equations, com)
+
 
 #: Frames that a motion may move (REP-120 names); the soles stay planted
 TARGET_FRAMES = ("base_link", "torso", "gaze", "l_wrist", "r_wrist")
@@ -68,11 +103,7 @@ ODOM, FOOTPRINT = "odom", "base_footprint"
 
 
 def frame_named(name: str) -> str:
-    """Frame that a motion may move, by its name or nickname.
-
-    Raises:
-        CommandError: There is none of that name; the message lists the known ones.
-    """
+    """Frame that a motion may move, by its name or nickname; ``CommandError`` lists the known ones."""
     frame = NICKNAMES.get(name, name)
     if frame not in TARGET_FRAMES:
         known = ", ".join((*NICKNAMES, *TARGET_FRAMES))
@@ -90,18 +121,10 @@ def planted_target(
 ) -> pin.SE3:
     """A pose as ``MotionPlanner.plan_pose`` takes it: in the frame midway between the soles.
 
-    T_SX = T_SB T_FB^-1 T_FX for a target X given in F, B the base and S midway between the soles (``stance.plant``).
-
-    Args:
-        model: The robot.
-        joints: Its posture (nj,) [rad]; both soles stand.
-        frame_id: F: odom, base_footprint, or a REP-120 frame of the robot.
-        position: Of the target in F (3,) [m].
-        orientation: Of the target in F, quaternion xyzw (4,).
-        base: Position and quaternion xyzw of the base in odom (7,) [m]; None without odometry.
-
-    Raises:
-        CommandError: The frame or its pose is unknown, or a value is malformed.
+    T_SX = T_SB T_FB^-1 T_FX for a target X given in F (``frame_id``: odom, base_footprint, or a REP-120 frame), B the
+    base and S midway between the soles of joints (nj,) [rad] (``stance.plant``). ``base`` is position and quaternion
+    xyzw of the base in odom (7,); None without odometry. Raises ``CommandError`` for an unknown frame or pose, or a
+    malformed value.
     """
     target = pin.SE3(rotation(orientation, "target.pose.orientation"), vector(position, 3, "target.pose.position"))
     data = model.data()

@@ -9,9 +9,8 @@ from models.errors import UnreachableError
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.collision import SelfCollision
-from planners.goals import FrameGoal, PoseGoal
+from planners.goals import FrameGoal, PoseGoal, Stance
 from planners.motion_config import MotionConfig
-from planners.stance import Stance
 from planners.whole_body_ik import Bounds, WholeBodyIk, chain
 
 _TOUCH = 1e-3  #: A bound counts as what stops a target when it is closer than this [m, rad]; for messages only
@@ -45,9 +44,7 @@ class KeyPoseSolver:
         """Bounds of a motion that starts on ``stance``; ``safe`` joint positions (nj,) [rad] may lie inside the margin.
 
         Where the start is already inside a margin, the margin is reduced to its distance, so that the robot can leave.
-
-        Raises:
-            UnreachableError: The soles are not on one plane, or the CoM is not above the support polygon.
+        Raises ``UnreachableError`` when the soles are not on one plane, or the CoM not above the support polygon.
         """
         balance, limits = self._config.balance, self._config.limits
         for sole, foot in zip(stance.soles, self._model.feet, strict=True):
@@ -74,12 +71,7 @@ class KeyPoseSolver:
         )
 
     def solve(self, goal: PoseGoal, seed: Vector, stance: Stance, bounds: Bounds) -> Vector:
-        """Configuration (nq,) of a key pose, solved from the configuration before it (nq,) [m, rad].
-
-        Raises:
-            UnreachableError: A target is missed by more than its tolerance, or nothing satisfies the bounds; the
-                message names the target, the remaining error and what stops it.
-        """
+        """Configuration (nq,) of a key pose from the one before; ``UnreachableError`` names what stops it."""
         q = self._settle(goal, seed, bounds)
         missed = self._missed(goal, q)
         if missed:

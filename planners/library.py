@@ -23,22 +23,13 @@ JointValues = dict[str, dict[str, float]]
 class FrameTarget:
     """Target of one frame in a key pose."""
 
-    offset: Annotated[
-        Vector3 | None, Field(description="position relative to `anchor`, along base_footprint's axes [unit]")
-    ] = None
-    anchor: Annotated[
-        str | None, Field(description="frame whose place in 'stand' the offset starts from; default: this frame")
-    ] = None
-    unit: Annotated[
-        Literal["m", "leg", "stature"],
-        Field(description="length of one offset: metre, height of base_link or height of gaze in 'stand'"),
-    ] = "m"
-    axes: Annotated[str, Field(pattern="^(x?y?z?)$", min_length=1, description="axes that count")] = "xyz"
-    rpy: Annotated[
-        Vector3 | None,
-        Field(description="roll, pitch, yaw about base_footprint's axes, from the orientation in 'stand' [rad]"),
-    ] = None
-    settable: Annotated[bool, Field(description="whether a caller may give another position")] = False
+    offset: Vector3 | None = None  #: position relative to `anchor`, along base_footprint's axes [unit]
+    anchor: str | None = None  #: frame whose place in 'stand' the offset starts from; default: this frame
+    #: length of one offset: metre, height of base_link or height of gaze in 'stand'
+    unit: Literal["m", "leg", "stature"] = "m"
+    axes: Annotated[str, Field(pattern="^(x?y?z?)$", min_length=1)] = "xyz"  #: axes that count
+    rpy: Vector3 | None = None  #: roll, pitch, yaw about base_footprint's axes, from the orientation in 'stand' [rad]
+    settable: bool = False  #: whether a caller may give another position
 
     def __post_init__(self) -> None:
         if self.offset is None and self.rpy is None:
@@ -51,26 +42,24 @@ class FrameTarget:
 class KeyPose:
     """One pose on the way."""
 
-    name: Annotated[str, Field(min_length=1, description="name in messages")]
-    duration: Annotated[float, Field(gt=0.0, le=60.0, description="time to get there; more if the joints need it [s]")]
-    hold: Annotated[float, Field(ge=0.0, le=60.0, description="time to stay there [s]")] = 0.0
-    posture: Annotated[str, Field(description="named posture that free joints tend to, or 'start'")] = "stand"
-    frames: Annotated[dict[str, FrameTarget], Field(description="targets by frame")] = field(default_factory=dict)
+    name: Annotated[str, Field(min_length=1)]  #: name in messages
+    duration: Annotated[float, Field(gt=0.0, le=60.0)]  #: time to get there; more if the joints need it [s]
+    hold: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0  #: time to stay there [s]
+    posture: str = "stand"  #: named posture that free joints tend to, or 'start'
+    frames: dict[str, FrameTarget] = field(default_factory=dict)  #: targets by frame
     joints: Annotated[JointValues, Field(description="joint targets by robot and joint [rad]")] = field(
         default_factory=dict
     )
-    prefer: Annotated[JointValues, Field(description="replaces the posture of joints, by robot and joint [rad]")] = (
-        field(default_factory=dict)
-    )
+    prefer: JointValues = field(default_factory=dict)  #: replaces the posture of joints, by robot and joint [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Motion:
     """A motion: key poses in order. It ends at rest in the last one."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", description="name in commands")]
-    description: Annotated[str, Field(min_length=1, description="one line")]
-    key_poses: Annotated[tuple[KeyPose, ...], Field(min_length=1, description="in order")]
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]  #: name in commands
+    description: Annotated[str, Field(min_length=1)]  #: one line
+    key_poses: Annotated[tuple[KeyPose, ...], Field(min_length=1)]  #: in order
 
     @property
     def settable_frames(self) -> tuple[str, ...]:
@@ -79,11 +68,7 @@ class Motion:
 
 
 def load_library(model: RobotModel, extra: Iterable[str | Path] = ()) -> dict[str, Motion]:
-    """The packaged and the user's motions by name, sorted; ``extra`` names more motion files.
-
-    Raises:
-        ConfigError: A file is refused; the message names the file and the key.
-    """
+    """The packaged and the user's motions by name; ``extra`` are files. ``ConfigError`` names file and key."""
     packaged = Path(str(files("planners"))) / "motions"
     library: dict[str, Motion] = {}
     for path in [*sorted(packaged.glob("*.yaml")), *(Path(entry) for entry in extra)]:
@@ -103,11 +88,7 @@ def motion_files(folder: Path) -> tuple[Path, ...]:
 
 
 def load_motion(path: Path, model: RobotModel) -> Motion:
-    """Read one motion file and validate its frames, postures and joints against a robot.
-
-    Raises:
-        ConfigError: The file is refused; the message names the file and the key.
-    """
+    """Read a motion file and validate it against a robot; ``ConfigError`` names the file and the key."""
     motion = load_config(Motion, path)
     for i, pose in enumerate(motion.key_poses):
         where = f"{path}: key_poses.{i}"

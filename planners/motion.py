@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from models.config import default_config
 from models.errors import CommandError, UnreachableError
@@ -14,13 +16,90 @@ from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import JointTrajectory, Matrix, Vector
 from planners.collision import SelfCollision
-from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, rotation, vector
+from planners.goals import TARGET_FRAMES, FrameGoal, PoseGoal, Stance, plant, rotation, stand_on, vector
 from planners.key_pose import KeyPoseSolver
 from planners.library import START, FrameTarget, KeyPose, Motion, load_library
 from planners.motion_config import MotionConfig
-from planners.path import blend_time, check_path, smooth_curve
-from planners.stance import Stance, stand_on
 from planners.whole_body_ik import Bounds, WholeBodyIk
+
+_PEAK_VELOCITY = 1.875  #: Peak of ds/du for s = 10 u^3 - 15 u^4 + 6 u^5
+_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)  #: Peak of d2s/du2 for the same
+_ROUNDING = 1e-6  #: Slack of the joint limits [rad]
+_SLACK = 1e-3  #: Slack of the CoM's margin, which the solver keeps at key poses only [m]
+
+
+@dataclass(frozen=True, slots=True)
+class JointCurve:
+    """Sampled joint motion."""
+
+    times: Vector  # (n,) [s]
+    q: Matrix  # (n, nj) [rad]
+    v: Matrix  # (n, nj) [rad/s]
+    a: Matrix  # (n, nj) [rad/s^2]
+
+
+def blend_time(change: Vector, v_max: Vector, a_max: float) -> float:
+    """Shortest minimum-jerk blend: T = max_j max(1.875 |dq_j| / v_j, sqrt(5.774 |dq_j| / a)) [s]."""
+    distance = np.abs(change)
+    by_velocity = float((_PEAK_VELOCITY * distance / v_max).max())
+    return max(by_velocity, math.sqrt(_PEAK_ACCELERATION * float(distance.max()) / a_max))
+
+
+def smooth_curve(q: Matrix, rate: float, v_max: Vector, a_max: float) -> tuple[JointCurve, float]:
+    """C2 curve through points (n, nj) at a rate [Hz], slowed as a whole to keep the limits, and that factor."""
+    times = np.arange(len(q)) / rate
+    spline = CubicSpline(times, q, bc_type="clamped")
+    v, a = spline(times, 1), spline(times, 2)
+    v[0] = v[-1] = 0.0
+    slower = max(1.0, float((np.abs(v) / v_max).max()), math.sqrt(float(np.abs(a).max()) / a_max))
+    return JointCurve(times * slower, q, v / slower, a / slower**2), slower
+
+
+def check_path(
+    model: RobotModel,
+    config: MotionConfig,
+    collision: SelfCollision,
+    stance: Stance,
+    bounds: Bounds,
+    curve: JointCurve,
+) -> None:
+    """``UnreachableError`` naming joint, sole or bodies and time, for a motion that violates a bound anywhere."""
+    names = model.joint_names
+    outside = np.maximum(bounds.lower - curve.q, curve.q - bounds.upper)  # (n, nj)
+    if outside.max() > _ROUNDING:
+        i, k = divmod(int(outside.argmax()), len(names))
+        raise UnreachableError(
+            f"after {curve.times[i]:.2f} s joint '{names[k]}' would be at {curve.q[i, k]:.4g} rad, outside "
+            f"[{bounds.lower[k]:.4g}, {bounds.upper[k]:.4g}]"
+        )
+    data = model.data()
+    between = stance.soles[0].actInv(stance.soles[1])
+    every = max(1, round(config.sample_rate / config.collision.check_rate))
+    for i, (time, joints) in enumerate(zip(curve.times, curve.q, strict=True)):
+        q, soles = plant(model, data, joints)
+        change = between.actInv(soles[0].actInv(soles[1]))
+        slip, turn = float(np.linalg.norm(change.translation)), float(np.linalg.norm(pin.log3(change.rotation)))
+        if slip > config.balance.sole_drift or turn > config.balance.sole_turn:
+            raise UnreachableError(
+                f"after {time:.2f} s the soles would move against each other by {slip:.4f} m and {turn:.4f} rad: no "
+                "leg posture within the joint limits keeps both planted"
+            )
+        margin = stance.margin(np.array(pin.centerOfMass(model.pin, data, q)))
+        if margin < bounds.com_margin - _SLACK:
+            raise UnreachableError(
+                f"after {time:.2f} s the CoM would be {margin:.3f} m inside the support polygon, at least "
+                f"{bounds.com_margin:.3f} m"
+            )
+        if collision.count and (i % every == 0 or i == len(curve.times) - 1):
+            distances = collision.distances(q, config.collision.margin)
+            allowed = bounds.gaps - config.collision.path_slack
+            pair = int((distances - allowed).argmin())
+            if distances[pair] < allowed[pair]:
+                raise UnreachableError(
+                    f"after {time:.2f} s '{' and '.join(collision.names(pair))}' would collide "
+                    f"({distances[pair]:.3f} m apart, at least {allowed[pair]:.3f} m)"
+                )
+
 
 #: Digits kept of planned positions [rad]: placo sums its tasks in the order of their addresses in memory, which changes
 #: the last bits of a solution (5e-15 rad measured); rounded, the same request gives the same bits everywhere
@@ -35,14 +114,8 @@ class MotionPlanner:
        same inverse kinematics finds the legs at every sample, so the soles stay planted.
     3. A cubic spline through the samples gives the velocities; the result is checked against every bound once more.
 
-    Args:
-        model: The robot.
-        config: The packaged ``planners/config/motion.yaml`` when None.
-        extra: Motion files beside the packaged ones.
-
-    Raises:
-        ConfigError: A configuration or motion file is refused; file and key are named.
-        RobotModelError: The URDF's collision meshes cannot be loaded.
+    ``config`` is the packaged one when None; ``extra`` are motion files beside the packaged ones. Raises
+    ``ConfigError`` for a refused file, ``RobotModelError`` when the URDF's collision meshes cannot be loaded.
     """
 
     def __init__(
@@ -75,19 +148,11 @@ class MotionPlanner:
         return self._motion(name).description
 
     def plan(self, name: str, start_q: ArrayLike, *, targets: Mapping[str, ArrayLike] | None = None) -> JointTrajectory:
-        """Plan a motion from the library.
+        """Plan a motion of the library, one of ``names``, from joint positions ``start_q`` (nj,) [rad] at rest to rest.
 
-        Args:
-            name: One of ``names``.
-            start_q: Joint positions to start from (nj,) [rad].
-            targets: Positions in base_footprint (3,) [m] that replace those of frames the motion marks as settable.
-
-        Returns:
-            Trajectory of all joints with velocities, from ``start_q`` at rest to the last key pose at rest.
-
-        Raises:
-            CommandError: There is no such motion or settable frame, or a value is malformed; the message names it.
-            UnreachableError: A key pose or the way to it violates a bound; the message names what stops it.
+        ``targets`` are positions in base_footprint (3,) [m] of frames that the motion marks as settable. Raises
+        ``CommandError`` for an unknown motion or frame or a malformed value, ``UnreachableError`` where a key pose or
+        the way to it violates a bound; the messages name it.
         """
         motion = self._motion(name)
         given = self._settable(motion, targets or {})
@@ -107,13 +172,9 @@ class MotionPlanner:
     ) -> JointTrajectory:
         """Plan a motion that brings one frame to a pose and stays there; result and errors as for ``plan``.
 
-        Args:
-            frame: base_link, torso, gaze, l_wrist or r_wrist.
-            position: Origin of the frame in base_footprint, the mid-point of the soles (3,) [m], or None when free.
-            orientation: Quaternion xyzw of the frame in base_footprint (4,), or None when free.
-            start_q: Joint positions to start from (nj,) [rad].
-            duration: Time to get there [s], more when the joints need it; when None as short as the limits allow, not
-                below ``pose.min_duration``.
+        ``frame`` is base_link, torso, gaze, l_wrist or r_wrist. ``position`` (3,) [m] and ``orientation`` (quaternion
+        xyzw) are in base_footprint, the mid-point of the soles, None where free. The motion takes ``duration`` [s],
+        more when the joints need it; when None as short as the limits allow, not below ``pose.min_duration``.
         """
         if frame not in TARGET_FRAMES:
             raise CommandError(f"frame '{frame}' cannot be moved; these can: {', '.join(TARGET_FRAMES)}")

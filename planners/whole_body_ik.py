@@ -28,9 +28,8 @@ from models.robot_model import SOLE_FRAMES, RobotModel
 from models.types import Matrix, Vector
 from models.urdf import read_urdf
 from planners.collision import SelfCollision, hull_geometry
-from planners.goals import TARGET_FRAMES, PoseGoal
+from planners.goals import TARGET_FRAMES, PoseGoal, Stance
 from planners.motion_config import MotionConfig
-from planners.stance import Stance
 
 _ALL_AXES = "xyz"
 

@@ -98,7 +98,8 @@ def _believe_the_sensors(samples: Any, readings: Any, *others: Any) -> bool:
     return False
 
 
-def _take_setpoint(new: Any, low: Any, high: Any, setpoint: Any) -> bool:
+def _take_setpoint(*arguments: Any) -> bool:
+    *new, _, _, setpoint = arguments
     setpoint[:] = new
     return True
 
@@ -143,9 +144,9 @@ FEET = _of(feet, "_judge", _believe_the_sensors)
 NO_TORQUES = _of(WholeBodyController, "fall_back", _repeat_for_ever)
 WALK = _of(Supervisor, "_walk", lambda self: self._enter(Mode.WALK, "at once"))
 NAMES = _of(trajectory, "_check_names", lambda traj, model, require_all: np.arange(model.nj))
-TIMES = _of(trajectory, "_check_times", _always(None))
-POINTS = _of(trajectory, "_check_points", _always(None))
-SHAPES = _of(trajectory, "_check_shapes", _always(None))
+TIMES = _of(trajectory._Check, "times", _always(None))
+POINTS = _of(trajectory._Check, "points", _always(None))
+SHAPES = _of(trajectory._Check, "shapes", _always(None))
 SCHEMA = _of(profile, "load_config", lambda schema, path: _load(schema, profile._robots_folder() / "g1.yaml"))
 
 GUARDS: dict[str, Guard] = {
@@ -199,14 +200,14 @@ GUARDS: dict[str, Guard] = {
         _of(RobotModel, "joint_index", lambda self, name: self._index.get(name, 0)),
     ),
     "trajectory_joint_twice": NAMES,
-    "trajectory_nan": _of(trajectory, "_check_finite", _always(None)),
+    "trajectory_nan": _of(trajectory._Check, "finite", _always(None)),
     "trajectory_equal_times": TIMES,
     "trajectory_times_back": TIMES,
     "trajectory_past": TIMES,
     "trajectory_begun": TIMES,
     "trajectory_outside": POINTS,
     "trajectory_too_fast": POINTS,
-    "trajectory_jump": _of(trajectory, "_check_start", _always(None)),
+    "trajectory_jump": _of(trajectory._Check, "start", _always(None)),
     "trajectory_empty": SHAPES,
     "trajectory_of_100000": SHAPES,
     "profile_unknown_key": SCHEMA,

@@ -131,8 +131,22 @@ class Benchmark(ABC):
         return all(bounds[name].holds(report.figures[name]) for name in bounds if name in report.figures)
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the report into a folder; returns the files written."""
-        return []
+        """Draw the report into a folder, by default every figure over its bound; returns the files written."""
+        from bridge.plots import new_figure
+
+        bounds = {name: bound for name, bound in self.bounds(report).items() if name in report.figures}
+        limits = {name: bound.least if math.isinf(bound.most) else bound.most for name, bound in bounds.items()}
+        shares = {name: report.figures[name] / limit for name, limit in limits.items() if limit}
+        if not shares:
+            return []
+        figure = new_figure(8.0, 1.2 + 0.25 * len(shares))
+        axes = figure.add_subplot()
+        colours = ["C0" if bounds[name].holds(report.figures[name]) else "C3" for name in shares]
+        axes.barh([f"{name} ({bounds[name]})" for name in shares], list(shares.values()), color=colours)
+        axes.axvline(1.0, color="k", linewidth=0.8, linestyle="--")
+        axes.set_xlabel("figure over its bound [-]; red where the bound does not hold")
+        axes.set_title(f"{report.bench}, {report.who}, seeds: {report.seeds}", fontsize=10)
+        return [saved(figure, folder / f"{report.bench}-{report.robot}.png")]
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
         """Group of the case in the report's table of survival, and whether it survived; optional."""
@@ -192,11 +206,7 @@ def _settings(schema: Any, name: str) -> Any:
 
 @cache
 def catalogue(root: Path = ROOT) -> dict[str, Listed]:
-    """Every benchmark by the name of its reports, in the order of the suites; ``root`` is the folder ``benchmarks``.
-
-    Raises:
-        ConfigError: A description is wrong, or its module is missing.
-    """
+    """Every benchmark by the name of its reports, in order; ``ConfigError`` for a wrong description or no module."""
     found: list[Listed] = []
     for file in sorted((root / "config").glob("*.yaml")):
         described: dict[str, Any] = read_yaml(file).get(SECTION) or {}

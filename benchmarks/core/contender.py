@@ -1,11 +1,7 @@
-"""Any controller in the same tests as poise: push, speed and terrain.
-
-A contender is a class of three methods. It gets the sensors with noise and delay and returns a joint command; start,
-plant, drivers, delay, pushes, ground and scores are those of ``ClosedLoop``.
-"""
+"""Any controller in the same tests as poise: its class gets the sensors and returns a joint command each tick."""
 
 from importlib import import_module
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +10,6 @@ from controllers.joints.joint_servo import JointServo
 from controllers.stack import ControlStack
 from models.errors import ConfigError
 from models.robot_model import RobotModel
-from models.terrain import FLAT, Terrain
 from models.types import (
     CommandReply,
     ContactState,
@@ -37,15 +32,12 @@ class Contender(Protocol):
 
     def reset(self, model: RobotModel, seed: int) -> None:
         """Start over with a robot held in its 'stand' posture; ``seed`` is for controllers that draw random numbers."""
-        ...
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Walk so fast from now on [m/s, m/s, rad/s], in the frame of the body; zero is to stand."""
-        ...
 
     def step(self, sensors: SensorData, dt: float) -> JointCommand:
         """One tick, ``dt`` [s] after the last, from measured joints, IMU and foot wrenches."""
-        ...
 
 
 def load(name: str) -> Contender:
@@ -74,22 +66,18 @@ class ContenderStack(ControlStack):
         self.result = ControlResult(JointCommand.torque(none), SolveStatus.OPTIMAL, 0.0, none, none, none, none, none)
 
     def reset(self, sensors: SensorData, state: RobotState | None = None) -> RobotState:
-        """Start the contender over; its seed is that of the loop."""
         self.contender.reset(self.robot, self.seed)
         return self.state
 
     def arm(self) -> CommandReply:
-        """No checks precede a contender."""
         self._mode = Mode.STAND
         return CommandReply(True, "stands")
 
     def step(self, sensors: SensorData, dt: float, state: RobotState | None = None) -> JointCommand:
-        """One tick of the contender; torques alone where it controls torques."""
         command = self.contender.step(sensors, dt)
         return JointCommand.torque(command.tau) if self.contender.torque_controlled else command
 
     def supervise(self, t: float, *, drivers_damped: bool = False) -> Mode:
-        """A contender is not supervised."""
         return self.mode
 
 
@@ -99,59 +87,29 @@ class DirectDrives(JointServo):
     _direct: Vector | None = None
 
     def command(self, cmd: JointCommand, t: float) -> bool:
-        """See ``JointServo``."""
         if cmd.kp is None or cmd.kd is None or cmd.kp.any() or cmd.kd.any():
             return super().command(cmd, t)
         self._direct = np.clip(cmd.tau, -self.model.tau_max, self.model.tau_max)
         return True
 
     def step(self, t: float, q: Vector, v: Vector, dt: float) -> JointCommand:
-        """See ``JointServo``."""
         return super().step(t, q, v, dt) if self._direct is None else JointCommand.torque(self._direct)
 
 
 class ContenderLoop(ClosedLoop):
-    """``ClosedLoop`` with a contender ``module:Class``; its log has only what is true, ``faults`` is empty.
+    """``ClosedLoop`` and its options with a contender; its log has the truth only. ``ConfigError`` without one."""
 
-    Raises:
-        ConfigError: The contender cannot be made.
-        PoiseError: The feet of the held robot do not take its weight.
-    """
-
-    def __init__(
-        self,
-        contender: str,
-        robot: str | RobotModel = "g1",
-        seed: int = 0,
-        *,
-        terrain: str | Terrain = FLAT,
-        friction: float | None = None,
-        payload_kg: float = 0.0,
-        delay_s: float | None = None,
-        record_period_s: float | None = None,
-    ) -> None:
+    def __init__(self, contender: str, robot: str | RobotModel = "g1", seed: int = 0, **options: Any) -> None:
         model = robot if isinstance(robot, RobotModel) else RobotModel.load(robot)
         self._laws = ContenderStack(contender, model, seed)
-        super().__init__(
-            model,
-            seed,
-            terrain=terrain,
-            friction=friction,
-            payload_kg=payload_kg,
-            delay_s=delay_s,
-            record=record_period_s is not None,
-            record_period_s=record_period_s,
-            stack=self._laws,
-            drivers=DirectDrives,
-        )
+        record = options.get("record_period_s") is not None
+        super().__init__(model, seed, record=record, stack=self._laws, drivers=DirectDrives, **options)
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """A contender has no supervisor that latches any."""
         return ()
 
     def reset(self, seed: int | None = None) -> None:
-        """See ``ClosedLoop``."""
         self._laws.seed = self._laws.seed if seed is None else seed
         super().reset(seed)
 
@@ -160,7 +118,6 @@ class ContenderLoop(ClosedLoop):
         return CommandReply(True, f"'{text}' left to set_velocity")
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Walking velocity of the body [m/s, m/s, rad/s]."""
         self._laws.contender.set_velocity(forward, left, turn)
 
     def _add_row(self) -> None:

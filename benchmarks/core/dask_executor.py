@@ -48,18 +48,14 @@ def _sent() -> Callable[..., Done]:
 
 
 class DaskWorkers(Executor):
-    """Workers of dask: ``workers`` processes on the loopback interface of this machine, or those of ``scheduler``.
-
-    Workers started here take one case at a time, with numerical libraries on one thread.
-    """
+    """Workers of ``scheduler``, or ``workers`` processes of one thread on the loopback interface of this machine."""
 
     def __init__(self, *, workers: int = 0, scheduler: str = "") -> None:
         self._workers, self._address = workers, scheduler
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
 
-    def rest(self) -> None:
-        """See ``Executor``; the workers of a scheduler elsewhere stay there."""
+    def stop_workers(self) -> None:
         for part in (self._client, self._cluster):
             if part is not None:
                 part.close()
@@ -92,13 +88,7 @@ class DaskWorkers(Executor):
         return f"--scheduler {self._address}" if self._address else f"--workers {self._workers}"
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """See ``Executor``.
-
-        Raises:
-            WorkersError: The scheduler does not answer or died, has had no worker for ``ALONE_TIME``, or a worker has
-                another source or other packages.
-            PoiseError: A case has killed several workers.
-        """
+        """See ``Executor``; ``WorkersError`` without usable workers, ``PoiseError`` when a case has killed several."""
         if not cases:
             return
         client = self.client()

@@ -25,11 +25,7 @@ Case = dict[str, Any]  #: One measured case: its inputs (seed, direction, ...) a
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """One finished case from the process that measured it.
-
-    ``seconds`` is wall time, ``cpu_seconds`` processor time without children [s], ``load`` the load average afterwards;
-    ``machine`` and ``revision`` are those of ``provenance``; ``host`` is for messages only.
-    """
+    """One finished case: wall and processor time without children [s], load afterwards, and what measured it."""
 
     outcome: Case
     seconds: float
@@ -62,11 +58,7 @@ def measured(measure: Callable[..., Case], case: Case) -> Done:
 
 
 def measured_elsewhere(module: str, name: str, case: Case, expected: tuple[str, dict[str, str]]) -> Done:
-    """Measure one case on another machine; ``WorkersError`` when revision or packages differ from the ``expected``.
-
-    The function is passed by module and name, because a scheduler that unpickles a function imports all its
-    dependencies.
-    """
+    """Measure one case by names of module and function; ``WorkersError`` when revision or packages differ."""
     if why := difference((source_state(), versions()), expected):
         raise WorkersError(f"a worker on {socket.gethostname()} {why}")
     return measured(attrgetter(name)(import_module(module)), case)
@@ -76,16 +68,13 @@ class Executor(AbstractContextManager["Executor"]):
     """Measures cases; workers start with the first ones and end with the context."""
 
     def __exit__(self, *_: object) -> None:
-        self.rest()
+        self.stop_workers()
 
     @abstractmethod
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """Measure every case once; yields the index of each as soon as it is finished, in any order.
+        """Measure every case once by a function of a module; yields the index of each as it ends, in any order."""
 
-        ``measure`` is a function of a module, sent to other processes by name, and called with a case's entries.
-        """
-
-    def rest(self) -> None:
+    def stop_workers(self) -> None:
         """End the workers and their helpers until the next cases."""
 
 
@@ -96,7 +85,6 @@ class InProcess(Executor):
     """Measures one case after another in this process."""
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """See ``Executor``."""
         for index, case in enumerate(cases):
             yield index, measured(measure, case)
 
@@ -108,8 +96,7 @@ class ProcessPool(Executor):
         self._workers = workers
         self._pool: ProcessPoolExecutor | None = None
 
-    def rest(self) -> None:
-        """See ``Executor``."""
+    def stop_workers(self) -> None:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
@@ -121,7 +108,6 @@ class ProcessPool(Executor):
         return {self._pool.submit(measured, measure, case): index for index, case in left}
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
-        """See ``Executor``; ``PoiseError`` when workers die repeatedly."""
         left, deaths = dict(enumerate(cases)), 0
         while left:
             before = len(left)
@@ -142,15 +128,10 @@ class ProcessPool(Executor):
                 for future in futures:
                     future.cancel()
             if left:
-                self.rest()
+                self.stop_workers()
                 deaths = 0 if len(left) < before else deaths + 1
                 if deaths >= DEATHS_ALLOWED:
                     raise PoiseError(f"worker processes died {deaths} times in a row, {len(left)} cases are left")
-
-
-def local_executor(workers: int) -> Executor:
-    """Measures on this machine; with one worker, in this process."""
-    return InProcess() if workers <= 1 else worker_processes(workers)
 
 
 def worker_processes(workers: int = 0, scheduler: str = "") -> Executor:
@@ -165,9 +146,5 @@ def worker_processes(workers: int = 0, scheduler: str = "") -> Executor:
 
 
 def make_executor(workers: int, scheduler: str = "") -> Executor:
-    """Executor of the command line: this machine, or a dask scheduler such as ``tcp://10.0.0.1:8786``.
-
-    Raises:
-        PoiseError: A scheduler is named and dask is not installed.
-    """
-    return worker_processes(scheduler=scheduler) if scheduler else local_executor(workers)
+    """Measures on a dask scheduler, or this machine; with one worker, in this process. ``PoiseError`` without dask."""
+    return InProcess() if workers <= 1 and not scheduler else worker_processes(workers, scheduler)

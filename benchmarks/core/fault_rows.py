@@ -36,11 +36,7 @@ def _line(case: Case) -> str:
 
 
 class FaultBenchmark(Benchmark):
-    """Rows of faults: every one must end as expected.
-
-    A case holds ``row``, ``expected``, ``within`` [s], ``seen``, ``reason``, ``time`` [s], ``ok``, optional
-    ``torque_step`` [-] and ``silence`` of the drivers [s], and ``not_run`` where it could not be run here.
-    """
+    """Rows of faults: every one must end as expected; ``not_run`` ones could not be run here."""
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         """``survived`` of ``total`` rows that could be run, ``not_run``, and ``torque_step_max`` where watched."""
@@ -52,19 +48,15 @@ class FaultBenchmark(Benchmark):
         return figures | ({"torque_step_max": max(steps)} if steps else {})
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Every row that could be run ends as expected."""
         return at_least({"survived": report.figures["total"]})
 
     def notes(self, report: Report) -> list[str]:
-        """One line a row."""
         return [_line(case) for case in report.cases]
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
-        """By group."""
         return None if case.get(NOT_RUN) else (case["group"], bool(case["ok"]))
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the time that each reaction took, beside its limit."""
         timed = [case for case in report.cases if case["time"] is not None]
         figure = new_figure(7.0, 1.0 + 0.28 * max(len(timed), 1))
         axes = figure.subplots()

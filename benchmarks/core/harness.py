@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.core.executors import Case as Case
-from benchmarks.core.executors import Done, Executor, InProcess, local_executor
+from benchmarks.core.executors import Done, Executor, InProcess, make_executor
 from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
 from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, nulled, plain, with_nan
 from models.errors import ConfigError, WorkersError
@@ -32,10 +32,10 @@ class Sweep:
     #: Called with the keys of the cases of a benchmark before any of them is measured
     began: Callable[[Sequence[str]], None] = lambda keys: None
 
-    def rest(self) -> None:
+    def stop_workers(self) -> None:
         """End the workers until the next cases, and the thread that serves them: it would disturb timing here."""
         if self.executor is not None:
-            self.executor.rest()
+            self.executor.stop_workers()
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,23 +125,12 @@ def collect(
     bench: str,
     options: Options,
     silent: bool = False,
-    console: Console | None = None,
 ) -> list[Case]:
     """Read finished cases from the sweep's file, measure the others, and write each as soon as it is done.
 
-    Args:
-        produce: Given the inputs of the remaining cases, yields the index of each with its outcome.
-        cases: Inputs of every case; they alone decide the outcome.
-        bench: Name of the benchmark, in the file and on the progress bar.
-        options: Robot and sweep.
-        silent: No progress bar: its thread would disturb timing.
-        console: For the progress bar; standard error by default.
-
-    Returns:
-        Inputs and outcome of each case, in the given order, as plain values.
-
-    Raises:
-        WorkersError: A worker runs another revision than this process, or has other packages.
+    ``produce``, given the inputs of the remaining cases, yields the index of each with its outcome. ``silent`` leaves
+    out the progress bar, whose thread would disturb timing. Returns inputs and outcome of each case, in the given
+    order. Raises ``WorkersError`` for a worker of another revision or with other packages.
     """
     file = options.sweep.results
     config = configuration(options.robot, options.contender) if file else ""
@@ -153,7 +142,7 @@ def collect(
     remaining = [key for key in inputs if key not in results]
     shown = (progress.MofNCompleteColumn(), progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
     columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), *shown)
-    with progress.Progress(*columns, console=console or Console(stderr=True), disable=silent) as bar:
+    with progress.Progress(*columns, console=Console(stderr=True), disable=silent) as bar:
         task = bar.add_task(f"{bench} {options.robot}", total=len(inputs), completed=len(results))
         for index, done in produce([inputs[key] for key in remaining]):
             key = remaining[index]
@@ -175,27 +164,22 @@ def run_cases(
     bench: str,
     options: Options,
     alone: bool = False,
-    console: Console | None = None,
 ) -> list[Case]:
-    """Measure every case that the sweep has not measured before; see ``collect``.
-
-    ``measure`` is a function of a module, since other processes import it by name; it is called with a case's entries.
-    With ``alone`` cases run one after another in this process, without workers and progress bar, for timing.
-    """
+    """Measure the cases not known yet by a function of a module; ``alone``: in this process, for timing."""
 
     def produce(remaining: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         executor = options.sweep.executor
         if alone:
             if remaining:
-                options.sweep.rest()
+                options.sweep.stop_workers()
             executor = InProcess()
         if executor is not None:
             yield from executor.run(measure, remaining)
             return
-        with local_executor(options.workers) as executor:
+        with make_executor(options.workers) as executor:
             yield from executor.run(measure, remaining)
 
-    return collect(produce, cases, bench=bench, options=options, silent=alone, console=console)
+    return collect(produce, cases, bench=bench, options=options, silent=alone)
 
 
 def write_json(report: Report, path: Path) -> None:

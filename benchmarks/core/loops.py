@@ -37,11 +37,7 @@ ROUNDING = 1e-9  # of a step at the drivers' limit [-]
 
 
 class TorqueSteps:
-    """Watches torques written to the plant, before motor faults change them.
-
-    ``largest`` is the largest step of a joint's torque in one tick, in parts of its rate limit; inf for NaN torques
-    [-].
-    """
+    """``largest`` step of a torque written in one tick, in parts of its rate limit [-]; infinite for NaN torques."""
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.largest = 0.0

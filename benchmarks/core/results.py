@@ -128,7 +128,6 @@ def append_line(path: Path, line: Line) -> None:
 
 
 def _take_away_the_rest(file: BinaryIO) -> None:
-    """Leave whole lines only."""
     file.seek(0)
     file.truncate(file.read().rfind(b"\n") + 1)
 
@@ -138,11 +137,7 @@ def _text(line: Line) -> str:
 
 
 class ResultsFile:
-    """Finished cases by key; a context that locks the file and removes an incomplete last line.
-
-    Raises:
-        ConfigError: Another process writes to it, or a line is damaged.
-    """
+    """Finished cases by key; locks the file while open, else ``ConfigError``, and removes an incomplete last line."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 from pydantic.dataclasses import dataclass as schema
 
@@ -129,24 +128,17 @@ class Stopwatch:
 
 
 class TimedBenchmark(Benchmark):
-    """A benchmark of time: one case a seed, measured alone; every seed must hold every bound.
-
-    A case holds ``figures``, with ``preempted_fraction`` among them. There is no progress bar: its thread would disturb
-    the timing.
-    """
+    """A benchmark of time: one case with ``figures`` a seed, measured alone; every seed must hold every bound."""
 
     alone = True
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Figures of all cases, as of ``over_seeds``."""
         return over_seeds(cases)
 
     def passed(self, report: Report) -> bool:
-        """Whether every seed holds every bound."""
         return judge(report.cases, self.bounds(report))[0]
 
     def notes(self, report: Report) -> list[str]:
-        """The worst seed of each bounded figure."""
         preempted = f"{report.figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out"
         return [*judge(report.cases, self.bounds(report))[1], f"wall-clock time; {preempted}"]
 
@@ -185,17 +177,6 @@ def over_seeds(cases: Sequence[Case]) -> dict[str, float]:
     return figures
 
 
-def plot_tails(axes: Axes, subjects: Sequence[str], cases: Sequence[Case]) -> None:
-    """Draw how long each subject takes at every percentile of ``QUANTILES``, by the ``quantiles`` of the cases."""
-    rank = 1.0 / np.maximum(1.0 - np.array(QUANTILES) / 100.0, 1e-4)  # 1e-4: the slowest of ten thousand
-    for name in subjects:
-        values = np.median([case["quantiles"][name] for case in cases], axis=0)
-        axes.loglog(rank, values, label=name.replace("_", " "))
-    axes.set(xlabel="one tick in so many is slower", ylabel="time, pre-empted ticks included [us]")
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
-
-
 Spread = dict[str, Any]  # ``count`` of the samples, and their ``quantiles`` at ``QUANTILES``; plain values, for a case
 
 
@@ -207,10 +188,7 @@ def spread(samples: ArrayLike) -> Spread:
 
 
 def percentiles_of(spreads: Sequence[Spread], percents: Sequence[float] = QUANTILES) -> Vector:
-    """Percentiles (k,) of all samples together; NaN without samples.
-
-    Exact at ``QUANTILES`` for one spread; samples of several are assumed evenly spread between quantiles.
-    """
+    """Percentiles (k,) of all samples together, exact at ``QUANTILES`` for one spread; NaN without samples."""
     held = [each for each in spreads if each["count"]]
     if not held:
         return np.full(len(percents), np.nan)
@@ -219,11 +197,3 @@ def percentiles_of(spreads: Sequence[Spread], percents: Sequence[float] = QUANTI
     values = np.unique(np.concatenate([each["quantiles"] for each in held]))
     below = [each["count"] * np.interp(values, each["quantiles"], QUANTILES) for each in held]
     return np.asarray(np.interp(percents, np.sum(below, axis=0) / sum(each["count"] for each in held), values))
-
-
-def spread_of(case: dict[str, Any], name: str) -> Spread | None:
-    """What a case keeps of some samples; reports from before spreads hold the samples themselves. None for nothing."""
-    kept: Spread | None = case.get("spreads", {}).get(name)
-    if kept is None and name in case:
-        kept = spread(case[name])
-    return kept

@@ -104,28 +104,6 @@ def _times(*times: float) -> Spoil:
     return lambda held, robot: {"times": np.array(times)}
 
 
-TRAJECTORIES: Mapping[str, Act] = {
-    "trajectory_unknown_joint": _given(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),
-    "trajectory_joint_twice": _given(lambda held, robot: {"joint_names": (held.joint_names[1], *held.joint_names[1:])}),
-    "trajectory_nan": _given(lambda held, robot: {"positions": _with(held.positions, 1, np.nan)}),
-    "trajectory_equal_times": _given(_times(0.5, 0.5)),
-    "trajectory_times_back": _given(_times(1.0, 0.5)),
-    "trajectory_past": _given(_times(-2.0, -1.0)),
-    "trajectory_begun": _given(_times(-0.5, 0.5)),
-    "trajectory_outside": _given(
-        lambda held, robot: {"positions": _with(held.positions, slice(None), robot.q_upper[0] + 0.1)}
-    ),
-    "trajectory_too_fast": _given(
-        lambda held, robot: {"velocities": _with(np.zeros_like(held.positions), 0, 2.0 * robot.v_max[0])}
-    ),
-    "trajectory_jump": _given(
-        lambda held, robot: {"times": np.array([0.0, 1.0]), "positions": 0.5 * (held.positions + robot.q_upper)}
-    ),
-    "trajectory_empty": _given(_points(0)),
-    "trajectory_of_100000": _given(_points(100_000)),
-}
-
-
 #: Wall time at the start of the simulation, and how far stamps of signed commands may be from it [s]
 WALL_TIME, WINDOW = 1.7e9, 0.1
 KEY, OTHER_KEY = bytes(KEY_BYTES), bytes([1]) * KEY_BYTES
@@ -207,27 +185,6 @@ def _locked(loop: ClosedLoop) -> Doing:
     yield refused
 
 
-COMMANDS: Mapping[str, Act] = {
-    "long_text": says("x" * 1_000_000),
-    "unknown_text": says("fly"),
-    "squat": says("squat"),
-    "stand": _stand_up,
-    "busy": says("squat", "wave"),
-    "walk_from_squat": says("squat", "walk"),
-    "flood": _flood,
-    "calibrate": once(lambda loop: loop.calibrate("imu")),
-    "forward": _velocity(0.3),
-    "nan_velocity": _velocity(math.nan),
-    "walk_damped": _walk_damped,
-    "stand_fallen": _stand_fallen,
-    "unsigned": _signed(lambda clock: ("walk",)),
-    "forged": _signed(lambda clock: (Signer(OTHER_KEY, "teleop", clock).sign("walk"),)),
-    "replayed": _signed(_replayed),
-    "commanders": _commanders,
-    "locked": _locked,
-}
-
-
 #: Time between two kicks, length of each [s], and the velocity that it gives [m/s]
 KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
 #: Of a crane: up, and down until the feet bear [m/s, s]
@@ -303,14 +260,6 @@ def _stand_in_the_way(loop: ClosedLoop) -> Doing:
         yield unmet("does not walk on when the way is free")
 
 
-WORLD: Mapping[str, Act] = {
-    "kick": _kick,
-    "knock_down": once(_knock_down),
-    "lift": _lift,
-    "stand_in_the_way": _stand_in_the_way,
-}
-
-
 def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[Any], Any], ticks: int) -> Act:
     """For some ticks the result of a method of what ``find`` returns is another."""
 
@@ -353,7 +302,43 @@ ACTS: Mapping[str, Act] = {
     "spoil": _changed(_builder, "build", _nan_gradient, 100),
     "nan_once": _changed(lambda loop: loop.controller, "step", _nan_torques, 1),
     "nan_torque": _changed(lambda loop: loop.controller, "step", _nan_torques, 200),
-    **TRAJECTORIES,
-    **COMMANDS,
-    **WORLD,
+    "trajectory_unknown_joint": _given(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),
+    "trajectory_joint_twice": _given(lambda held, robot: {"joint_names": (held.joint_names[1], *held.joint_names[1:])}),
+    "trajectory_nan": _given(lambda held, robot: {"positions": _with(held.positions, 1, np.nan)}),
+    "trajectory_equal_times": _given(_times(0.5, 0.5)),
+    "trajectory_times_back": _given(_times(1.0, 0.5)),
+    "trajectory_past": _given(_times(-2.0, -1.0)),
+    "trajectory_begun": _given(_times(-0.5, 0.5)),
+    "trajectory_outside": _given(
+        lambda held, robot: {"positions": _with(held.positions, slice(None), robot.q_upper[0] + 0.1)}
+    ),
+    "trajectory_too_fast": _given(
+        lambda held, robot: {"velocities": _with(np.zeros_like(held.positions), 0, 2.0 * robot.v_max[0])}
+    ),
+    "trajectory_jump": _given(
+        lambda held, robot: {"times": np.array([0.0, 1.0]), "positions": 0.5 * (held.positions + robot.q_upper)}
+    ),
+    "trajectory_empty": _given(_points(0)),
+    "trajectory_of_100000": _given(_points(100_000)),
+    "long_text": says("x" * 1_000_000),
+    "unknown_text": says("fly"),
+    "squat": says("squat"),
+    "stand": _stand_up,
+    "busy": says("squat", "wave"),
+    "walk_from_squat": says("squat", "walk"),
+    "flood": _flood,
+    "calibrate": once(lambda loop: loop.calibrate("imu")),
+    "forward": _velocity(0.3),
+    "nan_velocity": _velocity(math.nan),
+    "walk_damped": _walk_damped,
+    "stand_fallen": _stand_fallen,
+    "unsigned": _signed(lambda clock: ("walk",)),
+    "forged": _signed(lambda clock: (Signer(OTHER_KEY, "teleop", clock).sign("walk"),)),
+    "replayed": _signed(_replayed),
+    "commanders": _commanders,
+    "locked": _locked,
+    "kick": _kick,
+    "knock_down": once(_knock_down),
+    "lift": _lift,
+    "stand_in_the_way": _stand_in_the_way,
 }

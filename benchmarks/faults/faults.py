@@ -207,12 +207,7 @@ def trial(robot: str, seed: int, given: Row) -> Case:
 
 
 def margin(robot: str, seed: int, row: str) -> Case:
-    """Bisect the largest delay that the robot rides through.
-
-    Returns:
-        A row of the table with ``margin`` [s]; ``reason`` is that of the smallest delay that fails, ``ok`` whether the
-        margin is at least the required one.
-    """
+    """Bisect the largest delay that the robot rides through, its ``margin`` [s]; a row of the table."""
     given = config()
     asked, reason, steps = given.margins[row], "", [0.0]
 
@@ -252,12 +247,10 @@ class Faults(FaultBenchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """Every seed of every row."""
         rows = chosen("faults", options.scenarios, [*config().rows, *config().margins])
         return [{"robot": options.robot, "seed": seed, "row": row} for row in rows for seed in range(options.seeds)]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Those of the rows, and the smallest of each margin [s]."""
         found: dict[str, float] = {}
         for case in (case for case in cases if case["row"] in config().margins):
             name = f"{case['row']}_s"
@@ -265,6 +258,5 @@ class Faults(FaultBenchmark):
         return super().figures(cases) | found
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Those of the rows, and the required margins."""
         margins = {f"{name}_s": margin.required for name, margin in config().margins.items()}
         return super().bounds(report) | at_least(margins)

@@ -1,7 +1,6 @@
-"""Faults of processes, topics and host, injected into the real graph over DDS.
+"""Faults of processes, topics and host, injected into the real graph over DDS; one graph for all rows of a kind.
 
-One graph for all rows of a kind; after each the robot recovers by ``reset_faults`` and ``reset``. Times run from the
-act to the message with the reaction, on the monotonic clock, transport (some milliseconds) included.
+Times run from the act to the message with the reaction, on the monotonic clock, transport included.
 """
 
 import tempfile
@@ -125,7 +124,7 @@ def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[s
         with ExitStack() as stack:
             made = stack.enter_context(graph_of(kind, robot, seed, folder))
             stage = GraphStage(model, made)
-            stack.callback(stage.close)
+            stack.callback(stage.observer.close)
             made.graph.wait_standing(BACK_TIME)
             while left:
                 name = left.pop(0)
@@ -156,19 +155,17 @@ class GraphFaults(FaultBenchmark):
     """Every row, or those chosen, once a seed; rows of one kind share a graph."""
 
     def cases(self, options: Options) -> list[Case]:
-        """Every row of every seed."""
         rows = chosen("graph_faults", options.scenarios, list(config().rows))
         return [{"robot": options.robot, "row": row, "seed": seed} for seed in range(options.seeds) for row in rows]
 
     def run(self, options: Options) -> Report:
-        """Measure and judge; ``ConfigError`` for an unknown row, ``PoiseError`` when the graph does not come up."""
         inputs = self.cases(options)
         load, model = LoadMeter(), RobotModel.load(options.robot)
         with tempfile.TemporaryDirectory(prefix="poise_faults_") as folder:
 
             def produce(left: Sequence[Case]) -> Iterator[tuple[int, Done]]:
                 if left:
-                    options.sweep.rest()
+                    options.sweep.stop_workers()
                 places = {(case["seed"], case["row"]): index for index, case in enumerate(left)}
                 for seed in range(options.seeds):
                     rows = [case["row"] for case in left if case["seed"] == seed]

@@ -136,7 +136,6 @@ SPOILT_TIME, MOMENT = 1.0, 0.005  # for which messages are spoilt [s]
 
 @contextmanager
 def _publisher(stage: GraphStage, kind: type, topic: str, qos: Any) -> Iterator[Any]:
-    """A publisher of the graph's own node meanwhile."""
     publisher = stage.graph.node.create_publisher(kind, topic, qos)
     try:
         yield publisher
@@ -197,7 +196,6 @@ def _flood(target: Callable[..., None], rate: float) -> Act:
 
 
 def _starve(stage: GraphStage) -> Iterator[float]:
-    """Two busy processes for each core."""
     with _beside(flood.burn, 2 * multiprocessing.cpu_count()):
         yield flood.START_TIME + 2.0
 

@@ -1,7 +1,4 @@
-"""Rows of ``poise bench graph_faults``, the graphs they run on, and the stage: a running graph and what is seen of it.
-
-One kind of graph has a wrong clock (``wall_clock_shift.c``).
-"""
+"""Rows of ``poise bench graph_faults``, the graphs they run on, and the stage: a graph and what is received from it."""
 
 import mmap
 import os
@@ -73,7 +70,6 @@ class GraphFaultsConfig:
 
 config = partial(settings, GraphFaultsConfig, "graph_faults")
 
-
 COMPILER = "cc"
 
 
@@ -122,25 +118,17 @@ class Made:
 
 @contextmanager
 def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
-    """Bring a graph up, and end it afterwards.
+    """Bring a graph up, and end it afterwards; ``NotHere`` or ``PoiseError`` when it does not come up.
 
-    Args:
-        kind: 'plain': as ``poise up`` starts it. 'wrapped': its bridge spoils messages and its processes raise on
-            command. 'split': estimator and controller in separate processes, without a gait planner. 'shuffled':
-            processes started and nodes activated in a random order. 'signed': commands must be signed. 'full_disk':
-            no log can be written and no black box. 'wall_clock': the processes' wall clock can be shifted.
-        robot: Profile, by name or path.
-        seed: Of the sensor noise and the order.
-        folder: For logs, key and library.
-
-    Raises:
-        NotHere: This machine lacks something.
-        PoiseError: The graph does not come up.
+    'plain': as ``poise up`` starts it. 'wrapped': its bridge spoils messages and its processes raise on command.
+    'split': estimator and controller in separate processes, without a gait planner. 'shuffled': processes started and
+    nodes activated in a random order. 'signed': commands must be signed. 'full_disk': no log can be written and no
+    black box. 'wall_clock': the processes' wall clock can be shifted. ``folder`` is for logs, key and library.
     """
     boxes = NOWHERE if kind == "full_disk" else folder
     parameters: dict[str, Mapping[str, object]] = {
-        "robot_driver": {"seed": seed},
-        "balance_controller": {"black_box.folder": str(boxes)},
+        "robot_driver": {"seed": seed, "real_time": "strict"},
+        "balance_controller": {"black_box.folder": str(boxes), "force_deactivate": True},
     }
     specs: list[ProcessSpec] = process_specs(merged=kind != "split")
     activation: Sequence[str] | None = None
@@ -217,7 +205,7 @@ class GraphStage:
         self.wall_lead = 0.0  #: Wall clock of the processes ahead of this one's [s]
         self._counts: dict[tuple[str, str], int] = {}
         self._spoil = graph.node.create_publisher(String, "spoil", EVENT)
-        self._observer = Observer(model)
+        self.observer = Observer(model)
         self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
         graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
         listen = graph.node.create_subscription
@@ -228,7 +216,7 @@ class GraphStage:
     @property
     def height(self) -> float:
         """Of the base [m]."""
-        return float(self._observer.base_position[2])
+        return float(self.observer.base_position[2])
 
     @property
     def speed(self) -> float:
@@ -243,9 +231,9 @@ class GraphStage:
 
     def _look(self) -> None:
         with suppress(PoiseError):  # a message that is spoilt on purpose
-            self._observer.poll()
+            self.observer.poll()
         now = time.monotonic()
-        self._path.append((now, self._observer.base_position))
+        self._path.append((now, self.observer.base_position))
         if self.speed > config().still:
             self.still_since = None
         elif self.still_since is None:
@@ -273,10 +261,6 @@ class GraphStage:
             return self.graph.call(service)
         except PoiseError:
             return self.graph.call(service)
-
-    def close(self) -> None:
-        """Look no more."""
-        self._observer.close()
 
     def _hear(self, topic: str, message: String) -> None:
         self.words.append((time.monotonic(), topic, message.data))

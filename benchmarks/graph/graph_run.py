@@ -43,6 +43,7 @@ class Scenario:
     rate: Positive = 1000.0  #: Of sensors and laws [Hz]; physics and drivers keep theirs
     stress: Count = 0  #: Busy processes, kept on the last core
     subscribers: Count = 0  #: Further processes that subscribe to every topic of the tick
+    slow: Count = 0  #: As many with default QoS (depth 10) that sleep in their callbacks
     record: bool = False  #: Whether ``poise record`` runs
     view: bool = False  #: Whether ``poise view`` serves its page, without a browser
     walk: bool = False  #: Whether the robot walks instead of standing
@@ -71,7 +72,6 @@ class LatencyConfig:
 
 latency_config = partial(settings, LatencyConfig, "latency")
 
-
 STOP_LIMIT = 15.0  # longest wait for a companion to end; a recording completes its file [s]
 
 _POISE = "from bridge.cli import app; app()"
@@ -83,6 +83,7 @@ def companions(scenario: Scenario, domain_id: int, folder: Path) -> Iterator[dic
     commands = {
         **{f"stress_{k}": ["-c", "while True: pass"] for k in range(scenario.stress)},
         **{f"subscriber_{k}": ["-m", "benchmarks.graph.listener"] for k in range(scenario.subscribers)},
+        **{f"slow_{k}": ["-m", "benchmarks.graph.listener", "slow"] for k in range(scenario.slow)},
     }
     if scenario.record:
         commands["record"] = ["-c", _POISE, "record", "--out", str(folder / "run.mcap")]
@@ -130,7 +131,6 @@ STAGED_CONTROL = ProcessSpec("benchmarks.graph.staged_control", CONTROL.nodes)
 
 VELOCITY_PERIOD = 0.05  # time between two walking velocities [s]
 COMPANION_START = 3.0  # of companions: imports and discovery [s]
-
 
 FAILED = "failed"  # file with the reason why one graph of a scenario has failed
 LOOK_PERIOD = 0.1  # period of the check of the other graphs [s]
@@ -183,6 +183,7 @@ def _stand_and_measure(
             "seed": seed,
             "sensor_rate": scenario.rate,
             "speed": scenario.speed,
+            "real_time": "strict",
         },
         "supervisor": {"sensor_rate": scenario.rate},
     }

@@ -1,6 +1,11 @@
-"""A process that listens to every topic of the tick and does nothing with it: what one more subscriber costs."""
+"""A process that listens to every topic of the tick and does nothing with it: what one more subscriber costs.
+
+With the argument ``slow`` it subscribes as textbooks do, with a depth of 10, and sleeps in its callbacks.
+"""
 
 import sys
+import time
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -17,23 +22,28 @@ TICK_TOPICS: tuple[tuple[type, str, Any], ...] = (
     (Imu, topics.IMU_RAW, SENSOR),
     *((WrenchStamped, topic, SENSOR) for topic in topics.FOOT_WRENCHES),
     (JointState, topics.JOINT_STATES, SENSOR),
-    (JointTrajectory, topics.JOINT_COMMAND, COMMAND),
+    (JointTrajectory, topics.JOINT_SETPOINTS, COMMAND),
 )
+
+DEPTH, SLEEP = 10, 0.1  #: Of a slow subscriber: messages, and time in each callback [s]
 
 
 class Listener(PoiseNode):
-    """Takes every message, serialised."""
+    """Takes every message: serialised, or slowly with default quality of service."""
 
     AUTOSTART = True
 
-    def __init__(self, **kwargs: Any) -> None:
+    def __init__(self, *, slow: bool = False, **kwargs: Any) -> None:
         super().__init__("listener", **kwargs)
+        self._slow = slow
 
     def configure(self) -> None:
-        """Subscribe."""
         for kind, topic, qos in TICK_TOPICS:
-            self.listen(kind, topic, lambda data: None, qos, raw=True)
+            if self._slow:
+                self.listen(kind, topic, lambda message: time.sleep(SLEEP), DEPTH)
+            else:
+                self.listen(kind, topic, lambda data: None, qos, raw=True)
 
 
 if __name__ == "__main__":
-    sys.exit(run([Listener]))
+    sys.exit(run([partial(Listener, slow="slow" in sys.argv)]))

@@ -1,8 +1,4 @@
-"""The floor: the tick's messages between two rclpy processes that do nothing else.
-
-One process publishes the four sensor messages of a tick; the echo answers the last of them with a joint command of the
-same stamp, without decoding either.
-"""
+"""The floor: a tick's four sensor messages, answered by a joint command of the same stamp, without any decoding."""
 
 from __future__ import annotations
 
@@ -59,7 +55,7 @@ def echo(robot: str, priority: int) -> None:
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     stop = Stop()
     node = rclpy.create_node("echo", namespace=NAMESPACE)
-    publisher = node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+    publisher = node.create_publisher(JointTrajectory, topics.JOINT_SETPOINTS, COMMAND)
     stamp = slice(STAMP_OFFSET, STAMP_OFFSET + STAMP_SIZE)
 
     def on_joints(data: bytes) -> None:
@@ -80,11 +76,7 @@ def echo(robot: str, priority: int) -> None:
 
 
 def measure(robot: str, duration: float, domain_id: int, period: float = PERIOD) -> LatencyProbe:
-    """Play ping-pong for ``duration`` [s] at a ``period`` [s] between two processes scheduled like those of the graph.
-
-    Raises:
-        PoiseError: The echo does not answer.
-    """
+    """Play ping-pong for ``duration`` [s] between processes scheduled like the graph's; ``PoiseError`` if it fails."""
     context = get_context("spawn")
     answer: Queue[LatencyProbe | str] = context.Queue()
     process = context.Process(target=_measure, args=(robot, duration, domain_id, period, answer))
@@ -140,7 +132,7 @@ def _ping(node: Any, executor: Any, model: RobotModel, ticks: int, tick_length: 
     period = round(tick_length * NANOSECONDS)
     answers = node.create_subscription(
         JointTrajectory,
-        topics.JOINT_COMMAND,
+        topics.JOINT_SETPOINTS,
         lambda data: probe.receive(stamp_of(data) // period),
         COMMAND,
         raw=True,

@@ -72,7 +72,6 @@ SPOILS: dict[str, Spoil] = {
     "unnormalised": _unnormalised,
 }
 
-
 SPOIL = "spoil"  # topic of the commands
 
 
@@ -117,12 +116,10 @@ class SpoiltBridge(RobotDriver):
         super().__init__(**kwargs)
 
     def configure(self) -> None:
-        """Listen to what is to be spoilt, too."""
         super().configure()
         self.listen(String, SPOIL, self._on_spoil, EVENT)
 
     def announce(self, kind: type, topic: str, qos: Any) -> Any:
-        """Publisher whose messages can be spoilt."""
         self._spoilt[topic] = SpoiltPublisher(super().announce(kind, topic, qos), kind)
         return self._spoilt[topic]
 

@@ -1,7 +1,4 @@
-"""Estimator, gait planner and controller as in the graph, in a process that records when each stage of a tick ends.
-
-The parameter ``latency_file`` of ``state_estimator`` names the file of the rows.
-"""
+"""The control process with probes: ``latency_file`` of ``state_estimator`` names the file of the stages' times."""
 
 import sys
 from collections.abc import Callable
@@ -70,13 +67,11 @@ class StagedController(BalanceControllerNode):
     """Notes when a state comes, when the law begins and ends, and when the command is out."""
 
     def configure(self) -> None:
-        """Build the law; its tick is recorded from outside."""
         super().configure()
         self._stack.control = _noted(self._stack.control)  # type: ignore[method-assign]
         self._command.publish = _followed(self._command.publish)
 
     def on_state(self, state: RobotState, stamp: int) -> None:
-        """Answer one state."""
         PROBE.state(stamp)
         super().on_state(state, stamp)
         PROBE.touch(self._stack.scheduled)

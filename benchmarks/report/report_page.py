@@ -259,12 +259,7 @@ td{vertical-align:top}img{max-width:100%}code{background:#f3f3f3}"""
 
 
 def write_report(folder: Path) -> list[Path]:
-    """Build ``report.md``, ``report.html`` and the pictures from the JSON lines of a suite's folder.
-
-    Raises:
-        ConfigError: Nothing was ever started there, or a line is damaged.
-        PoiseError: ``markdown-it-py`` is not installed.
-    """
+    """Build ``report.md``, ``report.html`` and pictures from a suite's JSON lines; ``ConfigError`` without any."""
     page, *pictures = _write_page(folder, folder)
     whole = folder / "report.html"
     whole.write_text(_html(page), encoding="utf-8")
@@ -272,11 +267,7 @@ def write_report(folder: Path) -> list[Path]:
 
 
 def publish_report(folder: Path, docs: Path) -> list[Path]:
-    """Write what a repository keeps: page, pictures, and ``reports.jsonl``, one line a bench and robot without cases.
-
-    Raises:
-        ConfigError: Nothing is finished there, or a line is damaged.
-    """
+    """Write what a repository keeps: page, pictures, and ``reports.jsonl``, a line a bench and robot, no cases."""
     files = _write_page(folder, docs)
     for file in (docs / PLOTS).glob("*.png"):
         if file not in files:

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from PIL import Image
 
 from benchmarks.core.harness import Case, Report
-from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread_of
+from benchmarks.core.timed_run import QUANTILES, percentiles_of
 from benchmarks.faults.faults import config as fault_config
 from benchmarks.speed.loop import draw_stages
 from benchmarks.stability.estimate import WALK, drift, estimate_config
@@ -81,7 +81,6 @@ MILLI, PERCENT = 1e3, 1e2
 def _by_scenario(
     of: Mapping[str, list[Case]], names: Iterable[str], value: Callable[[Case], float], key: str = "scenario"
 ) -> dict[str, dict[str, list[float]]]:
-    """A value of every case, by robot and scenario."""
     return {
         robot: {name: [value(case) for case in cases if case[key] == name] for name in names}
         for robot, cases in of.items()
@@ -289,14 +288,13 @@ def _ticks(reports: Reports, bench: str, subjects: Sequence[tuple[str, str, str,
 
 
 def _idle(reports: Reports, robot: str) -> list[Case]:
-    cases = [case for case in reports["latency", robot].cases if case.get("scenario", USUAL) == USUAL]
-    return [case for case in cases if spread_of(case, "latency") is not None]
+    return [case for case in reports["latency", robot].cases if case["scenario"] == USUAL and "spreads" in case]
 
 
 def _latencies(reports: Reports) -> list[Part]:
     return [
         (
-            percentiles_of([held for case in cases if (held := spread_of(case, key)) is not None]),
+            percentiles_of([case["spreads"][key] for case in cases]),
             colour(reports, robot),
             style,
             _label(reports["latency", robot], f"{robot}{label}", name),

@@ -37,9 +37,9 @@ class Share:
         return wilson(self.survived, self.total)
 
 
-def wilson(survived: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Wilson's two-sided interval of a share of at least one trial [-]."""
-    found = binomtest(survived, total).proportion_ci(confidence, method="wilson")
+def wilson(survived: int, total: int) -> tuple[float, float]:
+    """Wilson's two-sided interval of a share of at least one trial, at ``CONFIDENCE`` [-]."""
+    found = binomtest(survived, total).proportion_ci(CONFIDENCE, method="wilson")
     return float(found.low), float(found.high)
 
 

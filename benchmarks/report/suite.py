@@ -47,10 +47,7 @@ class Failure:
 
 
 def save_report(folder: Path, report: Report, keys: Sequence[str], command: str, *, anew: bool) -> None:
-    """Append a report to a suite's folder, unless the same cases are already reported.
-
-    ``keys`` are those of its cases in ``cases.jsonl``; ``anew`` says whether any case was measured or tried since.
-    """
+    """Append a report with the ``keys`` of its cases, unless the same is there and none was measured ``anew``."""
     latest = _latest(folder).get((report.bench, report.robot), {})
     if not anew and (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
@@ -215,12 +212,7 @@ def run_suite(
     console: Console,
     suite: str = "quick",
 ) -> bool:
-    """Run every benchmark, keep its report, and return whether all passed; one that fails does not stop the others.
-
-    Raises:
-        ConfigError: A benchmark is unknown, or there is no file of finished cases.
-        WorkersError: No worker measures.
-    """
+    """Run every benchmark, keep its report, and return whether all passed; only ``WorkersError`` ends it early."""
     if sweep.results is None:
         raise ConfigError("a suite needs a file of finished cases")
     for entry in entries:

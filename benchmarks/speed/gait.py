@@ -1,9 +1,8 @@
 """Time of the gait planner, of one step adjustment, and of the whole-body tick in single support.
 
-The robot walks in lockstep at one velocity, estimator and sensor noise included. The whole-body tick without the
-planner runs beside placo's dynamics solver and the bare Pinocchio calls at the same state (``tick_peers.py``) and is
-judged like the standing one (``tick.py``). placo empties the caches, so it runs in every other second, and only the
-ratio to it is taken from those. Pre-empted samples are left out and counted, and the garbage collector is off.
+The whole-body tick without the planner runs beside placo and the bare Pinocchio calls at the same state and is judged
+like the standing one (``tick.py``). placo empties the caches, so it runs in every other second, and only the ratio to
+it is taken from those. Pre-empted samples are left out, and the garbage collector is off.
 """
 
 import sys
@@ -11,7 +10,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from itertools import permutations
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_most, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
@@ -31,14 +29,12 @@ from benchmarks.core.timed_run import (
     TimedBenchmark,
     blocks_growth,
     collector_off,
-    plot_tails,
     resident_growth,
     solution_figures,
     tick_bounds,
 )
 from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
 from models.config import STRICT, Positive
 from models.errors import PoiseError
@@ -205,14 +201,6 @@ class Gait(TimedBenchmark):
     measure = staticmethod(measure)
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Bounds of the planner, the adjustment and the tick."""
         config = _config()
         adjustment = {f"adjustment_us_{part}": config.adjustment_max for part in ("p50", "p99")}
         return at_most({"gait_us_p99": config.gait_max, **adjustment}) | tick_bounds(config)
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw how long each subject takes at every percentile."""
-        figure = new_figure(7.0, 4.5)
-        plot_tails(figure.subplots(), SUBJECTS, report.cases)
-        figure.suptitle(f"{report.robot}: gait, and whole-body tick in single support", fontsize=10)
-        return [saved(figure, folder / f"gait-{report.robot}.png")]

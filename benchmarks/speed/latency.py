@@ -1,34 +1,112 @@
 """Sensor stamp to command received by the plant over real ROS 2, beside the ping-pong floor of the same run.
 
-Floor, graph, floor: each in real time, by default at 1 kHz. The bridge records on the monotonic clock when it is about
-to publish the sensors of a tick and when the command with their stamp arrives; the process of the laws records when
-each stage between ends (``latency_stages.py``). Missed are ticks without a command, and ticks that the bridge skipped
-because it was late. A command later than a tick takes effect one step later (``over_a_tick_fraction``).
-
-Bounds of the idle graph: p50 < 1.5 floor p50 + tick, p99 < 2.5 floor p99 + tick, missed < 0.1 %. Other scenarios are
-measured when chosen and have no bound; their figures are prefixed, and the verdict on the machine judges them.
+Floor, graph, floor, in real time. The bridge records when it publishes the sensors of a tick and when their command
+arrives; the process of the laws when each stage ends (``latency_stages.py``). Missed are ticks without a command, and
+those that the bridge skipped because it was late; a command later than a tick takes effect one step later. Only the
+idle graph has bounds, relative to the floor; the verdict on the machine judges the other scenarios.
 """
 
 import math
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.machine import Machine, advice, read_machine
-from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_of
+from benchmarks.core.timed_run import QUANTILES, Spread, percentiles_of, spread
 from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
-from benchmarks.speed.latency_stages import STAGES, answered, split, tails
-from bridge.driver.probes import LEFT, RIGHT, LatencyProbe, cost
+from bridge.driver.probes import ARRIVED, COMMANDED, ESTIMATED, LEFT, PLANNED, RIGHT, SOLVED, STAMP, LatencyProbe, cost
 from bridge.plots import new_figure
 from bridge.ros.environment import free_domain
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
-from models.types import Vector
+from models.types import Matrix, Vector
+
+STAGES = (
+    "sensors",
+    "sensor_transport",
+    "estimator",
+    "planner",
+    "qp",
+    "command",
+    "command_transport",
+    "driver",
+)
+"""Stages of a tick, one after the other without a gap:
+
+sensors: reading, encoding and publishing them; sensor_transport: until the joints come out of the middleware in the
+process of the laws; estimator: until the state is handed over, the wait for samples that were overtaken included;
+planner: until the gait's reference is there (standing, the hand-over alone); qp: the rest of the law's tick; command:
+encoding and publishing it; command_transport: until it comes out of the middleware in the bridge; driver: until the
+drivers have taken it."""
+
+MICRO = 1e-3  # nanoseconds to microseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """Ticks of a run that were recorded from end to end."""
+
+    total: Vector  #: From just before the sensors are published until the drivers have the command (n,) [us]
+    stages: Matrix  #: Parts of it by ``STAGES`` (n, 8) [us]
+    contacts: NDArray[np.uint8]  #: Feet in contact (n,), bits of ``bridge/driver/probes.py``
+
+
+def answered(rows: Mapping[str, NDArray[Any]], skip: int) -> tuple[NDArray[np.int64], Vector, float]:
+    """Answered ticks (n,) after the first ``skip``, lateness of every tick (m,) [us], and the missed fraction."""
+    active = np.flatnonzero(rows["active"])[skip:]
+    active = active[:-1]  # the last tick's answer may have come after the end
+    if len(active) == 0:
+        return active, np.zeros(0), 1.0
+    good = rows["received"][active] > 0
+    # Sensors may be published every so many ticks only; a whole period of theirs is one that is missed.
+    period = max(round(float(np.median(np.diff(active)))), 1) if len(active) > 1 else 1
+    skipped = int(rows["skipped"][active[0] : active[-1] + 1].sum()) / period
+    missed = (np.count_nonzero(~good) + skipped) / (len(active) + skipped)
+    return active[good], rows["late"][active] * 1e6, float(missed)
+
+
+def split(bridge: Mapping[str, NDArray[Any]], laws: Mapping[str, NDArray[Any]], skip: int, period_ns: int) -> Ticks:
+    """Join the rows of both processes by the sensors' stamp; overlaps of calls count to the publishing."""
+    ticks, _, _ = answered(bridge, skip)
+    table = laws["stages"]
+    whole = np.flatnonzero(table[:, STAMP : COMMANDED + 1].all(axis=1))
+    of_tick = np.full(len(bridge["published"]), -1, dtype=np.int64)
+    numbers = table[whole, STAMP] // period_ns
+    inside = (numbers >= 0) & (numbers < len(of_tick))
+    of_tick[numbers[inside]] = whole[inside]
+    ticks = ticks[of_tick[ticks] >= 0]
+    row = table[of_tick[ticks]]
+    begin, end, came = (bridge[name][ticks] for name in ("published", "received", "arrived"))
+    moments = np.column_stack(
+        (
+            begin,
+            np.minimum(bridge["sent"][ticks], row[:, ARRIVED]),
+            row[:, ARRIVED],
+            row[:, ESTIMATED],
+            row[:, PLANNED],
+            row[:, SOLVED],
+            np.minimum(row[:, COMMANDED], came),
+            came,
+            end,
+        )
+    )
+    return Ticks((end - begin) * MICRO, np.diff(moments, axis=1) * MICRO, laws["contacts"][of_tick[ticks]])
+
+
+def tails(spreads: Sequence[Spread], prefix: str) -> dict[str, float]:
+    """Median, 99th and 99.9th percentile and largest of some times, as figures ``<prefix>p50_us`` and so on [us]."""
+    percents = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
+    found = percentiles_of(spreads, list(percents.values()))
+    return {f"{prefix}{label}_us": float(value) for label, value in zip(percents, found, strict=True)}
+
 
 TICK = 0.001  # of physics and drivers [s]
 
@@ -156,7 +234,7 @@ def verdict(held: dict[str, bool], machine: Machine) -> list[str]:
 
 
 def _names(cases: list[Case]) -> list[str]:
-    return list(dict.fromkeys(case.get("scenario", "idle") for case in cases))
+    return list(dict.fromkeys(case["scenario"] for case in cases))
 
 
 def _prefix(scenario: str) -> str:
@@ -176,7 +254,6 @@ class Latency(Benchmark):
     measure = staticmethod(_measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """Every seed of every chosen scenario."""
         config = latency_config()
         names = chosen("latency", options.scenarios, list(config.scenarios), config.usual)
         return [
@@ -188,13 +265,12 @@ class Latency(Benchmark):
         figures: dict[str, float] = {}
         for name in _names(cases):
             scenario = latency_config().scenarios[name]
-            of = [case for case in cases if case.get("scenario", "idle") == name]
+            of = [case for case in cases if case["scenario"] == name]
             found = summarise(of, 1.0 / (scenario.rate * scenario.speed))
             figures |= {f"{_prefix(name)}{key}": value for key, value in found.items()}
         return figures | {"stamps_us": cost() * 1e6}
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Those of the usual scenarios that were measured."""
         return {
             f"{_prefix(name)}{key}": bound
             for name in _names(report.cases)
@@ -203,25 +279,23 @@ class Latency(Benchmark):
         }
 
     def notes(self, report: Report) -> list[str]:
-        """Bounds of every scenario, failures, and whether this machine keeps real time."""
         notes, held_by = [], {}
         for name in _names(report.cases):
             speed = latency_config().scenarios[name].speed
             held, lines = judge(_of(report, name))
             held_by[name if speed == 1.0 else f"{name} at {speed:g} of real time"] = held
-            of = [case for case in report.cases if case.get("scenario", "idle") == name]
+            of = [case for case in report.cases if case["scenario"] == name]
             lines += [f"seed {case['seed']}: {case['failure']}" for case in of if "failure" in case]
             notes += [f"{name}: {line}" for line in lines]
         return notes + verdict(held_by, read_machine())
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the distributions of latency and floor, and the stages."""
         names = _names(report.cases)
         figure = new_figure(8.0, 4.5)
         axes = figure.add_subplot()
         _draw_tail(axes, report.cases, "floor", "ping-pong floor", color="0.5")
         for name in names:
-            of = [case for case in report.cases if case.get("scenario", "idle") == name]
+            of = [case for case in report.cases if case["scenario"] == name]
             _draw_tail(axes, of, "latency", "sensor to command" if names == ["idle"] else name)
         axes.set(
             xscale="log", yscale="log", xlabel="time [us]", ylabel="share of ticks that took longer", ylim=(1e-4, 1)
@@ -251,6 +325,6 @@ def _stage(report: Report, scenario: str, stage: str, part: str) -> float:
 
 
 def _draw_tail(axes: Any, cases: list[Case], name: str, label: str, **style: Any) -> None:
-    spreads = [found for case in cases if (found := spread_of(case, name)) is not None]
+    spreads = [case["spreads"][name] for case in cases if name in case.get("spreads", {})]
     if spreads:
         axes.plot(percentiles_of(spreads), 1.0 - np.array(QUANTILES) / 100.0, label=label, **style)

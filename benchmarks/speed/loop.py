@@ -1,11 +1,8 @@
 """Speed of a whole closed loop on one core, as a multiple of real time, and its time by stage.
 
-The robot stands, then walks straight ahead in lockstep (``ClosedLoop``) with sensor noise, estimator and the delay of
-its profile, without a log. Second by second, in turn: the plain loop, with clocks read around it only; the loop with
-every tick split by stage (``SplitLoop``); and the physics of that second alone
-(``bridge/plants/world.py``), the floor of a tick. So ratios are of the same run. The process keeps to one core.
-Speed is judged by the processor time of all its threads, which other load does not change; wall time stands beside it.
-The garbage collector is off.
+The robot stands, then walks, with sensor noise and delay, without a log. Second by second, in turn: the plain loop, the
+loop with every tick split by stage, and the physics of that second alone, so ratios are of the same run. Speed is
+judged by processor time, which other load does not change. The garbage collector is off.
 """
 
 import os
@@ -13,7 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from time import perf_counter_ns, process_time_ns, thread_time_ns
 from typing import Annotated, Any
 from unittest.mock import patch
@@ -25,14 +21,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_least, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_least, at_most, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand, keep_upright
-from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off, plot_tails
+from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off
 from bridge.closed_loop import ClosedLoop
 from bridge.loop.lockstep import PlantMonitor
 from bridge.plants.world import BarePhysics
-from bridge.plots import new_figure
 from controllers.safety.supervisor import Supervisor
 from models.config import STRICT, Positive
 from models.nodes.realtime import each_thread
@@ -212,11 +207,7 @@ loop_config = partial(settings, LoopBenchConfig, "loop")
 
 
 def measure(robot: str, seed: int) -> Case:
-    """Time a robot that stands, then walks: ``figures``, and ``quantiles`` [us] of each scenario's ticks.
-
-    Raises:
-        PoiseError: The robot fell, or would not walk.
-    """
+    """Time a robot that stands, then walks: ``figures``, and ``quantiles`` [us] of each scenario's ticks."""
     config = loop_config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     found: dict[str, Pieces] = {}
@@ -263,13 +254,11 @@ class Loop(TimedBenchmark):
     measure = staticmethod(measure)
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Least speeds, and the largest share of other threads."""
         config = loop_config()
         speeds = {f"real_time_{name}_cpu": config.real_time_min for name in SCENARIOS}
         return at_least(speeds) | at_most({"other_threads_share": config.threads_max})
 
     def notes(self, report: Report) -> list[str]:
-        """Those of time, and the speed by the clock."""
         speeds = (
             f"{name} {report.figures[f'real_time_{name}_cpu']:.2f}, by the clock "
             f"{report.figures[f'real_time_{name}']:.2f}"
@@ -277,12 +266,3 @@ class Loop(TimedBenchmark):
         )
         judged = f"times real time by processor time, which is judged: {'; '.join(speeds)}; without a log"
         return [*super().notes(report), judged]
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the stages of a tick, and how long ticks take at every percentile."""
-        figure = new_figure(9.0, 4.0)
-        left, right = figure.subplots(1, 2, width_ratios=(1, 2))
-        draw_stages(left, [report])
-        plot_tails(right, [f"tick_{name}" for name in SCENARIOS], report.cases)
-        figure.suptitle(f"{report.robot}: a tick of the whole closed loop", fontsize=10)
-        return [saved(figure, folder / f"loop-{report.robot}.png")]

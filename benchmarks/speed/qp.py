@@ -1,7 +1,6 @@
 """QPs of real ticks: poise's solver beside the back-ends of qpsolvers, time and residuals of every answer.
 
-The problems are recorded in the closed loop: standing, single support, and pushed while it waves. Every solver gets
-each of them in turn, in an order that changes, several times; the fastest time of a problem counts. Poise's solver
+Every solver gets each problem in turn, in an order that changes, several times; the fastest time counts. Poise's solver
 starts from the active rows of the tick before, as in the tick; the others start cold, and their times include the
 Python of qpsolvers. Answers are certified alike (``certify``).
 """
@@ -65,13 +64,7 @@ class RecordedQP:
 
 
 def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
-    """Record problems of a robot that stands, that is pushed while it waves, and of single support while it walks.
-
-    They come in runs of consecutive ticks, for solvers that start from their last answer.
-
-    Raises:
-        PoiseError: The robot falls, or does not walk.
-    """
+    """Record QPs of consecutive ticks: standing, pushed while it waves, in single support."""
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
     balance = loop.controller
     if not isinstance(balance, BalanceController):
@@ -160,8 +153,8 @@ class Certificate:
 def certify(qp: QP, z: Vector | None, tolerances: Sequence[float]) -> Certificate:
     """Certify an answer (nz,) of any solver: multipliers of its active rows come from least squares.
 
-    A row within one of ``tolerances`` of its bound, relative to its size, is active [-]; the tolerance with the best
-    certificate counts, since interior-point methods end a little before their rows.
+    A row within a tolerance of its bound, relative to its size, is active [-]; the best tolerance counts, since
+    interior-point methods end a little before their rows.
     """
     if z is None or not np.isfinite(z).all():
         return Certificate(math.inf, math.inf, math.inf)
@@ -306,20 +299,16 @@ class QPBenchmark(Benchmark):
     alone = True
 
     def cases(self, options: Options) -> list[Case]:
-        """One a seed, with the solvers that are installed."""
         solvers = [OWN, *available()[0]]
         return [{"robot": options.robot, "seed": seed, "solvers": solvers} for seed in range(options.seeds)]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Times by solver and scenario, worst residuals, share of problems solved, and ratio to poise's median."""
         return summarise(cases, list(dict.fromkeys(case["solver"] for case in cases)))
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """The own solver solves every problem."""
         return at_least({f"{OWN}_solved": 1.0})
 
     def run(self, options: Options) -> Report:
-        """Record and solve, once a seed."""
         load, file = LoadMeter(), Path(gettempdir()) / f"qps-{options.robot}-{uuid4().hex}.npz"
         measure = partial(_measure, file)
         runs = run_cases(measure, self.cases(options), bench=self.name, options=options, alone=self.alone)
@@ -332,7 +321,6 @@ class QPBenchmark(Benchmark):
         return report
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw time against the worse of the residuals, one colour a solver."""
         figure = new_figure(8.0, 4.5)
         axes = figure.add_subplot(1, 1, 1)
         for name in dict.fromkeys(case["solver"] for case in report.cases):

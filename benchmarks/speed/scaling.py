@@ -1,8 +1,6 @@
-"""Speed-up by more workers: the same cases over one worker and over several, and the cost of a case.
+"""Speed-up by more workers: walks of the terrain benchmark over one worker and over several, and their cost.
 
-A case is a walk of the terrain benchmark. Each count of workers gets a new cluster, whose processes load the robot and
-its compiled code before the measurement. It passes when all cases return bitwise equal over any number of workers;
-there is no bound on the time.
+It passes when all cases return bitwise equal over any number of workers; there is no bound on the time.
 """
 
 import time
@@ -67,13 +65,7 @@ def _round(options: Options, inputs: list[Case], workers: int) -> list[Case]:
 
 
 def summarise(results: list[Case], planned: int) -> dict[str, float]:
-    """Figures of all rounds, from ``workers``, ``wall`` and ``seconds`` [s] of every case.
-
-    Returns:
-        ``case_s``: median cost of a case with the fewest workers; ``overhead_s``: excess of its round a case; of each
-        count of workers ``wall_<n>_s``, ``speedup_<n>`` and ``efficiency_<n>`` over the fewest, and
-        ``planned_<n>_hours`` of ``planned`` cases.
-    """
+    """Figures of all rounds; speed-up and efficiency are over the round with the fewest workers."""
     counts = sorted({case["workers"] for case in results})
     rounds = {count: [case for case in results if case["workers"] == count] for count in counts}
     base, fewest = rounds[counts[0]], counts[0]
@@ -113,7 +105,6 @@ class Scaling(Benchmark):
         return [{"robot": options.robot, "seed": seed, "scenario": config.scenario} for seed in range(count)]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """See ``summarise``."""
         return summarise(cases, _config().planned)
 
     def passed(self, report: Report) -> bool:
@@ -121,18 +112,15 @@ class Scaling(Benchmark):
         return same(report.cases)
 
     def notes(self, report: Report) -> list[str]:
-        """That in words."""
         outcome = "are the same" if same(report.cases) else "DIFFER"
         return [f"cases {outcome} over {', '.join(map(str, _config().workers))} workers"]
 
     def run(self, options: Options) -> Report:
-        """Measure the cases over every count of workers."""
         load = LoadMeter()
         results = [case for workers in _config().workers for case in _round(options, self.cases(options), workers)]
         return self.report(options, results, self.figures(results), load)
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the speed-up over the number of workers."""
         counts = sorted({case["workers"] for case in report.cases})
         figure = new_figure(5.0, 4.0)
         axes = figure.add_subplot()

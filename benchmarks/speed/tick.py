@@ -1,27 +1,26 @@
 """Time of the whole-body tick in the closed loop, beside placo's dynamics solver and bare Pinocchio calls.
 
-The robot waves and is pushed from all sides, so that the set of active rows changes. On every tick the state of
-``BalanceController.step`` also goes to the peers (``tick_peers.py``), in changing order, so that caches and the speed
-of the machine are the same for all. Pre-empted samples (involuntary context switches of the thread) are left out and
-counted. Medians make the ratios. The garbage collector is off: what the tick allocates must be freed by itself. Where
-pink and mink are installed, a separate shorter run has their inverse kinematics beside the tick, so that they neither
-cool its caches nor count as its allocations. Another run times the whole ``ControlStack`` (``time_stack``).
+The robot waves and is pushed from all sides, so that active rows change. The state of each tick also goes to the peers,
+in changing order, so that caches and the machine's speed are the same for all. Pre-empted samples are left out, and the
+garbage collector is off. A separate run has the inverse kinematics of pink and mink beside the tick, so that they do
+not cool its caches; another times the whole ``ControlStack``.
 """
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
 from itertools import permutations
-from pathlib import Path
 from time import perf_counter_ns
 from typing import Annotated, Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_most, saved, settings
+from benchmarks.core.benchmark import Bound, at_most, settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
@@ -33,7 +32,6 @@ from benchmarks.core.timed_run import (
     TimedBenchmark,
     blocks_growth,
     collector_off,
-    plot_tails,
     resident_growth,
     solution_figures,
     tick_bounds,
@@ -41,13 +39,12 @@ from benchmarks.core.timed_run import (
 from benchmarks.speed.tick_peers import KinematicPeer, PinocchioCalls, PlacoTick, installed_peers
 from benchmarks.stability.exercise import exercise, exercise_config
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
 from controllers.qp.terms import Terms
 from controllers.whole_body.controller import WholeBodyController
 from models.config import STRICT, Positive
 from models.robot_model import RobotModel
-from models.types import ControlResult, JointTrajectory, Reference, RobotState
+from models.types import ControlResult, RobotState
 
 #: What is timed on every tick: ours, placo's, the few calls that ours is left with, and all calls for its terms
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
@@ -63,19 +60,22 @@ STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 
 
 class StageProbe:
-    """Records when each stage of a tick begins and ends, while attached, by wrapping the stages' methods."""
+    """Records when each stage of a tick begins and ends, while ``attached``."""
 
     def __init__(self, whole_body: WholeBodyController) -> None:
         self._stamps = np.zeros(2 * 4, dtype=np.int64)
-        stages: list[tuple[Any, str]] = [
-            (whole_body.terms, "update"),
-            (whole_body.builder, "build"),
-            (whole_body.solver, "solve"),
-            (whole_body.builder, "recover"),
+        builder = whole_body.builder
+        self._stages: list[tuple[Any, str]] = [
+            *((whole_body.terms, "update"), (builder, "build"), (whole_body.solver, "solve"), (builder, "recover"))
         ]
-        self._wrapped = [
-            (owner, name, self._timed(getattr(owner, name), 2 * index)) for index, (owner, name) in enumerate(stages)
-        ]
+
+    @contextmanager
+    def attached(self) -> Iterator[None]:
+        """Time the stages meanwhile, by wrapping their methods."""
+        with ExitStack() as stack:
+            for index, (owner, name) in enumerate(self._stages):
+                stack.enter_context(patch.object(owner, name, self._timed(getattr(owner, name), 2 * index)))
+            yield
 
     def _timed(self, call: Callable[..., Any], slot: int) -> Callable[..., Any]:
         stamps = self._stamps
@@ -88,17 +88,6 @@ class StageProbe:
 
         return timed
 
-    def attach(self) -> None:
-        """Time the stages from now on."""
-        self._stamps[:] = 0
-        for owner, name, timed in self._wrapped:
-            setattr(owner, name, timed)
-
-    def detach(self) -> None:
-        """Leave the controller as it was."""
-        for owner, name, _ in self._wrapped:
-            delattr(owner, name)
-
     def durations(self, total: int) -> NDArray[np.int64]:
         """Time of each of ``STAGES`` on the last tick, which took ``total`` [ns]."""
         stamps = self._stamps
@@ -110,38 +99,37 @@ class StageProbe:
 
 
 class TimedController:
-    """A ``BalanceController`` that times each tick, and the peers at the same state before or after it.
+    """Times the ticks of a law after its first one, and the peers at the same state before or after each.
 
-    Every ``stage_period`` ticks one is split by stage. A row within ``active_tolerance`` of its bound, relative to its
-    size, is active [-]. ``kinematic`` are other inverse kinematics, by name.
+    Every ``stage_period`` ticks one is split by stage. A row within ``active_tolerance`` of its bound is active [-].
     """
 
     def __init__(
         self,
-        model: RobotModel,
+        controller: BalanceController,
         *,
         ticks: int,
         stage_period: int,
         active_tolerance: float,
         kinematic: Mapping[str, KinematicPeer] | None = None,
     ) -> None:
-        self.controller = BalanceController(model)  #: The timed controller
-        self._placo = PlacoTick(model, self.controller.whole_body.config)
+        model = controller.whole_body.model
+        self.controller, self._track = controller, controller.step
+        self._placo = PlacoTick(model, controller.whole_body.config)
         self._pinocchio = PinocchioCalls(model)
         self._terms = Terms(model)
-        self._probe = StageProbe(self.controller.whole_body)
+        self._probe = StageProbe(controller.whole_body)
         self._period, self._tolerance = stage_period, active_tolerance
+        self._kinematic = list((kinematic or {}).values())
         self._calls: tuple[Callable[[], None], ...] = (
             self._own,
             self._placo.step,
             self._terms.call_pinocchio,
             lambda: self._pinocchio.step(self._terms.q, self._terms.v),
-            *(peer.step for peer in (kinematic or {}).values()),
+            *(peer.step for peer in self._kinematic),
         )
-        self._kinematic = list((kinematic or {}).values())
         self.subjects = (*SUBJECTS, *(kinematic or {}))  #: With the names of ``kinematic``
         self._orders = orders(len(self.subjects))
-        self.peers, self.recording = True, False  #: Whether the peers run too, and whether samples are kept
         self.count = self.placo_failed = 0  #: Ticks recorded, and those on which placo found no solution
         self._watch = watch = Stopwatch(ticks, len(self.subjects))
         #: Of ``Stopwatch`` (ticks, subjects)
@@ -153,62 +141,33 @@ class TimedController:
         self.active = np.zeros(ticks, dtype=np.int64)  #: Active rows (ticks,)
         #: Whether the set of active rows differs from that of the tick before (ticks,)
         self.changed = np.zeros(ticks, dtype=bool)
-        self._row = 0
         self._set = b""
 
-    @property
-    def motion_active(self) -> bool:
-        """Whether a motion is being executed."""
-        return self.controller.motion_active
-
-    @property
-    def reference(self) -> Reference:
-        """What the last tick tracked."""
-        return self.controller.reference
-
-    def reset(self, state: RobotState) -> None:
-        """Start over from a state."""
-        self.controller.reset(state)
-        self._started = False
-
-    def follow(self, trajectory: JointTrajectory) -> None:
-        """Start a motion."""
-        self.controller.follow(trajectory)
-
-    def stop_motion(self) -> None:
-        """Hold the posture that the motion has reached."""
-        self.controller.stop_motion()
+    @contextmanager
+    def recording(self) -> Iterator[None]:
+        """Time the ticks meanwhile."""
+        with patch.object(self.controller, "step", self.step):
+            yield
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
         """One tick of the controller, beside its peers."""
-        self._state, self._dt = state, dt
-        if not self.peers or not self._started:
-            self._own()
-            self._started = True
-            return self._result
+        self._state, self._dt, row = state, dt, self.count
         # placo gets the references of the tick before: it may run first.
         self._placo.prepare(state, self.controller)
         self._terms.q[:], self._terms.v[:] = state.q, state.v
         for peer in self._kinematic:
             peer.prepare(state)
-        row = self.count if self.recording else 0
-        self._row += 1
-        staged = self._row % self._period == 0
-        if staged:
-            self._probe.attach()
-        for subject in self._orders[self._row % len(self._orders)]:
-            self._watch.measure(row, subject, self._calls[subject])
-        self.stages[row] = 0
-        if staged:
-            self._probe.detach()
-            self.stages[row] = self._probe.durations(int(self.wall[row, 0]))
-        if self.recording:
-            self._judge(row)
-            self.count += 1
+        split = (row + 1) % self._period == 0
+        with self._probe.attached() if split else nullcontext():
+            for subject in self._orders[row % len(self._orders)]:
+                self._watch.measure(row, subject, self._calls[subject])
+        self.stages[row] = self._probe.durations(int(self.wall[row, 0])) if split else 0
+        self._judge(row)
+        self.count += 1
         return self._result
 
     def _own(self) -> None:
-        self._result = self.controller.step(self._state, self._dt)
+        self._result = self._track(self._state, self._dt)
 
     def _judge(self, row: int) -> None:
         """Residual, status and active rows of the tick; not timed."""
@@ -232,14 +191,7 @@ MODES = ("stand", "walk")  # of ``time_stack``, in this order
 
 
 def time_stack(model: RobotModel, seed: int, *, warm_up: float, duration: float, speed: float) -> dict[str, float]:
-    """Time the stack of a robot that stands, then walks at ``speed`` [m/s], for ``duration`` [s] each, without peers.
-
-    Returns:
-        ``stack_<mode>_us_p50``, ``_p99``, ... of the ticks that were not pre-empted.
-
-    Raises:
-        PoiseError: The robot fell, or would not walk.
-    """
+    """Time the stack of a robot that stands, then walks at ``speed`` [m/s], ``duration`` [s] each, without peers."""
     loop = ClosedLoop(robot=model, seed=seed, record=False)
     figures: dict[str, float] = {}
     for mode in MODES:
@@ -274,19 +226,21 @@ tick_config = partial(settings, TickConfig, "tick")
 def _timed_loop(
     model: RobotModel, seed: int, duration: float, peers: Mapping[str, KinematicPeer] | None = None
 ) -> tuple[TimedController, ClosedLoop]:
-    """A robot that waves, warmed up, its ticks timed for ``duration`` [s] beside other inverse kinematics; optional."""
-    config = tick_config()
+    """A robot that waves, warmed up beside its peers, to be timed for ``duration`` [s]; it takes no steps."""
+    config, warm_up, law = tick_config(), exercise_config().warm_up, BalanceController(model)
+    loop = ClosedLoop(robot=model, seed=seed, record=False, controller=law)
+    law.gait = None  # the plan of steps has its own benchmark
     timed = TimedController(
-        model,
-        ticks=round(duration / 0.001) + 1,
+        law,
+        ticks=round((warm_up + duration) / loop.plant.period) + 1,
         stage_period=config.stage_period,
         active_tolerance=config.active_tolerance,
         kinematic=peers,
     )
-    loop = ClosedLoop(robot=model, seed=seed, record=False, controller=timed)
     demand(loop, exercise_config().motion)
-    loop.run(exercise_config().warm_up)
-    timed.recording = True
+    with timed.recording():
+        loop.run(warm_up)
+    timed.count = timed.placo_failed = 0
     return timed, loop
 
 
@@ -295,12 +249,11 @@ def measure(robot: str, seed: int) -> Case:
     config, model = tick_config(), RobotModel.load(robot)
     timed, loop = _timed_loop(model, seed, config.duration)
     blocks = []
-    with collector_off():
+    with collector_off(), timed.recording():
         for _ in exercise(loop, config.duration, exercise_config()):
             blocks.append(sys.getallocatedblocks())
     figures = summarise(timed)
     figures["allocated_blocks_growth"] = blocks_growth(blocks, loop.plant.period)
-    timed.recording = timed.peers = False
     figures["resident_growth_kib"] = resident_growth(loop.run, exercise_config().push_period, config.memory_time)
     kept = timed.wall[: timed.count] * MICRO
     quantiles = {name: np.percentile(kept[:, i], QUANTILES).tolist() for i, name in enumerate(SUBJECTS)}
@@ -317,8 +270,9 @@ def beside_kinematics(model: RobotModel, seed: int, config: TickConfig) -> dict[
     if not peers:
         return {}
     timed, loop = _timed_loop(model, seed, config.kinematics_duration, peers)
-    for _ in exercise(loop, config.kinematics_duration, exercise_config()):
-        pass
+    with timed.recording():
+        for _ in exercise(loop, config.kinematics_duration, exercise_config()):
+            pass
     wall, kept = timed.wall[: timed.count] * MICRO, ~timed.preempted[: timed.count]
     figures: dict[str, float] = {}
     kept[timed.stages[: timed.count].any(axis=1), 0] = False
@@ -365,24 +319,5 @@ class Tick(TimedBenchmark):
     measure = staticmethod(measure)
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Bounds of the whole-body tick, and of the whole stack."""
         stack = {f"stack_{mode}_us_p99": tick_config().stack_us_max for mode in MODES}
         return tick_bounds(tick_config()) | at_most(stack)
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the stages of the tick, and how long tick and peers take at every percentile."""
-        figure = new_figure(9.0, 4.0)
-        left, right = figure.subplots(1, 2, width_ratios=(1, 2))
-        bottom = 0.0
-        for stage in STAGES:
-            height = report.figures[f"{stage}_us_p50"]
-            left.bar(["tick"], [height], bottom=bottom, label=stage)
-            bottom += height
-        for name in SUBJECTS[1:]:
-            left.bar([name.replace("_", "\n")], [report.figures[f"{name}_us_p50"]], color="0.7")
-        left.set_ylabel("median [us]")
-        left.tick_params(labelsize=7)
-        left.legend(fontsize=7)
-        plot_tails(right, SUBJECTS, report.cases)
-        figure.suptitle(f"{report.robot}: whole-body tick in the closed loop", fontsize=10)
-        return [saved(figure, folder / f"tick-{report.robot}.png")]

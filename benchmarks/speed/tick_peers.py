@@ -34,11 +34,7 @@ CONTACT_FRAMES = ("tick/left", "tick/right")
 
 
 class PlacoTick:
-    """placo's ``DynamicsSolver`` on the task of the whole-body controller, with both feet on the floor or one.
-
-    Raises:
-        RobotModelError: placo does not read the robot as Pinocchio does.
-    """
+    """placo's ``DynamicsSolver`` on the task of the whole-body controller, with both feet on the floor or one."""
 
     def __init__(self, model: RobotModel, config: WholeBodyConfig) -> None:
         self._model = model
@@ -144,11 +140,7 @@ class PlacoTick:
 
 
 class PinocchioCalls:
-    """The Pinocchio calls from Python for the terms of the same problem.
-
-    Poses, Jacobians, velocities and drifts of soles and torso, the CoM with velocity, Jacobian and drift, the
-    centroidal map, M and h. Our tick needs fewer calls and reads the rest off their arrays in a compiled kernel.
-    """
+    """The Pinocchio calls from Python for all terms of the problem; our tick needs fewer, and compiled kernels."""
 
     def __init__(self, model: RobotModel) -> None:
         self._pin, self._data = model.pin, model.data()
@@ -264,7 +256,6 @@ class PinkTick(KinematicPeer):
         self._begin(model, q, tasks, lambda tasks: pink.solve_ik(self._configuration, tasks, PERIOD, solver=SOLVER))
 
     def prepare(self, state: RobotState) -> None:
-        """Copy the state."""
         self._q = state.q.copy()
 
 
@@ -292,5 +283,4 @@ class MinkTick(KinematicPeer):
         )
 
     def prepare(self, state: RobotState) -> None:
-        """Copy the state."""
         self._q, _ = pin_to_mujoco(self._model, self._mujoco, state.q, state.v)

@@ -2,19 +2,17 @@
 
 import math
 from functools import cache, partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
 from benchmarks.core.harness import Case, Options, Report
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.sensors import SensorErrors
-from bridge.plots import new_figure
 from controllers.calibration.closed_chain import ChainTerms
 from models.calibration import Calibration
 from models.config import STRICT, Positive
@@ -49,9 +47,7 @@ UNITS = {"com_drift": "m", "com_speed": "m_s", "joint_speed": "rad_s", "tilt_err
 
 WAYS = ("jig", "floor")  # encoders are calibrated in a jig, all of them, or by the closed chain through both soles
 
-
 _config = partial(settings, CalibrateConfig, "calibrate")
-
 
 _robot = cache(RobotModel.load)
 
@@ -130,12 +126,7 @@ def _step(loop: ClosedLoop, what: str) -> str:
 
 
 def calibrate(robot: str, way: str, seed: int) -> Case:
-    """Inject errors, calibrate by one of ``WAYS``, and let the robot stand without errors, with them, and calibrated.
-
-    Returns:
-        ``gyro_left``, ``encoder_left``, ``force_left`` [-], every one of ``QUANTITIES`` with the endings ``_clean``,
-        ``_uncalibrated`` and ``_calibrated``, ``reason`` of a failure, and ``ok``.
-    """
+    """Inject errors, calibrate by one of ``WAYS``, and let the robot stand without, with and with calibrated errors."""
     config, model = _config(), _robot(robot)
     errors = _errors(model, way, seed)
     loop = ClosedLoop(model, seed=seed, sensor_errors=errors, start="hang", record=False)
@@ -169,7 +160,6 @@ class Calibrate(Benchmark):
     measure = staticmethod(calibrate)
 
     def cases(self, options: Options) -> list[Case]:
-        """Both ways of every seed."""
         return [{"robot": options.robot, "way": way, "seed": seed} for way in WAYS for seed in range(options.seeds)]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
@@ -189,32 +179,12 @@ class Calibrate(Benchmark):
         return figures
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """No failure, and the share that may be left of each error."""
         left = {name: _config().share for name in report.figures if name.endswith("_left_max")}
         return at_most({"failed": 0.0, **left})
 
     def notes(self, report: Report) -> list[str]:
-        """The first cases that failed."""
         failed = [case for case in report.cases if not case["ok"]]
         return [f"seed {case['seed']}, {case['way']}: {case['reason']}" for case in failed[:10]]
 
     def survived(self, case: Case) -> tuple[str, bool]:
-        """By way."""
         return case["way"], bool(case["ok"])
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw how the robot stands, as parts of what it does without errors."""
-        figure = new_figure(8.0, 3.5)
-        axes: Any = figure.add_subplot()
-        for offset, how in ((-0.1, "uncalibrated"), (0.1, "calibrated")):
-            for index, name in enumerate(QUANTITIES):
-                ratios = [case[f"{name}_{how}"] / case[f"{name}_clean"] for case in report.cases]
-                color = "C3" if how == "uncalibrated" else "C0"
-                axes.plot([index + offset] * len(ratios), ratios, "o", color=color, label=how if index == 0 else None)
-        axes.axhline(1.0, color="k", linewidth=0.8, linestyle="--")
-        axes.set_yscale("log")
-        axes.set_xticks(range(len(QUANTITIES)), [name.replace("_", " ") for name in QUANTITIES])
-        axes.set_ylabel("over that without errors [-]")
-        axes.set_title(f"{report.robot}: standing with injected sensor errors", fontsize=10)
-        axes.legend(fontsize=8)
-        return [saved(figure, folder / f"calibrate-{report.robot}.png")]

@@ -1,8 +1,4 @@
-"""An hour of random commands and pushes: no falls, no latched faults, no memory growth.
-
-Texts, velocities, pushes and invalid commands come at random moments; refused ones count too. After a fall or a latched
-fault the robot starts over, and the hour goes on.
-"""
+"""An hour of random texts, velocities, pushes and invalid commands: no falls, latched faults or memory growth."""
 
 import math
 import sys
@@ -10,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from typing import Annotated, Literal
 
@@ -18,11 +13,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from models.config import STRICT, Positive
 from models.errors import CommandError
 from models.types import Mode, Vector
@@ -79,7 +73,6 @@ class _Crowd:
         return float(self._rng.uniform(*_config().pause))
 
     def act(self) -> None:
-        """One of them does something."""
         shares = _config().shares
         kinds = list(shares)
         kind = kinds[int(self._rng.choice(len(kinds), p=list(shares.values())))]
@@ -177,13 +170,7 @@ class _Hour:
 
 
 def hour(robot: str, seed: int) -> Case:
-    """Run one robot through the hour.
-
-    Returns:
-        How often each kind of act was done and ``refused``; ``ends``, one sentence for each fall or latched fault; the
-        share of time in each mode [-]; ``distance``, sampled every ``sample`` [m]; ``memory`` over time ([s], peak
-        [MiB], blocks) and its growth [MiB]; ``torque_step`` [-]; and ``ok``.
-    """
+    """Run one robot through the hour; ``ends`` has one sentence for each fall or latched fault."""
     return _Hour(robot, seed).run()
 
 
@@ -193,7 +180,6 @@ class Endurance(Benchmark):
     measure = staticmethod(hour)
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """Sums over the hours, and the worst of memory, torque step and speed."""
         return {
             "hours": len(cases) * _config().duration / 3600.0,
             "falls_and_faults": float(sum(len(case["ends"]) for case in cases)),
@@ -205,24 +191,9 @@ class Endurance(Benchmark):
         }
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """No fall, and limits of memory and torque step."""
         given = _config()
         limits = {"memory_growth_mib": given.memory_limit, "torque_step_max": given.torque_step_limit}
         return at_most({"falls_and_faults": 0.0, **limits})
 
     def notes(self, report: Report) -> list[str]:
-        """Every fall and latched fault."""
         return [f"seed {case['seed']} {end}" for case in report.cases for end in case["ends"]]
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the memory over time."""
-        figure = new_figure(7.0, 4.0)
-        peak, blocks = figure.subplots(2, 1, sharex=True)
-        for case in report.cases:
-            rows = np.array(case["memory"])
-            peak.plot(rows[:, 0] / 60.0, rows[:, 1], label=f"seed {case['seed']}")
-            blocks.plot(rows[:, 0] / 60.0, rows[:, 2])
-        peak.set_ylabel("peak memory [MiB]")
-        peak.legend(fontsize=8)
-        blocks.set(ylabel="Python blocks", xlabel="simulated time [min]")
-        return [saved(figure, folder / f"endurance-{report.robot}.png")]

@@ -12,26 +12,23 @@ References:
 
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 from scipy.stats import chi2
 
-from benchmarks.core.benchmark import Benchmark, Bound, Count, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, Count, at_most, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import demand
 from benchmarks.core.timed_run import Stopwatch, blocks_growth, collector_off
 from benchmarks.stability.exercise import exercise, exercise_config
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from models.config import STRICT, Positive
 from models.types import Mode
 
@@ -82,11 +79,7 @@ def _loop(robot: str) -> ClosedLoop:
 
 
 class ErrorLog:
-    """Errors of the estimate against the true state of the same instant, with their covariance, every ``period`` [s].
-
-    The error of a sample is (12,): position and rotation vector of the base in W, linear and angular velocity in B,
-    as ``StateEstimator.base_covariance`` has them.
-    """
+    """Errors (12,) of the estimate, as in ``StateEstimator.base_covariance``, and covariances, each ``period`` [s]."""
 
     def __init__(self, loop: ClosedLoop, period: float) -> None:
         self._loop, self._every = loop, max(round(period / loop.plant.period), 1)
@@ -161,14 +154,7 @@ def scenarios() -> dict[str, Callable[[ErrorLog, ClosedLoop, int, EstimateConfig
 
 
 def measure(robot: str, seed: int, scenario: str) -> Case:
-    """Errors of one run of a scenario; the seed also draws the directions of the pushes.
-
-    Returns:
-        Root mean squares ``velocity_rmse`` [m/s], ``tilt_rmse_deg``, ``height_rmse`` [m], each over all axes of the
-        part; ``distance`` and ``drift`` in x, y, z, the growth of the position error [m]; ``instants`` [s] with
-        the normalised error squared ``nees`` of each part; for seed 0 also ``trace``: times, errors and standard
-        deviations of velocity, roll, pitch and height; and ``ok`` when the robot did not fall.
-    """
+    """Errors of one run of a scenario, whose seed also draws the directions of the pushes."""
     config, loop = estimate_config(), _loop(robot)
     loop.reset(seed)
     loop.run(config.settle_time)
@@ -178,7 +164,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
     path = np.array(log.positions)
     every = max(round(config.instant_period / config.sample_period), 1)
     rms = {name: float(np.sqrt((errors[:, part] ** 2).sum(axis=1).mean())) for name, part in PARTS.items()}
-    case: Case = {
+    return {
         "velocity_rmse": rms["velocity"],
         "tilt_rmse_deg": math.degrees(rms["tilt"]),
         "height_rmse": rms["height"],
@@ -190,20 +176,10 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
         "ok": not loop.fallen,
         "reason": loop.fall_reason,
     }
-    if seed == 0:
-        rows = PARTS["joint"]
-        deviations = np.sqrt(covariances[:, rows, rows])
-        case["trace"] = {"t": (t - t[0]).tolist(), "error": errors[:, rows].tolist(), "sigma": deviations.tolist()}
-    return case
 
 
 def time_steps(robot: str) -> dict[str, float]:
-    """Time of the estimator's step and of the whole-body tick that follows it, alternating in the same run.
-
-    Returns:
-        ``estimator_us_*`` and ``tick_us_*`` of the calls that were not interrupted, and ``allocated_blocks_growth``
-        [1/tick].
-    """
+    """Figures ``estimator_us_*``, ``tick_us_*`` of calls alternating in one run, and ``allocated_blocks_growth``."""
     config, tick, loop = estimate_config(), exercise_config(), _loop(robot)
     loop.reset(0)
     demand(loop, tick.motion)
@@ -271,16 +247,13 @@ class Estimate(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """Every scenario of every seed."""
         seeds = range(options.seeds)
         return [{"robot": options.robot, "seed": seed, "scenario": name} for seed in seeds for name in scenarios()]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """See ``summarise``."""
         return summarise(cases, estimate_config())
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Errors, drift, time and allocations of a step, no fall, and an honest covariance."""
         config = estimate_config()
         limits = {
             "velocity_rmse": config.velocity_rmse_max,
@@ -300,14 +273,12 @@ class Estimate(Benchmark):
         return at_most(limits) | honest
 
     def notes(self, report: Report) -> list[str]:
-        """The bounds, and who fell."""
         fell = [case for case in report.cases if not case["ok"]]
         return super().notes(report) + [
             f"fell: {case['scenario']} seed {case['seed']}: {case['reason']}" for case in fell
         ]
 
     def survived(self, case: Case) -> tuple[str, bool]:
-        """By scenario."""
         return case["scenario"], bool(case["ok"])
 
     def run(self, options: Options) -> Report:
@@ -318,50 +289,3 @@ class Estimate(Benchmark):
         results = run_cases(self.measure, self.cases(options), bench=self.name, options=options)
         timed.pop("robot")
         return self.report(options, results, self.figures(results) | timed, load)
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the errors of seed 0 with their two-sigma bands, and the NEES with its interval, over time."""
-        return [_plot_errors(report, folder), _plot_nees(report, folder)]
-
-
-def _grid(report: Report, labels: Sequence[str], title: str, **share: Any) -> tuple[Figure, NDArray[Any]]:
-    """Axes against time (labels, scenarios)."""
-    figure = new_figure(14.0, 2.0 + 1.2 * len(labels))
-    grid = figure.subplots(len(labels), len(scenarios()), sharex="col", squeeze=False, **share)
-    for column, name in enumerate(scenarios()):
-        grid[0, column].set_title(name, fontsize=9)
-        grid[-1, column].set_xlabel("time [s]", fontsize=8)
-    for axes in grid.flat:
-        axes.tick_params(labelsize=7)
-    for axes, label in zip(grid[:, 0], labels, strict=True):
-        axes.set_ylabel(label, fontsize=8)
-    figure.suptitle(f"{report.robot}: {title}", fontsize=10)
-    return figure, grid
-
-
-def _plot_errors(report: Report, folder: Path) -> Path:
-    labels = ("height [mm]", "roll [mrad]", "pitch [mrad]", "v x [mm/s]", "v y [mm/s]", "v z [mm/s]")
-    figure, grid = _grid(report, labels, "error of the estimate, band of two standard deviations, seed 0")
-    traces = {case["scenario"]: case["trace"] for case in report.cases if "trace" in case}
-    for column, name in zip(grid.T, scenarios(), strict=True):
-        t = np.array(traces[name]["t"])
-        error, sigma = 1e3 * np.array(traces[name]["error"]), 1e3 * np.array(traces[name]["sigma"])
-        for row, axes in enumerate(column):
-            axes.fill_between(t, -2.0 * sigma[:, row], 2.0 * sigma[:, row], color="#1b6ca8", alpha=0.15, linewidth=0.0)
-            axes.plot(t, error[:, row], color="#1b6ca8", linewidth=0.6)
-    return saved(figure, folder / f"estimate-{report.robot}-errors.png")
-
-
-def _plot_nees(report: Report, folder: Path) -> Path:
-    config = estimate_config()
-    title = f"mean NEES of {report.seeds} runs and its {100.0 * config.confidence:.0f} % interval"
-    figure, grid = _grid(report, [f"{part} ({rows.size})" for part, rows in PARTS.items()], title, sharey="row")
-    for column, name in zip(grid.T, scenarios(), strict=True):
-        cases = [case for case in report.cases if case["scenario"] == name]
-        for axes, (part, rows) in zip(column, PARTS.items(), strict=True):
-            values = mean_nees(cases, part)
-            axes.axhspan(*interval(rows.size, len(cases), config.confidence), color="0.85")
-            axes.axhline(float(rows.size), color="0.5", linewidth=0.8)
-            axes.plot(cases[0]["instants"][: values.size], values, color="#1b6ca8", linewidth=1.0)
-            axes.set_ylim(bottom=0.0)
-    return saved(figure, folder / f"estimate-{report.robot}-nees.png")

@@ -41,16 +41,14 @@ def moments_since(loop: ClosedLoop, begin: float) -> Case:
     """The end of a robot's log, places relative to its CoM and along its heading at each moment.
 
     Estimates and commands of the laws are in their drifting frame: they are relative to the estimated CoM and heading.
-    The first row is at ``begin`` [s] or when the robot was damped, if earlier; the last row is ``AFTER`` that.
-
-    Returns:
-        Lists of n rows: ``t`` [s]; forward and left of the CoM [m] ``dcm``, ``cop`` (null in flight), ``dcm_seen`` and
-        ``cmp`` (as the law sees and commands them); of both feet ``soles_low`` and ``soles_high``, between which the
-        corners of the sole lie, and ``aims``, the foothold of the foot that swings (null otherwise); ``loads`` and
-        ``planned_loads`` over the weight [-], ``heights`` of the lowest corner in W [m], ``tilts`` of the soles [deg];
-        ``base_tilt`` to the front and to the left [deg], ``base_height`` over the lower sole [m]; ``status`` of the QP,
-        ``mode``. By name of the joints nearest to their limits: ``torques``, shares of the limit [-], and ``margins``
-        [deg]. ``events``: stamp and text.
+    The first row is at ``begin`` [s] or when the robot was damped, if earlier; the last row is ``AFTER`` that. Returns
+    lists of n rows: ``t`` [s]; forward and left of the CoM [m] ``dcm``, ``cop`` (null in flight), ``dcm_seen`` and
+    ``cmp`` (as the law sees and commands them); of both feet ``soles_low`` and ``soles_high``, between which the
+    corners of the sole lie, and ``aims``, the foothold of the foot that swings (null otherwise); ``loads`` and
+    ``planned_loads`` over the weight [-], ``heights`` of the lowest corner in W [m], ``tilts`` of the soles [deg];
+    ``base_tilt`` to the front and to the left [deg], ``base_height`` over the lower sole [m]; ``status`` of the QP,
+    ``mode``. By name of the joints nearest to their limits: ``torques``, shares of the limit [-], and ``margins``
+    [deg]. ``events``: stamp and text.
     """
     log, model = loop.log, loop.robot
     end = _end(log)
@@ -234,7 +232,6 @@ def _draw_status(axes: Axes, t: Matrix, moments: Case) -> None:
 
 
 def _finish(left: list[Axes], right: list[Axes], moments: Case) -> None:
-    """Events, legends beside the data, grids and the common time."""
     for axes in (*left, *right):
         for t, _ in moments["events"]:
             axes.axvline(t, color="0.55", linewidth=0.9, zorder=0)

@@ -1,9 +1,4 @@
-"""Largest push that a standing robot takes without a step, beside the bound of the ankle strategy.
-
-The bound is ``push_bounds.ankle_bound`` with the distance from the centre of pressure at rest to the edge of the
-support polygon in the direction of the push. What exceeds it comes from moving arms, hips and torso. A second bound
-follows from the torque limits of the joints (``push_bounds.torque_bound``).
-"""
+"""Largest push that a standing robot takes without a step, beside the bounds of ``push_bounds``."""
 
 import math
 from collections.abc import Sequence
@@ -163,11 +158,7 @@ def stance(model: RobotModel, truth: RobotState) -> Balance:
 
 
 def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender: str = "") -> bool:
-    """Push a standing robot once with a force in W (3,) [N].
-
-    Returns:
-        Whether it stays up, keeps both feet where they were and comes back to rest.
-    """
+    """Whether a standing robot, pushed with a force in W (3,) [N], stays up, keeps its feet and rests again."""
     loop = _loop(robot, contender)
     loop.reset(seed)
     loop.run(config.settle_time)
@@ -185,11 +176,7 @@ def survives(robot: str, seed: int, force: Vector, config: PushConfig, contender
 
 
 def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tuple[float, float]:
-    """Let a standing robot rest for ``rest_time`` and compute its ankle bound along a unit vector in W (3,).
-
-    Returns:
-        The bound [N], and the distance from the mean centre of pressure to the edge in that direction [m].
-    """
+    """Ankle bound [N] along a unit vector in W (3,), and distance from CoP to edge [m], after ``rest_time``."""
     cops = []
     for _ in range(config.rest_samples):
         loop.run(config.rest_time / config.rest_samples)
@@ -201,12 +188,7 @@ def bound_at_rest(loop: ClosedLoop, direction: Vector, config: PushConfig) -> tu
 
 
 def measure(robot: str, seed: int, angle: float, contender: str = "") -> Case:
-    """Bisect the push in one direction, a heading in W [rad].
-
-    Returns:
-        ``force``, ``bound`` and ``torque_bound`` [N], ``ratio`` and ``torque_ratio`` [-], ``dv`` and ``bound_dv``
-        [m/s], ``mass`` [kg], ``distance`` [m], ``pushes`` [-].
-    """
+    """Bisect the push in one direction, a heading in W [rad]: forces and bounds [N], as ``dv`` [m/s], and ratios."""
     config, loop = _config(), _loop(robot, contender)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
@@ -248,7 +230,6 @@ class Push(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """Every direction of every seed."""
         return [
             {"robot": options.robot, "seed": seed, "angle": angle, "contender": options.contender}
             for seed in range(options.seeds)
@@ -270,11 +251,9 @@ class Push(Benchmark):
         return figures
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Smallest allowed ratio to the ankle bound."""
         return at_least({"ratio_to_ankle_bound_min": _config().required_ratio})
 
     def notes(self, report: Report) -> list[str]:
-        """The weakest direction."""
         config, worst = _config(), min(report.cases, key=lambda case: case["ratio"])
         return [
             f"weakest direction {math.degrees(worst['angle']):.0f} deg: {worst['ratio']:.2f} of the ankle bound "
@@ -282,7 +261,6 @@ class Push(Benchmark):
         ]
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the push map."""
         remarks = [f"{'pushed':<14}{'seed':>5}{'m/s':>7}{'N.s':>6}{'of the ankle bound':>20}"] + [
             f"{direction_name(case['angle']):<14}{case['seed']:>5}{case['dv']:7.2f}{case['dv'] * case['mass']:6.1f}"
             f"{case['ratio']:20.2f}"

@@ -46,11 +46,7 @@ from planners.gait.config import GaitConfig
 
 
 def ankle_bound(mass: float, height: float, distance: float, duration: float) -> float:
-    """Largest force of ``duration`` [s] that the ankle strategy takes [N].
-
-    ``height`` is the CoM above the soles [m], ``distance`` that of the centre of pressure to the edge of the support in
-    the direction of the push [m]; with ``D_N`` added, the force is the largest that N steps take.
-    """
+    """Largest force of ``duration`` [s] that the ankle strategy takes [N]; ``distance`` is from CoP to edge [m]."""
     omega = math.sqrt(GRAVITY / height)
     return mass * omega**2 * distance / (1.0 - math.exp(-omega * duration))
 
@@ -64,10 +60,7 @@ def step_length(gait: GaitConfig, foot: int, direction: Vector) -> float:
 
 
 def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector) -> float:
-    """``D_N`` of the better first foot [m]: how far beyond the edge N steps can bring the DCM to rest.
-
-    ``omega`` is that of the pendulum [1/s], ``direction`` a unit vector in the frame of the soles (2,).
-    """
+    """``D_N`` of the better first foot along a direction (2,) [m]: how far past the edge N steps can rest the DCM."""
     decay = math.exp(-omega * gait.timing.single_urgent)
     sums = []
     for first in range(2):
@@ -90,11 +83,7 @@ def torque_bound(model: RobotModel, q: Vector, direction: Vector, duration: floa
 
 
 def static_force(model: RobotModel, q: Vector, direction: Vector, tau_max: Vector) -> float:
-    """Largest force along a horizontal unit vector in W (3,) at the CoM of a robot at rest at ``q`` (nq,) [N].
-
-    Raises:
-        PoiseError: It cannot stand in this configuration within ``tau_max`` (nj,) [N.m].
-    """
+    """Largest force along a horizontal unit vector in W at the CoM at rest [N]; ``PoiseError`` if it cannot stand."""
     gravity, contact, com = _terms(model, q)
     pulled = com.T @ direction  # (nv,)
     maps = np.column_stack((contact.T, pulled))  # (nv, 13)

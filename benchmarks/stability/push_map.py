@@ -1,9 +1,8 @@
 """Largest push that a robot takes with steps, standing or walking, beside the bounds of ankles and of N steps.
 
-``poise bench push --mode catch`` pushes a robot that stands in mode 'stand', ``--mode step`` one that stands in mode
-'walk', ``--mode walk`` one that walks. The figure of a direction is the largest push that it takes at every moment
-tried (phases of the stride; standing, seeds): a bisection on all of them at once. A push is taken when the robot does
-not fall, its legs do not intersect, and some seconds later it stands still, or walks on.
+The figure of a direction is the largest push that it takes at every moment tried (phases of the stride; standing,
+seeds): a bisection on all of them at once. A push is taken when the robot does not fall, its legs do not intersect, and
+some seconds later it stands still, or walks on.
 """
 
 import math
@@ -36,11 +35,7 @@ from planners.motion_config import MotionConfig
 
 
 class LegClearance:
-    """Least distance between the left and the right leg.
-
-    Legs are the convex hulls of the URDF's collision bodies, and a box of ``thickness`` [m] on each contact rectangle:
-    some URDFs have only four points for a foot.
-    """
+    """Least distance between the legs: convex hulls of their bodies, and boxes of ``thickness`` [m] on the soles."""
 
     def __init__(self, robot: RobotModel, thickness: float) -> None:
         self._robot = robot
@@ -220,10 +215,7 @@ MEANING = (
 
 
 def bounds(trial: Trial) -> dict[str, float]:
-    """Impulse over mass that the linear pendulum takes at the moment of a push [m/s]: ``ankle_dv`` and ``steps_dv``.
-
-    The edge is that of the loaded soles, in the direction of the push; 0 where the DCM is already beyond it.
-    """
+    """Impulses over mass ``ankle_dv`` and ``steps_dv`` that the pendulum takes [m/s]; 0 with the DCM past the edge."""
     config, loop = map_config(), prepare(trial)
     angle = heading(*loop.truth.q[3:7]) + trial.angle
     direction = np.array([math.cos(angle), math.sin(angle)])
@@ -243,12 +235,7 @@ def bounds(trial: Trial) -> dict[str, float]:
 
 
 def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
-    """Bisect the push in one direction, a heading relative to the robot's [rad], over all phases.
-
-    Returns:
-        ``dv`` [m/s], ``impulse`` [N.s], ``mass`` [kg], ``ankle_dv`` and ``steps_dv`` [m/s], ``pushes`` [-]; of the
-        smallest push that was not taken, ``failed_dv`` [m/s], ``failed_phase``, ``reason`` and ``moments``.
-    """
+    """Bisect the push in one direction, from the robot's heading [rad]; ``reason`` is that of ``failed_dv``."""
     config = map_config()
     trials = [Trial(robot, PushMode(mode), seed, phase, angle) for phase in range(config.phases[PushMode(mode)])]
     failed: dict[str, Any] = {"failed_dv": math.nan, "failed_phase": 0, "reason": "", "moments": {}}
@@ -279,13 +266,7 @@ def measure(robot: str, mode: str, seed: int, angle: float) -> Case:
 
 
 def summarise(results: list[Case]) -> dict[str, float]:
-    """Figures over the directions, each the smallest of its seeds and phases.
-
-    Returns:
-        ``dv_min`` and ``dv_median`` [m/s], ``impulse_min`` [N.s], the bounds ``ankle_dv_min`` and ``steps_dv_min``
-        [m/s], ``ratio_to_ankle_bound_min``, ``..._median`` and likewise ``ratio_to_steps_bound_``, and
-        ``legs_touched``: the number of directions limited by intersecting legs.
-    """
+    """Figures over the directions, each the smallest of its seeds and phases; ``legs_touched`` counts directions."""
     angles = sorted({case["angle"] for case in results})
     dv = np.array([min(case["dv"] for case in results if case["angle"] == angle) for angle in angles])
     figures = {
@@ -312,11 +293,6 @@ def case_lines(results: list[Case]) -> list[str]:
         + (f"{case['failed_dv']:.2f} m/s, phase {case['failed_phase']}: {case['reason']}" if case["reason"] else "-")
         for case in results
     ]
-
-
-def weakest(report: Report) -> Case:
-    """The case of the smallest push that was not taken."""
-    return min(report.cases, key=lambda case: (case["dv"], case["angle"]))
 
 
 def push_map(report: Report) -> PushMap:
@@ -350,7 +326,6 @@ class PushWithSteps(Benchmark):
         return PushMode(self.name.removeprefix("push_"))
 
     def cases(self, options: Options) -> list[Case]:
-        """Every direction of every seed."""
         if options.contender:
             raise ConfigError("a contender is pushed in mode 'stand' only: the others look into poise's gait")
         config, first = map_config(), map_config().first_seed[self.mode]
@@ -361,26 +336,22 @@ class PushWithSteps(Benchmark):
         ]
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """See ``summarise``."""
         return summarise(cases)
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Least push of the weakest direction and of the median one."""
         required = map_config().required[self.mode]
         return at_least({"dv_min": required.smallest, "dv_median": required.median})
 
     def notes(self, report: Report) -> list[str]:
-        """A line a direction and seed, then the bounds."""
         return [MEANING, *case_lines(report.cases), *super().notes(report)]
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the push map, and the smallest push that was not taken."""
-        mode, case = PushMode(report.bench.removeprefix("push_")), weakest(report)
-        name = f"{mode.value}-{report.robot}"
+        case = min(report.cases, key=lambda case: (case["dv"], case["angle"]))  # the smallest push not taken
+        name = f"{self.mode.value}-{report.robot}"
         files = [draw_map(report, push_map(report), case_lines(report.cases), folder / f"push-map-{name}.png")]
         if case["moments"]:
             title = (
-                f"push, {mode.value}, {report.robot}, seed {case['seed']}, phase {case['failed_phase']}: "
+                f"push, {self.mode.value}, {report.robot}, seed {case['seed']}, phase {case['failed_phase']}: "
                 f"{case['failed_dv']:.2f} m/s {direction_name(case['angle'])}: {case['reason']}"
             )
             files.append(draw_fall(case["moments"], title, folder / f"push-failure-{name}.png"))

@@ -2,18 +2,16 @@
 
 import math
 from functools import cache, partial
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, settings
 from benchmarks.core.harness import Case, Options, Report
 from benchmarks.stability.push import PushConfig, bound_at_rest, stance
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from models.config import STRICT, Positive
 from models.types import Mode
 
@@ -40,7 +38,6 @@ class StandConfig:
 
 _config = partial(settings, StandConfig, "stand")
 
-
 #: Figure of the worst seed, by bounded quantity of a case
 FIGURES = {
     "com_drift": "com_drift_max_m",
@@ -65,12 +62,7 @@ def _loop(robot: str, record: bool) -> ClosedLoop:
 
 
 def stand(robot: str, seed: int) -> Case:
-    """Release a robot and let it stand.
-
-    Returns:
-        ``stood`` (it did not fall), ``com_drift``, ``foot_slide``, ``base_drop`` [m], ``joint_speed`` [rad/s],
-        ``torque_step`` [-], and ``ok`` when all bounds hold.
-    """
+    """Release a robot and let it stand; ``ok`` when it does not fall and all bounds hold."""
     config, loop = _config(), _loop(robot, True)
     loop.reset(seed)
     model, log = loop.robot, loop.log
@@ -103,12 +95,7 @@ def stand(robot: str, seed: int) -> Case:
 
 
 def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
-    """Push a robot while it executes a motion; the seed also draws the moment, ``angle`` is the heading in W [rad].
-
-    Returns:
-        ``force`` [N], ``push_at`` [s] after the motion began, ``foot_moved``, ``com_error`` [m], ``reason`` of a
-        failure, and ``ok`` when the motion ended, no foot moved, nothing fell and the robot is at rest again.
-    """
+    """Push a robot in a motion at a moment drawn by the seed, towards ``angle`` in W [rad]; ``ok`` if it goes on."""
     config, push, loop = _config(), _push_config(), _loop(robot, False)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
@@ -167,7 +154,6 @@ class Stand(Benchmark):
     measure = staticmethod(_measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """Standing, then each motion."""
         turn, seeds = 2.0 * math.pi / _push_config().directions, range(options.seeds)
         cases: list[Case] = [{"kind": "stand", "robot": options.robot, "seed": seed} for seed in seeds]
         for name in _config().motions:
@@ -190,31 +176,13 @@ class Stand(Benchmark):
         }
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Every seed stands and survives its motions, within the limits."""
         totals = {"stood": "stand_total", "motions_survived": "motions_total"}
         return at_least({name: report.figures[total] for name, total in totals.items()}) | at_most(
             {FIGURES[name]: limit for name, limit in _limits().items()}
         )
 
     def notes(self, report: Report) -> list[str]:
-        """The first cases that failed."""
         return [f"failed: {case}" for case in report.cases if not case["ok"]][:10]
 
     def survived(self, case: Case) -> tuple[str, bool]:
-        """By motion."""
         return case.get("motion", "quiet"), bool(case["ok"])
-
-    def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the bounded quantities of every seed in parts of their limits."""
-        config = _config()
-        figure = new_figure(8.0, 3.5)
-        axes = figure.add_subplot()
-        stood = [case for case in report.cases if case["kind"] == "stand"]
-        for name, limit in _limits().items():
-            axes.plot([case["seed"] for case in stood], [case[name] / limit for case in stood], "o", label=name)
-        axes.axhline(1.0, color="k", linewidth=0.8, linestyle="--")
-        axes.set(xlabel="seed", ylabel="part of the limit [-]")
-        axes.set_ylim(bottom=0.0)
-        axes.set_title(f"{report.robot}: {config.duration:.0f} s of standing", fontsize=10)
-        axes.legend(fontsize=8)
-        return [saved(figure, folder / f"stand-{report.robot}.png")]

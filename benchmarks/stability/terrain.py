@@ -50,17 +50,11 @@ class TerrainConfig:
 
 _config = partial(settings, TerrainConfig, "terrain")
 
-
 _robot = cache(RobotModel.load)
 
 
 def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
-    """Walk straight ahead under one condition.
-
-    Returns:
-        ``fell``, ``reason``, ``time`` until the end or the fall [s], ``distance`` along the initial heading [m],
-        ``survived``, ``trips`` (feet that were caught), ``foot_slip`` [m], and of a failed walk its last ``moments``.
-    """
+    """Walk straight ahead under one condition; ``trips`` are feet that were caught, ``moments`` of a failed walk."""
     config = _config()
     condition = {**config.conditions, **config.goals}[scenario]
     model = _robot(robot)
@@ -103,7 +97,6 @@ class Terrain(Benchmark):
     measure = staticmethod(walk)
 
     def cases(self, options: Options) -> list[Case]:
-        """Every seed of every condition."""
         config = _config()
         names = chosen("terrain", options.scenarios, [*config.conditions, *config.goals], list(config.conditions))
         return [
@@ -123,13 +116,11 @@ class Terrain(Benchmark):
         return figures
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Least number of walks that survive each condition with a bound."""
         config = _config()
         totals = {name: report.figures.get(f"total_{name}", 0.0) for name in config.conditions}
         return at_least({f"survived_{name}": config.required_share * total for name, total in totals.items()})
 
     def notes(self, report: Report) -> list[str]:
-        """Conditions whose bound does not hold, and every walk that did not survive."""
         bounds = self.bounds(report)
         lines = [
             f"{name.removeprefix('survived_')}: {report.figures[name]:.0f} of "
@@ -145,11 +136,9 @@ class Terrain(Benchmark):
         ]
 
     def survived(self, case: Case) -> tuple[str, bool]:
-        """By condition."""
         return case["scenario"], bool(case["survived"])
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw the distance of every walk, and the first failure of each condition."""
         config, names = _config(), list(dict.fromkeys(case["scenario"] for case in report.cases))
         figure = new_figure(3.5 + 0.9 * len(names), 3.6)
         axes = figure.add_subplot(1, 1, 1)

@@ -17,11 +17,7 @@ CONTESTED = ("steady", "top")  # kinds of cases that ask nothing of a controller
 
 
 def cases(robot: str, seeds: int, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
-    """Inputs of every case of the chosen scenarios, or of all; a contender has ``CONTESTED`` ones only.
-
-    Raises:
-        ConfigError: There are no scenarios for this robot, or a chosen one is unknown, or not for a contender.
-    """
+    """Inputs of every case of the chosen scenarios, or of all; a contender has ``CONTESTED`` ones only."""
     config, asked = walk_config(), robot_walk(robot)
     kinds = {name: "steady" if name in asked.scenarios else name for name in asked.names}
     known = [name for name, kind in kinds.items() if not contender or kind in CONTESTED]
@@ -96,15 +92,12 @@ class Walk(Benchmark):
     measure = staticmethod(measure)
 
     def cases(self, options: Options) -> list[Case]:
-        """See ``cases``."""
         return cases(options.robot, options.seeds, options.scenarios, options.contender)
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
-        """See ``judge``."""
         return judge(cases[0]["robot"], cases)[0]
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """No fall, speed errors, top speed, and how the robot stops."""
         given, robot = walk_config(), robot_walk(report.robot)
         speeds = {f"speed_error_{name}": given.speed_error_limit for name in robot.scenarios}
         stop = {"stop_drift_max_m": given.stand_drift_limit, "stop_steps_max": float(given.stop_steps)}
@@ -115,11 +108,9 @@ class Walk(Benchmark):
         return not judge(report.robot, report.cases)[1]
 
     def notes(self, report: Report) -> list[str]:
-        """What does not hold."""
         return judge(report.robot, report.cases)[1][:10]
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        """Draw speeds, and the first failures."""
         return plot(report, folder)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:

@@ -65,10 +65,7 @@ def watch(loop: ClosedLoop, duration: float, chunk: float) -> Walked:
 
 
 def speed_error(mean: Vector, command: Velocity) -> float:
-    """Distance of a mean velocity from the command, relative to the command [-].
-
-    Metres per second and radians per second are added as they are: a command is either straight or a turn.
-    """
+    """Distance of a mean velocity from the command, either straight or a turn, relative to the command [-]."""
     return float(np.linalg.norm(mean - np.array(command)) / np.linalg.norm(command))
 
 
@@ -192,12 +189,7 @@ def _begin(loop: ClosedLoop, seed: int, command: Velocity, config: WalkConfig) -
 
 
 def steady(robot: str, seed: int, command: Velocity, duration: float, contender: str = "") -> Case:
-    """Hold one velocity; ``PoiseError`` when the robot would not walk.
-
-    Returns:
-        ``fell``, ``reason``, ``velocity`` (3,) [m/s, m/s, rad/s], ``speed_error`` [-], ``tracking_error`` [m/s],
-        ``cost_of_transport`` [-], ``foot_slip`` [m], ``moments``: the last ones when it fell.
-    """
+    """Hold one velocity; ``PoiseError`` when the robot would not walk. ``moments`` are the last ones of a fall."""
     config = walk_config()
     loop = _begin(_contested(robot, contender) if contender else _loop(robot), seed, command, config)
     walked = watch(loop, duration - config.start_time, config.chunk)
@@ -231,12 +223,7 @@ def random_walk(robot: str, seed: int) -> Case:
 
 
 def stop(robot: str, seed: int) -> Case:
-    """Stop from a walk, then stand; ``PoiseError`` when the robot would not walk.
-
-    Returns:
-        ``fell``, ``reason``, ``steps`` after the command, ``stood`` in time, ``drift`` [m] of the base while standing,
-        ``ok``, ``moments``: the last ones when it is not.
-    """
+    """Stop from a walk, then stand: steps after the command, whether it stood in time, and its drift [m]."""
     config = walk_config()
     loop = _begin(_loop(robot), seed, (config.stop_speed, 0.0, 0.0), config)
     _run(loop, max(config.stop_after - config.start_time, 0.0))
@@ -262,12 +249,7 @@ def stop(robot: str, seed: int) -> Case:
 
 
 def top_speed(robot: str, seed: int, contender: str = "") -> Case:
-    """Try decreasing speeds until one is held: falls end a try early, so the fast ones cost little.
-
-    Returns:
-        ``top_speed``: mean of the highest speed held, 0 when none [m/s]; ``reason``, ``moments``: how the next higher
-        one failed.
-    """
+    """Try decreasing speeds until one is held, its mean the result [m/s]: falls end a try early and cost little."""
     config, reason = walk_config(), ""
     tested = {"contender": contender} if contender else {}
     moments: Case = {}

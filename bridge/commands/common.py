@@ -30,7 +30,7 @@ def console(**options: Any) -> Console:
 
 def say(text: str) -> None:
     """Print plain text without wrapping."""
-    console(soft_wrap=True).print(text, markup=False, highlight=False)
+    typer.echo(text)
 
 
 def need_ros() -> None:
@@ -53,7 +53,7 @@ def need(module: str, extra: str) -> None:
 
 def print_reply(reply: CommandReply) -> int:
     """Print the answer of the robot; returns the exit status."""
-    console().print(reply.reason, style="green" if reply.accepted else "red", markup=False, highlight=False)
+    typer.secho(reply.reason, fg="green" if reply.accepted else "red")  # rich takes long to import
     if reply.details:
         from rich.markup import escape
         from rich.table import Table
@@ -73,7 +73,7 @@ def report_errors() -> Iterator[None]:
     try:
         yield
     except PoiseError as error:
-        console(stderr=True).print(str(error), style="red", markup=False, highlight=False)
+        typer.secho(str(error), fg="red", err=True)
         raise typer.Exit(2) from error
 
 

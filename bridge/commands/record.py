@@ -37,10 +37,7 @@ def record(
         try:
             recorder.record(seconds, stop, network=network, namespace=namespace, say=say)
         finally:
-            if recorder.received:
-                log.close()
-            else:
-                log.discard()
+            log.close(keep=recorder.received > 0)
     if not recorder.received:
         say("nothing was recorded: no message of a robot arrived")
         raise typer.Exit(1)
@@ -184,12 +181,8 @@ def imu(
             listener.listen(seconds, stop, network=network, namespace=namespace)
         finally:
             for log in (messages, lines):
-                if log is None:
-                    continue
-                if listener.count:
-                    log.close()
-                else:
-                    log.discard()
+                if log is not None:
+                    log.close(keep=listener.count > 0)
     if not listener.count:
         raise typer.Exit(1)
     files = ", ".join(str(path) for path in (csv, mcap) if path is not None)

@@ -136,14 +136,13 @@ def _shared(nodes: list[PoiseNode]) -> set[str]:
 def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
     """Rows of the table of topics, by name."""
     found: dict[str, tuple[str, str, list[str], list[str]]] = {}
-    for node in nodes:
-        ends: list[tuple[Any, bool]] = [(end, True) for end in node.publishers]
-        ends += [(end, False) for end in node.subscriptions]
-        for end, source in ends:
-            row = found.setdefault(_short(end.topic_name), (_type(end.msg_type), _qos(end.qos_profile), [], []))
-            names = row[2] if source else row[3]
-            if node.get_name() not in names:
-                names.append(node.get_name())
+    ends: list[tuple[PoiseNode, Any, bool]] = [(node, end, True) for node in nodes for end in node.publishers]
+    ends += [(node, end, False) for node in nodes for end in node.subscriptions]
+    for node, end, source in ends:  # publishers first: the QoS is what they offer
+        row = found.setdefault(_short(end.topic_name), (_type(end.msg_type), _qos(end.qos_profile), [], []))
+        names = row[2] if source else row[3]
+        if node.get_name() not in names:
+            names.append(node.get_name())
     for name in ("parameter_events", "rosout"):
         found.pop(f"/{name}", None)
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):

@@ -5,23 +5,40 @@ from typing import Annotated
 
 import typer
 
-from bridge.commands.common import Namespace, Network, connected, print_reply
+from bridge.commands.common import Namespace, Network, connected, print_reply, say
 
+MODE_SERVICES = {
+    **{word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")},
+    **{word: word for word in ("estop", "reset_faults")},
+}  #: Services of ``poise mode`` by their word
+CALIBRATIONS = ("imu", "joints", "feet", "show", "rollback")  #: Words of ``poise calibrate``
 CALIBRATION_TIMEOUT = 400.0  #: Longest wait for a calibration [s]; the estimator gives up before
 
 
 def mode(
-    name: Annotated[str, typer.Argument(help="off, damp, stand or walk; also estop and reset_faults.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="off, damp, stand or walk; also estop and reset_faults.", autocompletion=lambda: list(MODE_SERVICES)
+        ),
+    ],
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
     """Request a mode of the running robot."""
-    services = {word: f"mode/{word}" for word in ("off", "damp", "stand", "walk")}
-    services |= {word: word for word in ("estop", "reset_faults")}
-    if name not in services:
-        raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(services)}")
+    if name not in MODE_SERVICES:
+        raise typer.BadParameter(f"unknown mode '{name}'; known: {', '.join(MODE_SERVICES)}")
     with connected(network, namespace) as client:
-        raise typer.Exit(print_reply(client.trigger(services[name])))
+        raise typer.Exit(print_reply(client.trigger(MODE_SERVICES[name])))
+
+
+def status(network: Network = False, namespace: Namespace = "") -> None:
+    """Say what the running robot does, what is wrong, and what to do next."""
+    with connected(network, namespace) as client:
+        from bridge.ros.client import overview
+
+        for name, text in overview(client).items():
+            say(f"{name:>16}: {text}")
 
 
 def walk(
@@ -49,14 +66,16 @@ def walk(
 
 
 def calibrate(
-    what: Annotated[str, typer.Argument(help="imu, joints or feet; show or rollback.")],
+    what: Annotated[
+        str,
+        typer.Argument(help="imu, joints or feet; show or rollback.", autocompletion=lambda: list(CALIBRATIONS)),
+    ],
     network: Network = False,
     namespace: Namespace = "",
 ) -> None:
     """Have the running robot calibrate its sensors, show what is kept, or return to the file before it."""
-    known = ("imu", "joints", "feet", "show", "rollback")
-    if what not in known:
-        raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(known)}")
+    if what not in CALIBRATIONS:
+        raise typer.BadParameter(f"unknown sensor '{what}'; known: {', '.join(CALIBRATIONS)}")
     with connected(network, namespace) as client:
         raise typer.Exit(print_reply(client.trigger(f"calibrate/{what}", answer_timeout=CALIBRATION_TIMEOUT)))
 
@@ -71,8 +90,27 @@ def hang(
         raise typer.Exit(print_reply(client.switch("hang", not down)))
 
 
+def reset(network: Network = False, namespace: Namespace = "") -> None:
+    """Put the simulated robot, fallen or not, back on its feet at its start, and wait until it stands."""
+    with connected(network, namespace) as client:
+        from bridge.ros.walk import reset as start_over
+
+        raise typer.Exit(print_reply(start_over(client)))
+
+
+def _words() -> list[str]:
+    """Text commands, for completion."""
+    from controllers.safety.health import SupervisorConfig
+    from controllers.safety.supervisor import GAIT_WORDS
+    from models.config import default_config
+
+    return [*default_config(SupervisorConfig, "controllers", "supervisor").motions, "stand", "stop", *GAIT_WORDS]
+
+
 def send(
-    text: Annotated[str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.")],
+    text: Annotated[
+        str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.", autocompletion=_words)
+    ],
     key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
     source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",
     network: Network = False,

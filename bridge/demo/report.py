@@ -51,11 +51,7 @@ class Check:
 
 
 def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[list[Check], Stability]:
-    """Check every requested step against the true motion of the robot.
-
-    The events of ``recording`` are the names of the motions and ``push``. Returns one check per motion, one for the
-    push, one for standing, and the balance of the run.
-    """
+    """Check each motion, the push and standing against the true motion; also returns the balance of the run."""
     stability = analyse(model, recording)
     figures = stability_figures(stability, config.pause)
     starts = {text.split()[0]: time for time, text in reversed(recording.events)}  # the first of each name
@@ -85,7 +81,6 @@ def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
 def _judge_part(
     model: RobotModel, recording: Recording, stability: Stability, during: Any, name: str, config: DemoConfig
 ) -> Check:
-    """Check one motion or the push in its part of the run."""
     if name == "wave":
         travel = hand_travel(model, recording.q[during])
         return Check(name, travel > config.hand_travel, f"hand moved {100 * travel:.0f} cm")
@@ -186,7 +181,6 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
 
 
 def _distances(recording: Recording, places: Matrix) -> dict[str, float]:
-    """Distance walked, and error of the estimate at the end."""
     steps = np.linalg.norm(np.diff(places[:, :2][::50], axis=0), axis=1)  # every half second: without sway
     walked = float(steps.sum())
     drift = np.nan

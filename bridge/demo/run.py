@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from bridge.stability import stability_figures
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
+from models.nodes.realtime import end_within
+from models.nodes.spin import END_TIME
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import ControlStatus, MotionState, MotionStatus
@@ -39,7 +42,7 @@ class Demo:
         """Play the whole scenario; ``PoiseError`` names a step that fails."""
         stage, config = self._stage, self._stage.config
         stage.graph.wait_standing(config.start_limit)
-        stage.watch(lambda: stage.observer.ready, config.pause, "no ground truth or no estimate arrived")
+        stage.watch(lambda: stage.observer.ready, config.start_limit, "no ground truth or no estimate arrived")
         began = time.monotonic(), stage.observer.stamp
         stage.say(f"standing; quiet for {config.quiet_time:.0f} s")
         stage.pause(config.quiet_time)
@@ -62,15 +65,11 @@ class Demo:
         self._stage.observer.close()
 
     def _on_control(self, status: ControlStatus) -> None:
-        """Record the tick time of the controller."""
         if np.isfinite(status.tick_median_us):
             self._ticks.append((status.tick_median_us, status.tick_tail_us))
 
     def speed_figures(self) -> dict[str, float]:
-        """``tick_us_p50`` and ``tick_us_p99`` of the controller, and ``real_time_factor``.
-
-        The controller reports percentiles of its last seconds: these are the median of the medians and the worst tail.
-        """
+        """Median and worst tail of the controller's ticks [us], and ``real_time_factor``."""
         figures = {"real_time_factor": self._real_time_factor}
         if self._ticks:
             medians, tails = np.array(self._ticks).T
@@ -78,7 +77,6 @@ class Demo:
         return figures
 
     def _move(self, name: str) -> None:
-        """Send a motion's name and observe it to its end."""
         stage = self._stage
         limit = stage.config.motion_limit
         self._motions.clear()
@@ -97,11 +95,7 @@ class Demo:
 
 
 def latency_figures(file: Path) -> dict[str, float]:
-    """Timing of the run from the file of the parameter ``latency_file`` of ``robot_driver``.
-
-    Returns ``latency_us_p50``, ``..._p99``, ``..._max`` from publishing a tick's sensors to receiving its command, and
-    ``missed_percent`` of the ticks that began a whole period late; empty without the file.
-    """
+    """Figures of ``latency_file``: latencies [us] and ``missed_percent`` of the ticks; empty without the file."""
     if not file.is_file():
         return {}
     with np.load(file) as rows:
@@ -132,30 +126,27 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     out.mkdir(parents=True, exist_ok=True)
     latency_file = (out / "latency.npz").resolve()
     latency_file.unlink(missing_ok=True)
-    fifo: dict[str, object] = {"realtime.priority": config.realtime_priority}
-    parameters = {name: dict(fifo) for name in ("robot_driver", "state_estimator", "balance_controller")}
-    parameters["robot_driver"] |= {"latency_file": str(latency_file), "push.duration": config.push_duration}
+    parameters = {"robot_driver": {"latency_file": str(latency_file), "push.duration": config.push_duration}}
     failure, recording = "", None
     fast: dict[str, float] = {}
     model = RobotModel.load(robot)
     say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")
     graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
+    ending = ExitStack()  # the middleware is left last: it may block
     try:
-        with graph:
-            played = Demo(graph, model, config, say)
-            try:
-                played.play()
-            except PoiseError as error:
-                failure = str(error)
-            finally:
-                fast = played.speed_figures()
-                try:
-                    recording = played.recording()
-                except PoiseError as error:
-                    failure = failure or str(error)
-                played.close()
+        ending.enter_context(graph)
+        played = Demo(graph, model, config, say)
+        ending.callback(played.close)
+        try:
+            played.play()
+        except PoiseError as error:
+            failure = str(error)
+        fast = played.speed_figures()
+        recording = played.recording()
     except PoiseError as error:
         failure = failure or str(error)
+    finally:
+        graph.stop()
     crashed = {module: code for module, code in graph.exit_codes.items() if code != 0}
     if crashed and not failure:
         failure = "processes that did not end cleanly: " + ", ".join(
@@ -184,4 +175,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     print_report(console, model.name, checks, stable, fast)
     write_report(out / "report.json", model.name, checks, stable, fast, passed)
     say(f"report: {out / 'report.json'}")
-    return 0 if passed else 1
+    cancel = end_within(END_TIME, int(not passed))
+    ending.close()
+    cancel()
+    return int(not passed)

@@ -29,8 +29,8 @@ from planners.nodes.footstep_messages import pose_message
 class DemoConfig:
     """Steps and pass criteria of the demonstration; see ``bridge/config/demo.yaml``."""
 
-    realtime_priority: Annotated[int, Field(ge=0, le=99)]
     start_limit: Positive
+    stall_limit: Positive
     quiet_time: Positive
     motions: tuple[str, ...]
     motion_limit: Positive
@@ -67,10 +67,13 @@ class Stage:
         self._push = graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
 
     def watch(self, condition: Callable[[], bool], timeout: float, otherwise: str) -> None:
-        """Observe until a condition is met; ``PoiseError`` after ``timeout`` [s] or when the robot gives up."""
-        end = time.monotonic() + timeout
+        """Observe until a condition is met; ``PoiseError`` after ``timeout`` [s], or when the robot stops."""
+        stamp, advanced = self.observer.stamp, time.monotonic()
+        end = stamp + timeout
         while not condition():
-            if time.monotonic() > end:
+            if self.observer.stamp != stamp:
+                stamp, advanced = self.observer.stamp, time.monotonic()
+            if stamp > end or time.monotonic() - advanced > self.config.stall_limit:
                 raise PoiseError(f"{otherwise}: mode '{self.graph.mode}', drivers '{self.graph.driver_state}'")
             if self.graph.mode in (Mode.DAMP.value, Mode.OFF.value):
                 raise PoiseError(f"the robot gave up: mode '{self.graph.mode}'; the log says why")
@@ -78,9 +81,9 @@ class Stage:
             self.observer.poll()
 
     def pause(self, duration: float) -> None:
-        """Observe for a time [s]."""
-        end = time.monotonic() + duration
-        self.watch(lambda: time.monotonic() >= end, duration + 1.0, "the clock stands still")
+        """Observe for a time of the robot [s]."""
+        end = self.observer.stamp + duration
+        self.watch(lambda: self.observer.stamp >= end, duration + 1.0, "the clock stands still")
 
     def note(self, text: str) -> None:
         """Print an event and store it with the recording."""
@@ -143,7 +146,6 @@ class SquareWalk:
         stage.pause(config.recover_time)
 
     def _go(self, side: int, goal: Foothold) -> None:
-        """One side of the square and the turn at its end."""
         stage, config = self._stage, self._stage.config
         self._routes.clear()
         stage.note(f"side {side + 1}")

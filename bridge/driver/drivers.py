@@ -9,11 +9,9 @@ from controllers.safety.supervisor import ACTIVE_MODES
 from models.calibration import correct_encoders, encoder_command
 from models.config import default_config
 from models.errors import CommandError
+from models.nodes import topics
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, SensorData, Vector
-
-#: Driver states of a robot held on the floor or in the air; the others are of ``ServoState``
-HELD, HANGING = "held", "hanging"
 
 
 class Drivers:
@@ -22,12 +20,9 @@ class Drivers:
     The drives are without torque until a mode with motion arms them. They damp when the plant has had no new sample for
     ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``.
 
-    Attributes:
-        servo: The law of the drivers.
-        encoder_offsets: Subtracted from the encoders (nj,) [rad]; optional. Change them at the start only: when
-            a reading jumps, the drives move the joint.
-        stale: Time since the last new sample [s].
-        interruptions: Number of times that commands ceased while the robot was held.
+    ``encoder_offsets`` (nj,) [rad], optional, are changed at the start only: when a reading jumps, the drives move the
+    joint. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often commands ceased while
+    the robot was held.
     """
 
     def __init__(self, plant: Plant, model: RobotModel) -> None:
@@ -79,11 +74,7 @@ class Drivers:
         self._mode = mode
 
     def command(self, command: JointCommand | JointTrajectory) -> bool:
-        """Pass a set-point or a trajectory to the drivers if the mode allows motion; returns whether it is in force.
-
-        Raises ``JointNameError`` for an unknown or duplicate joint of a trajectory, ``TrajectoryError`` when it is
-        refused.
-        """
+        """Pass a set-point or trajectory to the drivers in a mode with motion; whether it is in force."""
         if not self.awaits_command:
             return False
         if isinstance(command, JointTrajectory):
@@ -121,7 +112,6 @@ class SimulatedDrivers(Drivers):
 
     @property
     def t(self) -> float:
-        """Simulated time [s]."""
         return self.plant.t
 
     @property
@@ -129,7 +119,7 @@ class SimulatedDrivers(Drivers):
         """``held``, ``hanging``, or the state of the servo."""
         if not self.plant.held:
             return super().state
-        return HANGING if self._hanging else HELD
+        return topics.HANGING if self._hanging else topics.HELD
 
     @property
     def movable(self) -> bool:
@@ -137,10 +127,7 @@ class SimulatedDrivers(Drivers):
         return self._mode is Mode.OFF and (self.plant.held or self.servo.state is ServoState.OFF)
 
     def set_mode(self, mode: Mode) -> None:
-        """As ``Drivers``, but a held robot stays held under gravity compensation.
-
-        Raises ``CommandError`` for off while the drivers are active, and for a mode with motion while the robot hangs.
-        """
+        """As ``Drivers``, but a held robot stays held; ``CommandError`` also for motion while it hangs."""
         if self._hanging and mode in ACTIVE_MODES:
             raise CommandError(f"mode '{mode.value}' refused: the robot hangs in the air")
         if not self.plant.held:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 CAPACITY = 600_000  #: Recorded ticks: ten minutes at 1 kHz; later ones are dropped
 
-
 #: Recorded of each tick by the driver, and its type
 LATENCIES = {
     "published": np.int64,  # Start of publishing the sensors [ns]; 0 where they were not
@@ -74,12 +73,7 @@ LEFT, RIGHT = 1, 2  #: Bits of ``contacts``
 
 
 class StageProbe:
-    """Stores one row per joint sample in preallocated arrays; nothing more when they are full.
-
-    Attributes:
-        table: Times by ``COLUMNS`` (n, 6) [ns]; 0 for stages that a tick did not reach.
-        contacts: Feet in contact by the tick's reference (n,), as ``LEFT`` and ``RIGHT``.
-    """
+    """Times by ``COLUMNS`` (n, 6) [ns], 0 where not reached, and ``contacts`` (n,), a preallocated row a sample."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self.table = np.zeros((capacity, len(COLUMNS)), dtype=np.int64)

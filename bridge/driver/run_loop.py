@@ -74,7 +74,7 @@ class Pacer:
 
 
 IDLE_SPIN = 0.02  #: Longest wait for a callback while no tick is due [s]
-RETRY_PERIOD_NS = 20_000_000  #: Wait for a command after which the tick's sensors are published again [ns]
+RETRY_PERIOD_NS = 100_000_000  #: Wait for a command after which the tick's sensors are published again [ns]
 
 
 class Paced(Protocol):

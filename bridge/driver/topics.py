@@ -32,12 +32,13 @@ from models.nodes.messages import (
     WrenchCodec,
     mode_named,
     set_stamp,
+    stamp_ns,
     to_seconds,
 )
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
 from models.nodes.perception import scan_to_message
-from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, sensor
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR, STATE
 from models.robot_model import SOLE_FRAMES
 from models.types import SensorData, Vector
 
@@ -49,7 +50,9 @@ class CommandInput:
 
     A command is refused when its sensors are older than ``max_age`` [ns]; ``period`` is the tick [ns]. ``probe``
     records arrivals, optional; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
-    ``now`` is the stamp of the present tick [ns], set by the node, ``stamp`` that of the command in force [ns].
+    ``now`` is the stamp of the present tick [ns], set by the node, ``stamp`` that of the command in force [ns],
+    ``due_since`` that from which commands are due [ns], 0 before the first mode with motion,
+    ``judged`` that of the state that the supervisor has judged [ns], 0 before the first in a mode.
     """
 
     def __init__(
@@ -66,8 +69,14 @@ class CommandInput:
         self._codec = JointCommandCodec(node.model)
         self.now = period
         self.stamp = 0  # a zero stamp means "now" in a command
-        node.listen(JointTrajectory, topics.JOINT_COMMAND, self.on_command, COMMAND, raw=True)
+        self.judged = 0
+        self.due_since = 0
+        node.listen(JointTrajectory, topics.JOINT_SETPOINTS, self.on_command, COMMAND, raw=True)
         node.listen(String, topics.MODE, self.on_mode, LATCHED)
+        node.listen(Clock, topics.SUPERVISOR_TIME, self._on_supervisor, SENSOR)
+
+    def _on_supervisor(self, message: Clock) -> None:
+        self.judged = stamp_ns(message.clock)
 
     def on_command(self, data: bytes) -> None:
         """Pass a command to the drivers, or refuse it."""
@@ -83,34 +92,34 @@ class CommandInput:
                 if stamp and self._probe is not None:
                     self._probe.receive(stamp // self._period)
         except PoiseError as error:
-            self._node.refuse(topics.JOINT_COMMAND, error)
+            self._node.refuse(topics.JOINT_SETPOINTS, error)
 
     def on_mode(self, message: String) -> None:
         """Apply the supervisor's mode."""
         if not self._node.active:
             return
+        self.judged = 0
+        awaited = self._drivers.awaits_command
         try:
             self._drivers.set_mode(mode_named(message.data))
+            if self._drivers.awaits_command and not awaited:
+                self.due_since = self.now
         except PoiseError as error:
             self._node.refuse(topics.MODE, error)
         self._on_mode_change()
 
 
 class SensorTopics:
-    """Publishes ``SensorData``, reliably in lockstep; the joints come last and complete the tick.
+    """Publishes ``SensorData``, the joints last; the faults of a ``simulated`` plant suppress messages."""
 
-    ``simulated`` is a simulated plant, whose faults suppress messages; None for any other plant.
-    """
-
-    def __init__(self, node: PoiseNode, simulated: SimulatedPlant | None, *, reliable: bool) -> None:
+    def __init__(self, node: PoiseNode, simulated: SimulatedPlant | None) -> None:
         self._plant = simulated
-        qos = sensor(reliable=reliable)
         self._imu_codec, self._joint_codec = ImuCodec(topics.IMU_FRAME), JointStateCodec(node.model)
         feet = topics.foot_wrenches(node.model)
         self._foot_codecs = [WrenchCodec(frame) for frame in SOLE_FRAMES]
-        self._imu = node.announce(Imu, topics.IMU_RAW, qos)
-        self._feet = [node.announce(WrenchStamped, topic, qos) for topic in feet]
-        self._joints = node.announce(JointState, topics.JOINT_STATES, qos)
+        self._imu = node.announce(Imu, topics.IMU_RAW, STATE)
+        self._feet = [node.announce(WrenchStamped, topic, STATE) for topic in feet]
+        self._joints = node.announce(JointState, topics.JOINT_STATES, STATE)
 
     def publish(self, stamp: int, sensors: SensorData) -> None:
         """Publish a sample with one stamp [ns], except messages that a fault suppresses."""
@@ -130,12 +139,9 @@ class SensorTopics:
 
 
 class ScanTopic:
-    """Publishes ``scan`` at the scanner's rate while it has a subscriber; nothing for a robot without scanner.
+    """Publishes ``scan`` at the scanner's rate while it has a subscriber; nothing for a robot without scanner."""
 
-    ``noise`` is a factor on the scanner's noise of ``seed``; ``reliable`` is set in lockstep.
-    """
-
-    def __init__(self, node: PoiseNode, plant: MujocoPlant, *, seed: int, noise: float, reliable: bool) -> None:
+    def __init__(self, node: PoiseNode, plant: MujocoPlant, *, seed: int, noise: float) -> None:
         self._plant = plant
         self._last = self._ticks = 0  # last stamp [ns]; ticks between two scans, 0 without a scanner
         if plant.robot.profile.sensors.scan is None:
@@ -143,7 +149,7 @@ class ScanTopic:
         self._scanner = LaserScanner(plant, seed, noise)
         self._period = 1.0 / self._scanner.config.rate
         self._ticks = max(round(self._period / plant.period), 1)
-        self._publisher = node.announce(LaserScan, topics.SCAN, sensor(reliable=reliable))
+        self._publisher = node.announce(LaserScan, topics.SCAN, STATE)
 
     def publish(self, tick: int, stamp: int) -> None:
         """Publish the scan of a tick with a stamp [ns], at most once, when one is due."""
@@ -156,20 +162,16 @@ class ScanTopic:
 
 
 class StatusTopics:
-    """Publishers of ``/clock``, ``real_time_factor``, ``driver_state``, ``encoder_offsets`` and ``robot_description``.
-
-    Attributes:
-        real_time_factor: Time of the robot over real time, of the last second; NaN before.
-    """
+    """Publishers of time, ``real_time_factor`` (NaN in the first second), driver state, offsets and description."""
 
     def __init__(self, node: PoiseNode, drivers: Drivers) -> None:
         self._drivers, self._published = drivers, ""
         self.real_time_factor = math.nan
         self._factor_since = (math.inf, 0)  # monotonic time [s], stamp [ns]
-        self._factor = node.announce(Float64, topics.REAL_TIME_FACTOR, EVENT)
+        self._factor = node.announce(Float64, topics.REAL_TIME_FACTOR, LATCHED)
         self._codec = JointStateCodec(node.model)
         self._zero = np.zeros(node.model.nj)
-        self._time = node.announce(Clock, topics.CLOCK, SENSOR)
+        self._time = node.announce(Clock, topics.CLOCK, STATE)
         self._state = node.announce(String, topics.DRIVER_STATE, LATCHED)
         self._offsets = node.announce(JointState, topics.ENCODER_OFFSETS, LATCHED)
         self._description = node.announce(String, topics.ROBOT_DESCRIPTION, LATCHED)
@@ -212,9 +214,9 @@ class TruthTopics:
     def __init__(self, node: PoiseNode, plant: SimulatedPlant) -> None:
         self._plant = plant
         self._codec, self._joint_codec = OdometryCodec(), JointStateCodec(node.model)
-        self._odometry = node.announce(Odometry, topics.GROUND_TRUTH, SENSOR)
-        self._joints = node.announce(JointState, topics.GROUND_TRUTH_JOINTS, SENSOR)
-        self._obstacle = node.announce(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, SENSOR)
+        self._odometry = node.announce(Odometry, topics.GROUND_TRUTH, STATE)
+        self._joints = node.announce(JointState, topics.GROUND_TRUTH_JOINTS, STATE)
+        self._obstacle = node.announce(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, STATE)
 
     def publish(self, stamp: int) -> None:
         """Publish the true state and the place of the obstacle with a stamp [ns]; the joints last."""
@@ -286,6 +288,7 @@ class SimulationServices:
                 response.message = act(request)
                 response.success = True
             except PoiseError as error:
+                self._node.refuse(name, error)
                 response.success, response.message = False, str(error)
             return response
 
@@ -339,11 +342,7 @@ class SimulationServices:
         return self._log(f"obstacle at ({place[0]:g}, {place[1]:g}) m")
 
     def _on_inject(self, request: Any) -> str:
-        try:
-            scenario = str(self._value(SCENARIO))
-            if not scenario.strip():
-                raise CommandError(f"the parameter {SCENARIO} is empty: set it to YAML, a file or a scenario")
-            return self._plant.faults.inject(scenario)
-        except PoiseError as error:
-            self._node.refuse(topics.FAULTS_INJECT, error)
-            raise
+        scenario = str(self._value(SCENARIO))
+        if not scenario.strip():
+            raise CommandError(f"the parameter {SCENARIO} is empty: set it to YAML, a file or a scenario")
+        return self._plant.faults.inject(scenario)

@@ -13,7 +13,7 @@ from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import set_stamp
-from models.nodes.qos import SENSOR
+from models.nodes.qos import STATE
 
 if TYPE_CHECKING:
     from bridge.nodes.robot_driver import RobotDriver
@@ -47,7 +47,7 @@ class DriverWorld:
         """Start publishing ``/clock``, after rclpy and the drivers exist."""
         mute = [Parameter("start_type_description_service", value=False)]  # publishes only
         self._node = rclpy.create_node("mujoco_world", start_parameter_services=False, parameter_overrides=mute)
-        self._clock = self._node.create_publisher(Clock, topics.CLOCK, SENSOR)
+        self._clock = self._node.create_publisher(Clock, topics.CLOCK, STATE)
 
     def close(self) -> None:
         """Stop publishing."""

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.launch.run import run_until_signal, wait_for
-from bridge.ros.environment import graph_environment, join_graph
+from bridge.ros.environment import claim_graph, graph_environment, join_graph
 from bridge.ros.processes import (
     ACTIVATE,
     BRIDGE,
@@ -120,6 +120,8 @@ class Graph:
         self._parameters = node_parameters(self._specs, robot, lockstep, calibration, parameters or {})
         self._processes: list[GraphProcess] = []
         self._output: IO[bytes] | None = None
+        self._robot = robot
+        self._claimed: IO[str] | None = None
 
     def __enter__(self) -> Graph:
         self.open()
@@ -131,8 +133,14 @@ class Graph:
             raise
         return self
 
+    def claim(self) -> None:
+        """Claim the domain and the namespace on this machine; ``PoiseError`` names the graph that runs there."""
+        if self._claimed is None:
+            self._claimed = claim_graph(self._robot, self._domain_id, self._namespace)
+
     def open(self) -> None:
         """Join the graph and start the processes, before ``configure``, ``activate`` and ``close``."""
+        self.claim()
         join_graph(domain_id=self._domain_id, network=self._network)
         rclpy.init(args=log_arguments(), context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("poise", namespace=self._namespace, context=self._context)
@@ -151,15 +159,21 @@ class Graph:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def close(self) -> None:
-        """End every process and shut down rclpy."""
+    def stop(self) -> None:
+        """End every process."""
         self.exit_codes.update(stop_all(self._processes[::-1]))
         if self._output is not None:
             self._output.close()
+
+    def close(self) -> None:
+        """End every process and shut down rclpy."""
+        self.stop()
         self._executor.remove_node(self.node)
         self.node.destroy_node()
         try_shutdown(context=self._context)
         self._folder.cleanup()
+        if self._claimed is not None:
+            self._claimed.close()
 
     @property
     def pids(self) -> dict[str, int]:

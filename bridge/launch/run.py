@@ -2,14 +2,16 @@
 
 import signal
 import time
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from typing import Any, Protocol
 
 from rich.console import Console
 
 from bridge.ros.processes import CLEAN_EXITS
 from models.errors import PoiseError
+from models.nodes.realtime import end_within
+from models.nodes.spin import END_TIME
 
 LOOK = 0.02  #: Polling period of a condition [s]
 
@@ -21,6 +23,9 @@ class Running(AbstractContextManager["Running"], Protocol):
 
     def spin(self, duration: float) -> None:
         """Serve callbacks and supervise the processes for a time [s]."""
+
+    def stop(self) -> None:
+        """End the processes."""
 
 
 class _Interrupted(Exception):
@@ -65,24 +70,33 @@ def run_until_signal(
         raise _Interrupted
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
-    exit_codes: Mapping[str, int | None] = {}
     code = 0
+    ending = ExitStack()
     try:
         graph = make(say)
-        exit_codes = graph.exit_codes
         with graph:
-            say(f"{name} is up; Ctrl-C ends it")
-            while duration is None or time.monotonic() - begin < duration:
-                graph.spin(0.2)
+            try:
+                say(f"{name} is up; Ctrl-C ends it")
+                while duration is None or time.monotonic() - begin < duration:
+                    graph.spin(0.2)
+            except _Interrupted:
+                say("ending")
+            except PoiseError as error:
+                console.print(f"[red]{error}[/red]", highlight=False)
+                code = 1
+            graph.stop()
+            for module, exit_code in graph.exit_codes.items():
+                if exit_code not in CLEAN_EXITS:
+                    say(f"{module} ended with code {exit_code}")
+                    code = 1
+            ending.callback(end_within(END_TIME, code))
     except _Interrupted:
         say("ending")
     except PoiseError as error:
         console.print(f"[red]{error}[/red]", highlight=False)
         code = 1
     finally:
+        ending.close()
         for number, handler in previous.items():
             signal.signal(number, handler)
-    bad = {module: exit_code for module, exit_code in exit_codes.items() if exit_code not in CLEAN_EXITS}
-    for module, exit_code in bad.items():
-        say(f"{module} ended with code {exit_code}")
-    return 1 if bad else code
+    return code

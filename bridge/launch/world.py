@@ -32,9 +32,6 @@ from models.errors import ConfigError, PoiseError
 
 (BRIDGE_NODE,) = BRIDGE.nodes
 
-#: SCHED_FIFO priority of the supervisors in real time, below that of the ticks: the ticks of several robots on two
-#: processors would otherwise keep a supervisor from the clock for half a second while other programs are busy
-SUPERVISOR_PRIORITY = 30
 SLICE = 0.05  #: Time for which each robot's graph is served in turn [s]
 
 
@@ -94,15 +91,17 @@ class WorldGraph:
         specs = [spec for spec in process_specs(merged=merged, actions=actions) if spec is not BRIDGE]
         for number, (name, each) in enumerate(zip(names, robots.values(), strict=True)):
             own = _merged(parameters or {}, each.parameters or {})
-            if not lockstep:
-                own["supervisor"] = {"realtime.priority": SUPERVISOR_PRIORITY, **own.get("supervisor", {})}
             if (rate := sensor_rate(own)) is not None:
                 own |= {name: {"sensor_rate": rate, **own.get(name, {})} for name in RATED_NODES}
             place = each.place or Place(y=SPACING * number)
-            plant = {"seed": number, **own.pop(BRIDGE_NODE, {}), "place": [place.x, place.y, place.heading]}
+            own[BRIDGE_NODE] = {
+                "seed": number,
+                **own.get(BRIDGE_NODE, {}),
+                "place": [place.x, place.y, place.heading],
+            }
             kept = (calibration or folder) / name
             kept.mkdir(parents=True, exist_ok=True)
-            given = node_parameters([BRIDGE], each.robot, lockstep, kept, {BRIDGE_NODE: plant})
+            given = node_parameters([BRIDGE], each.robot, lockstep, kept, {BRIDGE_NODE: own[BRIDGE_NODE]})
             bridges[f"/{name}/{BRIDGE_NODE}"] = given[BRIDGE_NODE]
             self.graphs[name] = Graph(
                 each.robot,
@@ -121,6 +120,8 @@ class WorldGraph:
 
     def __enter__(self) -> WorldGraph:
         try:
+            for graph in self.graphs.values():
+                graph.claim()
             if self._log is not None:
                 self._log.parent.mkdir(parents=True, exist_ok=True)
                 self._output = self._log.open("ab")
@@ -140,12 +141,17 @@ class WorldGraph:
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
+    def stop(self) -> None:
+        """End every process."""
+        for name, graph in self.graphs.items():
+            graph.stop()
+            self.exit_codes.update({f"{name}: {module}": code for module, code in graph.exit_codes.items()})
+        self.exit_codes.update(stop_all([self._world]))
+
     def close(self) -> None:
         """End every process and leave ROS."""
+        self.stop()
         self._stack.close()
-        self.exit_codes.update(stop_all([self._world]))
-        for name, graph in self.graphs.items():
-            self.exit_codes.update({f"{name}: {module}": code for module, code in graph.exit_codes.items()})
         if self._output is not None:
             self._output.close()
         self._folder.cleanup()

@@ -104,27 +104,11 @@ class PlantMonitor:
 class Lockstep:
     """The laws and the plant, advanced together.
 
-    Args:
-        plant: Simulated robot; the stack receives its ``SensorData`` only.
-        stack: Control stack.
-        config: Start-up and supervision.
-        control_ticks: Physics ticks per tick of estimator and controller.
-        delay_ticks: Physics ticks from a measurement to the arrival of its command in the drivers.
-        use_truth: Whether the true state replaces the estimate.
-        note: Called with the text of each event.
-        after_tick: Called at the end of every tick.
-        recorder: Writes inputs and outputs of the stack into a file; optional.
-        drivers: Joint drivers.
-
-    Attributes:
-        plant: The simulated robot.
-        stack: Control stack.
-        monitor: Fall and slip of the true robot.
-        servo: Drivers.
-        stamp: Time of the tick in which the stack received its last sample [ns].
-        tick: Ticks since the controller took over.
-        listener: Called with every sample as measured, uncorrected; optional.
-        hanging: Whether the robot hangs from the crane and only its drivers run.
+    ``control_ticks`` are physics ticks per tick of the laws, ``delay_ticks`` from a measurement to the arrival of its
+    command in the drivers. ``note`` takes the text of each event; ``after_tick`` is called at the end of every tick;
+    ``listener``, optional, takes every sample as measured. ``stamp`` is that of the tick in which the stack received
+    its last sample [ns], ``tick`` counts from when the controller took over, and ``hanging`` is whether only the
+    drivers run.
     """
 
     def __init__(
@@ -159,12 +143,7 @@ class Lockstep:
         self._queue: deque[tuple[int, JointCommand]] = deque()
 
     def start(self, seed: int | None = None) -> None:
-        """Reset, average the sensors of the held robot, start the stack, and release once the feet bear the weight.
-
-        Raises:
-            PoiseError: The preflight checks fail, the feet do not bear the weight within ``settle_limit``, or a fault
-                occurs first.
-        """
+        """Reset, start the stack, and release once the feet bear the weight; ``PoiseError`` if that fails."""
         plant, config = self.plant, self._config
         self._reset(seed)
         sensors = self._hang_and_average()

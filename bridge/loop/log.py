@@ -144,10 +144,7 @@ class LoopLog:
 
 
 class LoopBlackBox:
-    """Writes one file into ``folder`` each time a fault ends an active mode; ``files`` lists them.
-
-    ``events`` are stamps and texts, read when a file is written; ``box`` is the ring.
-    """
+    """Writes the ring ``box`` and the ``events`` to a new one of ``files`` when a fault ends an active mode."""
 
     def __init__(self, stack: ControlStack, folder: Path, events: Sequence[tuple[float, str]]) -> None:
         self._stack, self._events = stack, events

@@ -13,11 +13,7 @@ STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class ObstacleGuard:
-    """Receives velocities in place of the gait and passes on what the obstacle stop allows.
-
-    ``noise`` is a factor on the scanner's noise of ``seed``; ``note`` takes a sentence about an event; ``reason`` says
-    why the robot is slower than commanded, empty otherwise. Raises ``ConfigError`` for a robot without scanner.
-    """
+    """Receives velocities in place of the gait, passes on what the obstacle stop allows, and says why in ``reason``."""
 
     def __init__(self, lockstep: Lockstep, seed: int, noise: float, note: Callable[[str], None]) -> None:
         self._lockstep, self._note = lockstep, note

@@ -40,11 +40,10 @@ class LoopRecorder:
         self._log: McapLog | None = self._begin()
 
     def _begin(self) -> McapLog:
-        """Open the file with its topics and metadata."""
         log = McapLog(self._path)
         for topic in (
             *topics.sensor_topics(self._robot),
-            *(topics.JOINT_COMMAND, topics.MODE, topics.ODOM, topics.GROUND_TRUTH, topics.MOTION_TRAJECTORY),
+            *(topics.JOINT_SETPOINTS, topics.MODE, topics.ODOM, topics.GROUND_TRUTH, topics.MOTION_TRAJECTORY),
             *(topics.APPLIED, topics.ROBOT_DESCRIPTION, EVENTS),
         ):
             log.announce(f"/{topic}", TYPES[topic])
@@ -68,7 +67,7 @@ class LoopRecorder:
         if self._log is None:
             return
         if self._now:
-            self._log.discard()
+            self._log.close(keep=False)
             self._log = self._begin()
 
     def motion(self, trajectory: JointTrajectory) -> int:
@@ -90,10 +89,7 @@ class LoopRecorder:
         mode: Mode,
         note: str,
     ) -> None:
-        """Record a tick: true state of the plant, input and output of the estimator, result of the law (None without).
-
-        ``note`` are the inputs of the laws; empty for none.
-        """
+        """Record a tick: truth, input and output of the estimator, result of the law, and its inputs ``note``."""
         if self._log is None:
             return
         self._now = now = to_ns(plant.t)
@@ -106,7 +102,7 @@ class LoopRecorder:
             self._mode = mode
             self._say(topics.MODE, mode.value, now)
         if result is not None:
-            self._add(topics.JOINT_COMMAND, self._command.encode(now, result.command), now)
+            self._add(topics.JOINT_SETPOINTS, self._command.encode(now, result.command), now)
         if note:
             self._say(topics.APPLIED, note, now)
         if plant.t >= self._next_odometry:
@@ -125,5 +121,5 @@ class LoopRecorder:
     def discard(self) -> None:
         """Delete the incomplete file."""
         if self._log is not None:
-            self._log.discard()
+            self._log.close(keep=False)
             self._log = None

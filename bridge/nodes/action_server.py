@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 from bridge.ros.goals import Action, ActionsConfig, Outcome, RobotClient, Turn, Turns, goal
 from controllers.safety.supervisor import GAIT_WORDS
 from models.config import default_config
-from models.errors import MessageError
+from models.errors import JointNameError, MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.interfaces import interface
@@ -53,7 +54,8 @@ async def followed(handle: Any, robot: RobotClient, turn: Turn, feedback: Callab
         if not running and time.monotonic() > until:
             await _halt(robot)
             return Outcome(False, f"the motion did not start within {longest:g} s")
-        feedback(MotionState.RUNNING.value if running else "requested")
+        if robot.feedback_due:
+            feedback(MotionState.RUNNING.value if running else "requested")
         await robot.turn()
 
 
@@ -102,18 +104,22 @@ class ExecuteMotion:
 
 
 class FollowJointTrajectory:
-    """Has the balance controller follow a trajectory of MoveIt, published on ``motion/joint_trajectory``."""
+    """Has the balance controller follow a trajectory of MoveIt, published on its topic."""
 
     def __init__(self, robot: RobotClient, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
         self._robot, self._kind, self._model, self._publish = robot, kind, model, publish
 
     def refusal(self, request: Any) -> Outcome | None:
         """Refuse unknown joints; the controller checks the rest."""
-        codes, names = self._kind.Result, list(request.trajectory.joint_names)
-        unknown = [name for name in names if name not in self._model.joint_names]
-        if unknown or not names:
-            text = f"unknown joint '{unknown[0]}'" if unknown else "no joints are named"
-            return Outcome(False, text, code=codes.INVALID_JOINTS)
+        codes, trajectory = self._kind.Result, request.trajectory
+        try:
+            names = trajectory.joint_names = list(self._model.named(trajectory.joint_names))
+            for each in request.goal_tolerance:
+                (each.name,) = self._model.named([each.name])
+        except JointNameError as error:
+            return Outcome(False, str(error), code=codes.INVALID_JOINTS)
+        if not names:
+            return Outcome(False, "no joints are named", code=codes.INVALID_JOINTS)
         strangers = [each.name for each in request.goal_tolerance if each.name not in names]
         if strangers:
             return Outcome(False, f"goal_tolerance of '{strangers[0]}', which does not move", code=codes.INVALID_GOAL)
@@ -126,7 +132,6 @@ class FollowJointTrajectory:
         robot, asked, codes = self._robot, handle.request, self._kind.Result
         names = list(asked.trajectory.joint_names)
         robot.begin()
-        asked.trajectory.header.frame_id = ""  # a trajectory without a request
         self._publish(asked.trajectory)
         outcome = await followed(handle, robot, turn, lambda state: self._feedback(handle, names))
         if not outcome.success:
@@ -210,8 +215,9 @@ class WalkTo:
             if not running and now >= next_time:
                 next_time = now + config.goal_period
                 self._publish(goal)
-            left = robot.distance(goal.pose.position.x, goal.pose.position.y)
-            handle.publish_feedback(self._kind.Feedback(distance=left, route=str(newest) if robot.route else ""))
+            if robot.feedback_due:
+                left = robot.distance(goal.pose.position.x, goal.pose.position.y)
+                handle.publish_feedback(self._kind.Feedback(distance=left, route=str(newest) if robot.route else ""))
             await robot.turn()
 
     async def _stand(self, outcome: Outcome) -> Outcome:
@@ -252,7 +258,7 @@ class ActionServerNode(PoiseNode):
         except MessageError as error:
             self.values[FOLLOW] = str(error)
             return
-        motions = self.announce(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
+        motions = self.announce(JointTrajectory, topics.JOINT_TRAJECTORY, EVENT)
         self._offer(follow, FOLLOW, FollowJointTrajectory(robot, follow, self.model, motions.publish))
 
     def activate(self) -> None:
@@ -268,7 +274,7 @@ class ActionServerNode(PoiseNode):
             self,
             kind,
             name,
-            goal(self._turns, action),
+            goal(self._turns, action, partial(self.refuse, name)),
             goal_callback=lambda request: GoalResponse.ACCEPT if self.active else GoalResponse.REJECT,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
         )

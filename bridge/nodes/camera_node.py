@@ -25,7 +25,7 @@ from models.nodes.messages import JointStateCodec
 from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import declare_config, describe
 from models.nodes.perception import image_message, info_message
-from models.nodes.qos import EVENT, SENSOR
+from models.nodes.qos import EVENT, SENSOR, STATE
 from models.nodes.spin import run
 from models.terrain import FLAT, terrain_named
 from models.types import Vector
@@ -37,11 +37,7 @@ NICENESS = 10  #: Niceness of this process: the robot's processes go first
 
 
 class CameraNode(PoiseNode):
-    """Publishes ``camera/image_raw`` and ``camera/camera_info`` while the images have a subscriber.
-
-    It renders the newest true state of the driver and skips images when rendering is slow. Without OpenGL it reports
-    the package to install, and publishes nothing.
-    """
+    """Publishes pictures of the newest true state while subscribed to; without OpenGL it reports what to install."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("camera_node", **kwargs)
@@ -53,7 +49,6 @@ class CameraNode(PoiseNode):
         self._took = 0.0
 
     def configure(self) -> None:
-        """Build the codecs and the topics."""
         sensor = self.model.profile.sensors.camera
         if sensor is None:
             raise ConfigError(f"{self.robot}: sensors.camera: the profile has no camera")
@@ -62,22 +57,20 @@ class CameraNode(PoiseNode):
         self._period = round(NANOSECONDS / sensor.rate)
         self._pinhole = Pinhole.of(sensor)
         self._odometry_codec, self._joints_codec = OdometryCodec(), JointStateCodec(self.model)
-        self._images = self.announce(Image, topics.CAMERA_IMAGE, SENSOR)
-        self._infos = self.announce(CameraInfo, topics.CAMERA_INFO, SENSOR)
+        self._images = self.announce(Image, topics.CAMERA_IMAGE, STATE)
+        self._infos = self.announce(CameraInfo, topics.CAMERA_INFO, STATE)
         self.listen(Odometry, topics.GROUND_TRUTH, self._on_odometry, SENSOR, raw=True)
         self.listen(PoseStamped, topics.GROUND_TRUTH_OBSTACLE, self._on_obstacle, SENSOR)
         self.listen(PointStamped, topics.CAMERA_TARGET, self._on_target, EVENT)
         self.listen(JointState, topics.GROUND_TRUTH_JOINTS, self._on_joints, SENSOR, raw=True)
 
     def activate(self) -> None:
-        """Open the camera if OpenGL is available."""
         self._due = Due(self._period)
         self._missing = self._open()
         if self._missing:
             self.get_logger().warning(self._missing)
 
     def deactivate(self) -> None:
-        """Close the camera."""
         camera, self._camera = self._camera, None
         if camera is not None:
             camera.close()
@@ -134,7 +127,6 @@ class CameraNode(PoiseNode):
         self._took = time.monotonic() - begin
 
     def before_diagnostics(self) -> None:
-        """Report the rendering time."""
         if not self.active:
             return
         self.level = DiagnosticStatus.WARN if self._missing else DiagnosticStatus.OK

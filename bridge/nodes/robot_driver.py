@@ -87,7 +87,7 @@ class RobotDriver(PoiseNode):
         self._sensor_ticks = _ticks_between(config.sensor_rate, plant.period) if config.sensor_rate else 1
         self.slow_ticks = max(round(1.0 / (config.slow_rate * plant.period)), 1)
         self._probe = LatencyProbe() if config.latency_file else None
-        self._sensors = SensorTopics(self, simulated, reliable=self.lockstep)
+        self._sensors = SensorTopics(self, simulated)
         self._status = StatusTopics(self, self.drivers)
         max_age = round(config.max_command_age * NANOSECONDS)
         self.commands = CommandInput(
@@ -101,7 +101,7 @@ class RobotDriver(PoiseNode):
             SimulationServices(self, self._simulated, self.restart, self._pause)
         if isinstance(plant, MujocoPlant):
             noise = float(config.sensor_noise)
-            self._scan = ScanTopic(self, plant, seed=config.seed, noise=noise, reliable=self.lockstep)
+            self._scan = ScanTopic(self, plant, seed=config.seed, noise=noise)
 
     def _make_plant(self) -> Plant:
         config = self.config
@@ -173,14 +173,16 @@ class RobotDriver(PoiseNode):
 
     @property
     def behind(self) -> bool:
-        """Whether simulated time waits: the newest command answers old sensors, and the longest wait is not over.
+        """Whether simulated time waits: command or supervisor answer old sensors, and the longest wait is not over.
 
-        Faults of the sensors make no time wait, nor does the wait begin before the first command.
+        Faults of the sensors make no time wait.
         """
         given, commands = self.config, self.commands
-        lag = (self.stamp - commands.stamp) / NANOSECONDS - self._sensor_ticks * self._period_ns / NANOSECONDS
+        due = self.stamp - self._sensor_ticks * self._period_ns
+        late = due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS
+        late |= bool(commands.judged) and due - commands.judged > given.yield_supervisor * NANOSECONDS
         yields = self._simulated is not None and given.real_time == "yield" and self.drivers.awaits_command
-        if not yields or not commands.stamp or lag <= given.yield_lag or self.simulation.faults.corrupted:
+        if not yields or not late or self.simulation.faults.corrupted:
             self._late_since = None
             return False
         now = time.monotonic()

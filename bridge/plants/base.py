@@ -137,16 +137,11 @@ class ReleaseGate:
 
     Open when |F_z - m g| <= load_tolerance m g for the vertical load on both soles, averaged over ``load_window``, and
     at least ``settle_time`` has passed. The load is the true one, as a crane measures it.
-
-    Attributes:
-        load: Last averaged load on both feet [N].
-        weight: Weight of the robot's model [N].
-        waited: Time since the start [s].
     """
 
     def __init__(self, model: RobotModel, config: LoopConfig) -> None:
         self.weight = GRAVITY * model.mass
-        self.load = 0.0
+        self.load = 0.0  #: Last averaged load on both feet [N]
         self.waited = 0.0
         self._config = config
         self._sum, self._window = 0.0, 0.0  # integral of the load [N.s] over the window so far [s]
@@ -171,10 +166,9 @@ def release_loaded(
     step: Callable[[], None],
     fault: Callable[[], str] = lambda: "",
 ) -> None:
-    """Step a held robot until its feet bear its weight, and release it.
+    """Step a held robot until its feet bear its weight, and release it; ``PoiseError`` where they do not.
 
-    ``step`` runs one tick; ``fault`` returns why the robot cannot stand, empty while it can. Raises ``PoiseError`` when
-    the feet do not bear the weight within ``settle_limit``, or on a fault.
+    ``fault`` returns why the robot cannot stand, empty while it can.
     """
     gate = ReleaseGate(robot, config)
     while not gate.update(plant.load, plant.period):

@@ -1,8 +1,4 @@
-"""The simulated camera: renders images with MuJoCo, without a display.
-
-Software rendering takes tens of milliseconds and needs OpenGL, so it runs in a separate process
-(``bridge/nodes/camera_node.py``). ``MUJOCO_GL`` must be set before MuJoCo is imported.
-"""
+"""The simulated camera: MuJoCo without a display, in a separate process with ``MUJOCO_GL`` set before its import."""
 
 import mujoco
 import numpy as np
@@ -28,19 +24,9 @@ class SimulatedCamera:
     It has a copy of the plant's world, which is set from given states, so an image takes the plant no time. The camera
     does not see the link that it is mounted on, as from inside a housing.
 
-    Args:
-        model: The robot.
-        config: Contents of the image; the packaged one when None.
-        terrain: The ground, or its name.
-
-    Attributes:
-        intrinsics: Of its images.
-        target: Position of the ball in W (3,) [m]; None for no ball.
-        obstacle: Middle of the terrain's box in W (3,) [m]; None for its place at the start.
-
-    Raises:
-        ConfigError: The robot has no camera.
-        Exception: MuJoCo found no usable OpenGL.
+    ``target`` is the position of the ball in W (3,) [m], None for no ball; ``obstacle`` the middle of the terrain's
+    box, None for its place at the start. Raises ``ConfigError`` when the robot has no camera, and whatever MuJoCo
+    raises without a usable OpenGL.
     """
 
     def __init__(self, model: RobotModel, config: CameraConfig | None = None, terrain: str | Terrain = FLAT) -> None:

@@ -46,21 +46,21 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class TargetConfig:
     """A ball that is in the pictures only."""
 
-    radius: Annotated[float, Field(gt=0, le=5, description="Radius of the ball of camera/target [m]")]
-    colour: Annotated[tuple[Share, Share, Share], Field(description="Its red, green and blue [-]")]
+    radius: Annotated[float, Field(gt=0, le=5)]  #: Radius of the ball of camera/target [m]
+    colour: tuple[Share, Share, Share]  #: Its red, green and blue [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CameraConfig:
     """Contents of a picture; a zero among the first four stands for the profile's value."""
 
-    width: Annotated[int, Field(ge=0, le=4096, description="Of a picture; 0: the profile's [pixel]")]
-    height: Annotated[int, Field(ge=0, le=4096, description="Of a picture; 0: the profile's [pixel]")]
-    horizontal_fov: Annotated[float, Field(ge=0, le=2.8, description="Of a picture; 0: the profile's [rad]")]
-    rate: Annotated[float, Field(ge=0, le=1000, description="Pictures a simulated second; 0: the profile's [Hz]")]
-    near: Annotated[float, Field(gt=0, le=1, description="What is nearer is not drawn [m]")]
-    far: Annotated[float, Field(gt=1, le=1000, description="What is farther is not drawn [m]")]
-    shadows: Annotated[bool, Field(description="Draw shadows, which takes two to three times as long")]
+    width: Annotated[int, Field(ge=0, le=4096)]  #: Of a picture; 0: the profile's [pixel]
+    height: Annotated[int, Field(ge=0, le=4096)]  #: Of a picture; 0: the profile's [pixel]
+    horizontal_fov: Annotated[float, Field(ge=0, le=2.8)]  #: Of a picture; 0: the profile's [rad]
+    rate: Annotated[float, Field(ge=0, le=1000)]  #: Pictures a simulated second; 0: the profile's [Hz]
+    near: Annotated[float, Field(gt=0, le=1)]  #: What is nearer is not drawn [m]
+    far: Annotated[float, Field(gt=1, le=1000)]  #: What is farther is not drawn [m]
+    shadows: bool  #: Draw shadows, which takes two to three times as long
     target: TargetConfig
 
     def sensor(self, camera: CameraSensor) -> CameraSensor:
@@ -75,59 +75,38 @@ class CameraConfig:
 class FaultParameters:
     """Faults of a simulated plant."""
 
-    plan: Annotated[str, Field(description="Faults from the release on: a file, a scenario, or YAML; empty for none")]
+    plan: str  #: Faults from the release on: a file, a scenario, or YAML; empty for none
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class DriverConfig:
     """Schema of ``bridge/config/robot_driver.yaml``."""
 
-    plant: Annotated[
-        str, Field(description="The robot: mujoco, a name among the entry points of poise.plants, or module:Class")
+    plant: str  #: The robot: mujoco, a name among the entry points of poise.plants, or module:Class
+    plant_options: str  #: Arguments of a plant other than mujoco: YAML in braces, or a file; empty for none
+    rate: Annotated[float, Field(ge=100.0, le=2000.0)]  #: Rate of the simulated drivers [Hz]
+    sensor_rate: Annotated[float, Field(ge=0.0, le=2000.0)]  #: Rate of the sensors' topics; 0: in every tick [Hz]
+    slow_rate: Annotated[float, Field(ge=1.0, le=1000.0)]  #: Rate of /clock and /ground_truth/odom [Hz]
+    #: Age of the sensors a command answers above which it is refused [s]
+    max_command_age: Annotated[float, Field(ge=0.001, le=1.0)]
+    latency_file: str  #: Where to write the latencies; empty for none
+    lockstep: bool  #: The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)
+    speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Simulated over real time, without lockstep
+    #: Whether simulated time waits for late commands (yield) or follows the clock (strict)
+    real_time: Literal["yield", "strict"]
+    #: Age of the newest command from which simulated time waits [s]
+    yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
+    yield_supervisor: Annotated[
+        float, Field(ge=0.001, le=1.0, description="Age of what the supervisor judged from which time waits [s]")
     ]
-    plant_options: Annotated[
-        str, Field(description="Arguments of a plant other than mujoco: YAML in braces, or a file; empty for none")
-    ]
-    rate: Annotated[float, Field(ge=100.0, le=2000.0, description="Rate of the simulated drivers [Hz]")]
-    sensor_rate: Annotated[
-        float, Field(ge=0.0, le=2000.0, description="Rate of the sensors' topics; 0: in every tick [Hz]")
-    ]
-    slow_rate: Annotated[float, Field(ge=1.0, le=1000.0, description="Rate of /clock and /ground_truth/odom [Hz]")]
-    max_command_age: Annotated[
-        float,
-        Field(ge=0.001, le=1.0, description="Age of the sensors a command answers above which it is refused [s]"),
-    ]
-    latency_file: Annotated[str, Field(description="Where to write the latencies; empty for none")]
-    lockstep: Annotated[
-        bool,
-        Field(
-            description="The plant waits for the command of each tick; sensors are then reliable "
-            "(for deterministic tests)"
-        ),
-    ]
-    speed: Annotated[float, Field(ge=0.01, le=1.0, description="Simulated over real time, without lockstep")]
-    real_time: Annotated[
-        Literal["yield", "strict"],
-        Field(description="Whether simulated time waits for late commands (yield) or follows the clock (strict)"),
-    ]
-    yield_lag: Annotated[
-        float, Field(ge=0.001, le=1.0, description="Age of the newest command from which simulated time waits [s]")
-    ]
-    yield_max: Annotated[
-        float, Field(ge=0.0, le=60.0, description="Longest wait; then time goes on and the drivers time out [s]")
-    ]
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="Seed of the simulated sensors' noise")]
-    sensor_noise: Annotated[bool, Field(description="Noise, bias and quantisation of the profile")]
-    sensor_errors: Annotated[
-        str, Field(description="Further errors of the simulated sensors: a file, or YAML; empty for none")
-    ]
+    yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time goes on and the drivers time out [s]
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
+    sensor_noise: bool  #: Noise, bias and quantisation of the profile
+    sensor_errors: str  #: Further errors of the simulated sensors: a file, or YAML; empty for none
     faults: FaultParameters
-    terrain: Annotated[str, Field(description="Ground: a name of models/config/terrain.yaml, or flat")]
-    payload: Annotated[float, Field(ge=0.0, le=100.0, description="Simulated mass that is not in the model [kg]")]
-    place: Annotated[
-        tuple[float, float, float],
-        Field(description="Start of the robot in a world of several: x [m], y [m], heading [rad]"),
-    ]
+    terrain: str  #: Ground: a name of models/config/terrain.yaml, or flat
+    payload: Annotated[float, Field(ge=0.0, le=100.0)]  #: Simulated mass that is not in the model [kg]
+    place: tuple[float, float, float]  #: Start of the robot in a world of several: x [m], y [m], heading [rad]
 
 
 def read_options(text: str) -> dict[str, Any]:

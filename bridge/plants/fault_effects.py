@@ -27,24 +27,18 @@ The true values may be kept."""
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """The channels of one target.
+    """The channels of one target."""
 
-    Attributes:
-        index: Channels (n,) of: the joint torques for motors, the readings of a scan for 'scan', positions, velocities
-            and torques of all joints and the stamp for 'joint_states' and 'stamps', and ``SensorNoise`` otherwise.
-        low, high: Full scale (n,).
-        blocks: Equal parts of ``index``, of which parameters concern the first; encoders have two, positions and
-            velocities, 'joint_states' three.
-        sources: Messages that are missing when the target is off.
-        derived: Whether a constant value implies zero velocities, as in an encoder.
-    """
-
+    #: Channels (n,) of: the joint torques for motors, the readings of a scan for 'scan', positions, velocities and
+    #: torques of all joints and the stamp for 'joint_states' and 'stamps', and ``SensorNoise`` otherwise
     index: NDArray[np.intp]
-    low: Vector
-    high: Vector
+    low: Vector  #: Full scale (n,)
+    high: Vector  #: Full scale (n,)
+    #: Equal parts of ``index``, of which parameters concern the first; encoders have two, positions and velocities,
+    #: 'joint_states' three
     blocks: int = 1
-    sources: frozenset[str] = frozenset()
-    derived: bool = False
+    sources: frozenset[str] = frozenset()  #: Messages that are missing when the target is off
+    derived: bool = False  #: Whether a constant value implies zero velocities, as in an encoder
 
     @property
     def first(self) -> NDArray[np.bool_]:
@@ -119,11 +113,7 @@ def _full_scale(model: RobotModel) -> tuple[Vector, Vector]:
 def effect_of(
     fault: Fault, channels: Channels, before: Vector, period: float, grace: float, rng: np.random.Generator
 ) -> Effect:
-    """The effect of a fault on its channels; ``ConfigError`` names a parameter that does not fit the target.
-
-    ``before`` are the values before the fault (n,); ``period`` is the tick [s]; ``grace`` is the number of ticks for
-    which the last value replaces a missing message, 0 where there is no message.
-    """
+    """The effect of a fault on channels ``before`` (n,), bridging ``grace`` missing messages; or ``ConfigError``."""
     fill = 0.0 if fault.is_motor else math.nan
     try:
         match fault.kind:

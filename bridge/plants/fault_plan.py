@@ -39,40 +39,24 @@ class Fault:
     """One fault of a sensor or a motor; ``docs/faults.md`` has every target and kind.
 
     ``value``, ``offset``, ``drift`` and ``scale`` are one number, or one for each axis or joint of the target, in the
-    units of ``SensorData``; those of encoders are positions.
-
-    Attributes:
-        target: One of ``TARGETS``.
-        kind: One of ``PARAMETERS``.
-        start: Begin, counted from the injection [s].
-        end: End, counted from the injection [s].
-        value: Replaces the true value.
-        offset: Added to the true value.
-        scale: Factor on the true value, or on the full scale [-].
-        drift: Growth of the added value, in its unit per second.
-        delay: Age of the values [s]; until the first arrives, the value before the fault is repeated.
-        rate: Rate of new values [Hz].
-        probability: Share of the ticks that are lost, each drawn independently [-].
-        period: Time from one interruption to the next [s].
-        share: Share of the period, from its beginning, that is lost [-]; a half by default.
-
-    Raises:
-        ConfigError: Target or kind is unknown, or a parameter is missing, of another kind, or out of range; names it.
+    units of ``SensorData``; those of encoders are positions. Raises ``ConfigError``, which names it, for an unknown
+    target or kind, or a parameter that is missing, of another kind, or out of range.
     """
 
-    target: str
-    kind: str
-    start: float = 0.0
-    end: float = math.inf
-    value: Numbers | None = None
-    offset: Numbers | None = None
-    scale: Numbers | None = None
-    drift: Numbers | None = None
+    target: str  #: One of ``TARGETS``
+    kind: str  #: One of ``PARAMETERS``
+    start: float = 0.0  #: Begin, counted from the injection [s]
+    end: float = math.inf  #: End, counted from the injection [s]
+    value: Numbers | None = None  #: Replaces the true value
+    offset: Numbers | None = None  #: Added to the true value
+    scale: Numbers | None = None  #: Factor on the true value, or on the full scale [-]
+    drift: Numbers | None = None  #: Growth of the added value, in its unit per second
+    #: Age of the values [s]; until the first arrives, the value before the fault is repeated
     delay: float | None = None
-    rate: float | None = None
-    probability: float | None = None
-    period: float | None = None
-    share: float | None = None
+    rate: float | None = None  #: Rate of new values [Hz]
+    probability: float | None = None  #: Share of the ticks that are lost, each drawn independently [-]
+    period: float | None = None  #: Time from one interruption to the next [s]
+    share: float | None = None  #: Share of the period, from its beginning, that is lost [-]; a half by default
 
     def __post_init__(self) -> None:
         if self.pattern not in TARGETS:
@@ -118,7 +102,6 @@ class Fault:
         return ConfigError(f"fault {self.target} {self.kind}: {name}: {why}")
 
     def _check(self, name: str, given: Any) -> None:
-        """Check one parameter: numbers, in range."""
         several = name in ("value", "offset", "scale", "drift")
         items = list(given) if several and isinstance(given, Sequence) and not isinstance(given, str) else [given]
         bounded = self.is_motor or self.target == "stamps"
@@ -158,10 +141,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """Faults injected together, at the 'release' of the robot, or at the 'start', before its sensors are averaged.
-
-    Raises ``ConfigError`` for any other ``since``.
-    """
+    """Faults injected together, at the 'release' of the robot, or at its 'start', before sensors are averaged."""
 
     faults: tuple[Fault, ...]
     since: str = RELEASE
@@ -206,7 +186,6 @@ def _folder() -> Path:
 
 
 def _read(given: str | Path) -> FaultPlan:
-    """A plan from YAML, a file or a name."""
     text = str(given).strip()
     if not text:
         return FaultPlan(())

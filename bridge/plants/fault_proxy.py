@@ -18,23 +18,15 @@ STREAM = 0xFA017  #: Separates random faults from the noise of the same seed
 
 @dataclass(slots=True)
 class _Injected:
-    """An injected fault.
-
-    Attributes:
-        channels: Its channels.
-        first, last: Ticks from the injection to its beginning and to its end.
-        rng: Random generator.
-        zero: Tick of the injection: the first one that could show the fault; None before that.
-        effect: Its effect; None before it begins.
-    """
+    """An injected fault."""
 
     fault: Fault
-    channels: Channels
-    first: int
-    last: float
-    rng: np.random.Generator
-    zero: int | None = None
-    effect: Effect | None = None
+    channels: Channels  #: Its channels
+    first: int  #: Ticks from the injection to its beginning and to its end
+    last: float  #: Ticks from the injection to its beginning and to its end
+    rng: np.random.Generator  #: Random generator
+    zero: int | None = None  #: Tick of the injection: the first one that could show the fault; None before that
+    effect: Effect | None = None  #: Its effect; None before it begins
 
     @property
     def stage(self) -> str:
@@ -55,18 +47,13 @@ class FaultProxy:
 
     ``plan`` is injected at every start or release; ``period`` is the tick [s]. Raises ``ConfigError`` when the plan
     does not fit the robot.
-
-    Attributes:
-        active: Whether there is any fault, begun or not.
-        missing: Messages missing in this tick: 'imu', 'foot:left', 'foot:right', 'joint_states'.
-        note: Callback for a sentence about an injection, a beginning or an end.
     """
 
     def __init__(self, model: RobotModel, *, period: float, seed: int, plan: Faults | None = None) -> None:
         self._model, self._period, self._seed = model, period, seed
         self._grace = round(MAX_AGE / period)
         self._plan = fault_plan(plan)
-        self.note: Callable[[str], None] = lambda text: None
+        self.note: Callable[[str], None] = lambda text: None  #: Told when a fault is injected, begins or ends
         self._injected: list[_Injected] = []
         self._count = 0
         self._clear()
@@ -75,7 +62,8 @@ class FaultProxy:
 
     def _clear(self) -> None:
         self._injected.clear()
-        self.active = self._not_finite = self._unstamped = False
+        self.active = self._not_finite = self._unstamped = False  #: Whether there is any fault, begun or not
+        #: Messages missing in this tick: 'imu', 'foot:left', 'foot:right', 'joint_states'
         self.missing = self._missing_sensors = frozenset[str]()
         self._transmitted: tuple[int, SensorData | None] | None = None
 
@@ -132,10 +120,7 @@ class FaultProxy:
             self.inject(self._plan)
 
     def sense(self, tick: int, values: Vector, before: Vector | None) -> None:
-        """Apply faults in place to the channels of ``SensorNoise`` in a tick of the plant.
-
-        ``before`` are the transmitted channels of the tick before; None for the first.
-        """
+        """Apply faults in place to the channels of a tick; ``before`` are those transmitted one tick earlier."""
         self._not_finite = self._unstamped = False
         self.missing, _ = self._apply("sensors", tick, values, before)
         self._missing_sensors = self.missing
@@ -152,10 +137,7 @@ class FaultProxy:
         return given
 
     def transmit(self, tick: int, sensors: SensorData) -> SensorData | None:
-        """The drivers' sample as the laws receive it; the same for every call in a tick.
-
-        It is ``sensors`` without faults of 'joint_states' and 'stamps'; None when the joints are missing.
-        """
+        """The drivers' sample as the laws receive it; None when the joints are missing."""
         if not self.active:
             return sensors
         if self._transmitted is None or self._transmitted[0] != tick:

@@ -29,36 +29,11 @@ class MujocoPlant(SimulatedPlant):
     ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``MujocoWorld.step``
     several together.
 
-    Args:
-        model: Robot.
-        seed: Seed of the sensor noise.
-        sensor_noise: True for the noise of the robot's profile, False for exact values, or a factor on noise and
-            biases.
-        friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
-        payload_kg: Mass at the torso that is not in the laws' model [kg].
-        terrain: The ground, or its name in ``models/config/terrain.yaml``.
-        timestep: Length of a tick [s]; the physics makes equal steps of at most 1 ms in it.
-        visuals: Load meshes for pictures; no effect on the dynamics.
-        sensor_errors: Sensor errors in addition to those of profile and seed.
-        faults: Faults of sensors and motors from the start or the release on.
-        world: World with a robot of this name; it then determines friction, payload_kg, terrain, timestep and visuals.
-            A new world with this robot alone when None.
-        name: Name of the robot in that world.
-
-    Attributes:
-        world: The world.
-        model: The compiled MuJoCo model.
-        data: Its state. For scoring and pictures only: no law may read it.
-        robot: The robot.
-        ground: Height of the ground; for scoring only.
-        obstacle: The box of a terrain that has one; ``reset`` puts it back in a world with one robot.
-        noise: Errors of the sensors; for scoring only.
-        mujoco: Indices of the robot in model and data.
-        faults: Injects faults into sensors and motors.
-
-    Raises:
-        ConfigError: An argument is out of range, or the world has no robot of this name, or another one.
-        RobotModelError: MuJoCo refuses the URDF.
+    ``sensor_noise`` is True for the noise of the profile, False for exact values, or a factor; ``sensor_errors`` and
+    ``faults`` add to it. A given ``world``, with a robot of this ``name``, determines friction, payload, terrain,
+    timestep and visuals; for the others see ``MujocoWorld``. ``data``, ``ground`` and ``noise`` are for scoring and
+    pictures only: no law may read them. Raises ``ConfigError`` for an argument out of range, or a world without this
+    robot.
     """
 
     def __init__(
@@ -78,8 +53,13 @@ class MujocoPlant(SimulatedPlant):
         name: str = ALONE,
     ) -> None:
         self.robot = model
-        self.world = world or MujocoWorld.alone(
-            model, friction=friction, payload_kg=payload_kg, terrain=terrain, timestep=timestep, visuals=visuals
+        self.world = world or MujocoWorld(
+            {ALONE: model},
+            friction=friction,
+            payload_kg={ALONE: payload_kg},
+            terrain=terrain,
+            timestep=timestep,
+            visuals=visuals,
         )
         present, self.mujoco = self.world.robot(name)
         if present is not model:
@@ -113,21 +93,17 @@ class MujocoPlant(SimulatedPlant):
 
     @property
     def t(self) -> float:
-        """Simulated time since ``reset`` [s]."""
         return self._tick * self.period
 
     @property
     def period(self) -> float:
-        """Length of a tick [s]."""
         return self._period
 
     @property
     def held(self) -> bool:
-        """Whether the base is held by the weld."""
         return self._held
 
     def reset(self, seed: int | None = None) -> None:
-        """Standing posture, soles on the floor, base held, no torque, sensor noise from its start or of a new seed."""
         self.world.put_back(self.name)
         self._held = True
         self._clamped = None
@@ -138,19 +114,16 @@ class MujocoPlant(SimulatedPlant):
         self._sample = self._values = self._command = None
 
     def hold(self) -> None:
-        """Hold the base where it is."""
         self.mujoco.hold(self.data, self._qpos[:3], np.roll(self._qpos[3:7], -1))
         self._held = True
 
     def release(self) -> None:
-        """Release the base."""
         self.mujoco.release(self.data)
         if self._held:
             self.faults.release()
         self._held = False
 
     def hoist(self, height: float) -> None:
-        """Lift the held robot by a height [m], as a crane does before any motion."""
         self._qpos[2] += height
         self.data.mocap_pos[self.mujoco.hold_mocap, 2] += height
         self._sample = None
@@ -167,7 +140,6 @@ class MujocoPlant(SimulatedPlant):
         self._sample = None
 
     def read(self) -> SensorData:
-        """Measurements of this tick; the same for every call."""
         if self._sample is None:
             nj, mj = self.robot.nj, self.mujoco
             values = np.empty(self.noise.size)
@@ -184,15 +156,12 @@ class MujocoPlant(SimulatedPlant):
         return self._sample
 
     def transmit(self, sensors: SensorData) -> SensorData | None:
-        """The sample of this tick as the laws receive it; None when a fault suppresses its joints."""
         return self.faults.transmit(self._tick, sensors)
 
     def transmit_scan(self, scan: Scan) -> Scan | None:
-        """A scan as the laws receive it; None when a fault suppresses it."""
         return self.faults.transmit_scan(self._tick, scan) if self.faults.active else scan
 
     def write(self, command: JointCommand) -> None:
-        """Set the command of the drives; MuJoCo clamps their torques to the limits."""
         sensors = self.read()
         self._command = command
         tau = drive_torque(self.robot, command, sensors.q, sensors.v)
@@ -234,21 +203,11 @@ class MujocoPlant(SimulatedPlant):
         self._sample = None
 
     def close(self) -> None:
-        """Release the torque."""
         self._command = None
         self._ctrl[self.mujoco.actuator] = 0.0
 
     def push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
-        """Push a body at its centre of mass from the next step on; overlapping pushes add up.
-
-        Args:
-            force: In W (3,) [N].
-            duration: [s], rounded to ticks, at least one.
-            body: Link of the URDF, or a REP-120 frame that stands for its link.
-
-        Raises:
-            CommandError: The body is unknown, or force or duration is invalid.
-        """
+        """Push a body or frame at its CoM from the next step on, rounded to ticks; overlapping pushes add up."""
         vector = np.asarray(force, dtype=np.float64)
         if vector.shape != (3,) or not np.isfinite(vector).all():
             raise CommandError(f"push: force {force} is not three finite numbers")
@@ -273,7 +232,6 @@ class MujocoPlant(SimulatedPlant):
 
     @property
     def load(self) -> float:
-        """Exact normal force on both soles [N]."""
         return float(self.wrenches[:, 2].sum())
 
     @property
@@ -283,7 +241,6 @@ class MujocoPlant(SimulatedPlant):
 
     @property
     def truth(self) -> RobotState:
-        """Exact state; for scoring only."""
         q, v = mujoco_to_pin(self.robot, self.mujoco, self._qpos, self._qvel)
         left, right = self.wrenches
         return RobotState(

@@ -14,10 +14,9 @@ from models.scan import SCAN_FRAME, Scan
 class LaserScanner:
     """Casts the rays of ``sensors.scan`` of the profile in the plane of frame ``scan``, which tilts with the robot.
 
-    All rays of a scan are taken at one instant; a real scanner takes one revolution, in which a walking robot moves by
-    some centimetres. They hit ground, obstacles and other robots, and pass through the robot itself, as behind a
-    self-filter. The noise has a separate generator, so the scanner does not change the run. ``noise`` is a factor on
-    the profile's noise; ``config`` is the profile's scanner. Raises ``ConfigError`` for a robot without one.
+    All rays of a scan are taken at one instant; they hit ground, obstacles and other robots, and pass through the robot
+    itself, as behind a self-filter. ``noise`` is a factor on the profile's noise, of a separate generator. Raises
+    ``ConfigError`` for a robot without a scanner.
     """
 
     def __init__(self, plant: MujocoPlant, seed: int = 0, noise: float = 1.0) -> None:

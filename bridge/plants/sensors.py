@@ -1,6 +1,5 @@
 """Errors of the simulated sensors: those of the robot's profile, and further ones."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -13,48 +12,12 @@ from models.config import parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES, Matrix, SensorData, Vector
-
-
-@dataclass(frozen=True, slots=True)
-class FootFault:
-    """A foot sensor, 'left' or 'right', with a constant output.
-
-    Attributes:
-        wrench: Output in the sole frame (6,) [N, N.m]: zero for stuck off, nan for absent.
-        start: Stamp of its beginning [s].
-        end: Stamp of its end [s].
-
-    Raises:
-        ConfigError: The foot is unknown, the wrench does not have six numbers, or the end is not after the start.
-    """
-
-    foot: str
-    wrench: ArrayLike = 0.0
-    start: float = 0.0
-    end: float = math.inf
-
-    def __post_init__(self) -> None:
-        if self.foot not in FOOT_NAMES:
-            raise ConfigError(f"foot fault: unknown foot '{self.foot}'; known: {', '.join(FOOT_NAMES)}")
-        if np.shape(self.wrench) not in ((), (6,)):
-            raise ConfigError(f"foot fault: wrench of shape {np.shape(self.wrench)}, expected one number or six")
-        if not self.start < self.end:
-            raise ConfigError(f"foot fault: it ends at {self.end} s, before it begins at {self.start} s")
-
-    def apply(self, t: float, wrenches: Matrix) -> None:
-        """Apply the fault to the wrenches (2, 6) [N, N.m] of a stamp [s]."""
-        if self.start <= t < self.end:
-            wrenches[FOOT_NAMES.index(self.foot)] = self.wrench
+from models.types import Matrix, SensorData, Vector
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """Sensor errors for tests and calibrations.
-
-    They add to those drawn from the profile and are not scaled by ``sensor_noise``. A single number stands for every
-    axis or joint.
-    """
+    """Errors besides those of the profile, not scaled by ``sensor_noise``; one number stands for all axes or joints."""
 
     gyro_bias: ArrayLike = 0.0  #: Constant error of the angular rate (3,) [rad/s]
     accel_bias: ArrayLike = 0.0  #: Constant error of the specific force (3,) [m/s^2]
@@ -66,7 +29,6 @@ class SensorErrors:
     force_offsets: ArrayLike = 0.0  #: Force that each foot reads without load, in its sole frame (2, 3) [N]
     torque_offsets: ArrayLike = 0.0  #: The same for the torque (2, 3) [N.m]
     wrench_gains: ArrayLike = 0.0  #: Relative gain error of each axis of each foot (2, 6) [-]
-    foot_faults: tuple[FootFault, ...] = ()  #: Foot sensors that fail, and when
 
     def array(self, name: str, shape: tuple[int, ...]) -> Matrix:
         """One field as an array of a shape; ``ConfigError`` names a field of another shape or not finite."""
@@ -94,10 +56,7 @@ class SensorErrors:
 
 
 def read_sensor_errors(text: str) -> SensorErrors | None:
-    """Sensor errors of a YAML file, or of YAML itself, such as ``{gyro_bias: [0.05, 0, 0], force_offsets: 15}``.
-
-    An empty text means no errors. Raises ``ConfigError`` for no mapping or an unknown error; values are checked later.
-    """
+    """Errors from a YAML file or YAML such as ``{gyro_bias: [0.05, 0, 0]}``, None if empty; else ``ConfigError``."""
     if not text.strip():
         return None
     inline = text.lstrip().startswith("{")
@@ -127,14 +86,11 @@ class SensorNoise:
     - foot wrenches: sigma and turn-on offset o from the profile; A = 1 + diag(gain) + crosstalk, whose element i, j is
       a share drawn once per seed times range_i / range_j.
 
-    Encoders, IMU and feet have an age each; x(t - a) is interpolated between the last two ticks. Random
-    values depend only on the non-negative seed and on the number of calls of ``advance`` since ``reset``. ``scale``
-    multiplies all of them; with 0 the measurements are exact and not rounded. ``errors`` are added independent of it.
-    ``period`` is the tick [s].
-
-    Raises:
-        ConfigError: The seed is negative, ``scale`` is negative or not finite, or ``errors`` is unusable.
-        JointNameError: ``errors`` names an unknown joint.
+    Encoders, IMU and feet have an age each; x(t - a) is interpolated between the last two ticks. Random values depend
+    only on the non-negative seed and on the number of calls of ``advance`` since ``reset``. ``scale`` multiplies all of
+    them; with 0 the measurements are exact and not rounded. ``errors`` are added independent of it. ``period`` is the
+    tick [s]. Raises ``ConfigError`` when the seed is negative, ``scale`` is negative or not finite, or ``errors`` is
+    unusable, ``JointNameError`` when ``errors`` names an unknown joint.
     """
 
     def __init__(
@@ -236,11 +192,7 @@ class SensorNoise:
                 self._age_rng.random(out=self._ages)
 
     def measure(self, t: float, exact: NDArray[np.float64]) -> SensorData:
-        """Measurements of this tick at a stamp [s].
-
-        ``exact`` are the true values of all channels (size,); it is changed in place, and the arrays of the sample are
-        views of it.
-        """
+        """Measurements at a stamp [s]: views of ``exact``, the true channels (size,), which is changed in place."""
         nj = self._nj
         if self._exact:
             return unpack(t, exact, nj)
@@ -254,8 +206,6 @@ class SensorNoise:
         else:
             exact += self._bias
         sensors = unpack(t, exact, nj)
-        for fault in self._given.foot_faults:
-            fault.apply(t, sensors.wrenches)
         if not self._feet_spec.fitted:
             sensors.wrenches[:] = np.nan
         return sensors

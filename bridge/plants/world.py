@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from models.errors import CommandError, ConfigError
-from models.mujoco_model import MujocoModel, build_mujoco, build_mujoco_world, pin_to_mujoco
+from models.mujoco_model import MujocoModel, build_mujoco_world, pin_to_mujoco
 from models.mujoco_spec import OBSTACLE, parked
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Ground, Terrain, terrain_named
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SPACING = 1.5  #: Distance along y of robots without a place [m]
 STEP_MAX = 0.001  #: Longest physics step; a longer tick is divided into equal steps [s]
-ALONE = ""  #: Name of the only robot of a world
+ALONE = ""  #: Name of the only robot of a world; names in MuJoCo then have no prefix
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,27 +73,10 @@ class MujocoWorld:
     ``step`` moves the given robots. The others stand still as if no time passed: their positions and velocities are
     restored after the physics. So each robot may be started or reset separately.
 
-    Args:
-        robots: The robots by name.
-        places: Start poses by name; side by side along y, ``SPACING`` apart, for those left out.
-        friction: Coulomb coefficient of sole on floor [-]; the smallest of the profiles' when None.
-        payload_kg: Mass at the torso that is not in the laws' model, by the robot's name [kg].
-        terrain: The ground, or its name in ``models/config/terrain.yaml``.
-        timestep: Length of a tick [s]; the physics makes equal steps of at most ``STEP_MAX`` in it.
-        visuals: Load meshes for pictures; no effect on the dynamics.
-
-    Attributes:
-        model: The compiled MuJoCo model.
-        data: Its state.
-        robots: Indices of each robot in them.
-        ground: Height of the ground.
-        obstacle: The box of a terrain that has one.
-        period: Length of a tick [s].
-        substeps: Physics steps in a tick.
-
-    Raises:
-        ConfigError: An argument is out of range, a place is of no robot, or two robots touch at the start.
-        RobotModelError: MuJoCo refuses a robot.
+    ``places`` are start poses by name, side by side along y, ``SPACING`` apart, for those left out. ``timestep`` is the
+    length of a tick [s], in which the physics makes equal steps of at most ``STEP_MAX``; the other arguments are those
+    of ``build_mujoco_world``. Raises ``ConfigError`` for an argument out of range, a place of no robot, or two robots
+    that touch at the start.
     """
 
     def __init__(
@@ -120,7 +103,12 @@ class MujocoWorld:
             terrain=terrain,
         )
         beside = {name: Place(y=SPACING * number) for number, name in enumerate(robots)}
-        self._set_up(robots, built, beside | dict(places or {}), terrain, timestep)
+        self.period, self.substeps = timestep, round(timestep / physics_step(timestep))
+        self._models, self.robots, self._places = robots, built, beside | dict(places or {})
+        self.model = next(iter(built.values())).model
+        self.data = mujoco.MjData(self.model)
+        self.ground = Ground(terrain)
+        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
         for number, mj in enumerate(built.values()):
             self.data.qpos[mj.qpos.start] = SPACING * 100.0 * number  # apart, until each is reset to its place
         for name in robots:
@@ -129,46 +117,6 @@ class MujocoWorld:
             except CommandError as error:
                 raise ConfigError(f"{error}: place them farther apart") from error
 
-    @classmethod
-    def alone(
-        cls,
-        robot: RobotModel,
-        *,
-        friction: float | None = None,
-        payload_kg: float = 0.0,
-        terrain: str | Terrain = FLAT,
-        timestep: float = 0.001,
-        visuals: bool = False,
-    ) -> MujocoWorld:
-        """The world of one robot, named ``ALONE``, that starts at the origin; arguments and errors as above."""
-        terrain = terrain_named(terrain)
-        built = build_mujoco(
-            robot,
-            timestep=physics_step(timestep),
-            visuals=visuals,
-            friction=friction,
-            payload_kg=payload_kg,
-            terrain=terrain,
-        )
-        world = cls.__new__(cls)
-        world._set_up({ALONE: robot}, {ALONE: built}, {ALONE: Place()}, terrain, timestep)
-        return world
-
-    def _set_up(
-        self,
-        models: Mapping[str, RobotModel],
-        robots: Mapping[str, MujocoModel],
-        places: Mapping[str, Place],
-        terrain: Terrain,
-        period: float,
-    ) -> None:
-        self.period, self.substeps = period, round(period / physics_step(period))
-        self._models, self.robots, self._places = models, robots, places
-        self.model = next(iter(robots.values())).model
-        self.data = mujoco.MjData(self.model)
-        self.ground = Ground(terrain)
-        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
-
     def robot(self, name: str) -> tuple[RobotModel, MujocoModel]:
         """A robot by name; ``ConfigError`` for an unknown one."""
         if name not in self.robots:
@@ -176,11 +124,7 @@ class MujocoWorld:
         return self._models[name], self.robots[name]
 
     def put_back(self, name: str) -> None:
-        """Reset a robot to its place: standing posture, soles on the ground, base held, no torque; others stay.
-
-        A single robot resets the whole world, obstacle included. Raises ``CommandError``, with no change, when another
-        robot is in its place.
-        """
+        """Reset a robot (alone: the whole world) to its place, held; ``CommandError`` when another one is there."""
         robot, mj = self.robot(name)
         data, q = self.data, self._start(name)
         if len(self.robots) == 1:
@@ -249,11 +193,10 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class BarePhysics:
-    """Records the start and the controls of a part of a run, and repeats it in a separate state, ``data``.
+    """Records start and controls of a part of a run of at most ``ticks``, and repeats it in a separate ``data``.
 
     ``MujocoWorld`` makes ``mj_step`` in two halves, so ``replay`` passes the same states as long as only the actuators
-    have acted since the tick before ``begin``. Its time is the least that a tick can take. ``ticks`` is the longest
-    part.
+    have acted since the tick before ``begin``. Its time is the least that a tick can take.
     """
 
     def __init__(self, model: mujoco.MjModel, ticks: int) -> None:

@@ -43,11 +43,7 @@ class Episode:
 
 
 def observed(robot: RobotModel) -> Quantity:
-    """Columns of an observation: measured joints, estimated base, IMU, and the foot sensors where fitted.
-
-    All in the frames of the sensors and ``base_link``; the base's quaternion is xyzw from ``base_link`` to ``odom``.
-    The base's x and y are left out: they drift and are irrelevant to the task.
-    """
+    """Columns of an observation in the frames of the sensors and ``base_link``; x and y, which drift, are left out."""
     columns = _joint_columns(robot)
     columns += [("base.z", "m"), *((f"base.q{axis}", "1") for axis in "xyzw")]
     for kind, unit in (("base.v", "m/s"), ("base.w", "rad/s"), ("imu.gyro_", "rad/s"), ("imu.accel_", "m/s^2")):

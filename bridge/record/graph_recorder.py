@@ -35,7 +35,7 @@ RECEIVE_BUFFER = 8_000_000
 #: Topics logged at their stamp; the others are logged at that of the newest joints
 STAMPED = frozenset(
     {
-        *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_COMMAND),
+        *(topics.JOINT_STATES, topics.IMU_RAW, *topics.FOOT_WRENCHES, topics.JOINT_SETPOINTS),
         *(topics.ODOM, topics.GROUND_TRUTH, topics.IMU_DATA, topics.EXTERNAL_WRENCH),
     }
 )
@@ -95,7 +95,6 @@ class GraphRecorder:
             self._log.describe(DESCRIPTION, {ROBOT: self.robot})
 
     def _run(self, node: Any, executor: Any, seconds: float | None, stop: Stop, say: Callable[[str], object]) -> None:
-        """Serve messages until the end, and poll for new topics."""
         begin = since = now = time.monotonic()
         before, waited, due = 0, False, 0.0
         while not stop.requested and (seconds is None or self.duration < seconds):
@@ -114,7 +113,6 @@ class GraphRecorder:
                 say("waiting for the robot (poise up); Ctrl-C ends")
 
     def _look(self, node: Any) -> None:
-        """Subscribe to new topics."""
         present = {name for name, _ in node.get_topic_names_and_types()}
         for topic, kind in TYPES.items():
             name = node.resolve_topic_name(topic)
@@ -180,11 +178,7 @@ SPIN = 0.1  #: Longest wait for a callback [s]
 
 
 class ImuListener:
-    """Passes samples to ``take`` (stamp [ns], sample, serialised message) and counts them.
-
-    ``first`` and ``last`` are stamps [ns], None before the first; ``refused`` counts malformed messages, and stamps
-    that are not newer than the last one.
-    """
+    """Passes samples to ``take`` (stamp [ns], sample, message) and counts them, malformed or old as ``refused``."""
 
     def __init__(self, take: Callable[[int, ImuSample, bytes], None]) -> None:
         self._take, self._codec = take, OrientedImuCodec(topics.IMU_FRAME)

@@ -41,11 +41,9 @@ Columns = dict[str, NDArray[Any]]
 
 
 class LeRobotDataset:
-    """Collects episodes with ``fps`` frames per second; the whole folder appears at ``close``.
+    """Collects episodes; the whole new ``folder`` appears at ``close``. ``PoiseError`` if it is in use.
 
-    ``folder`` must not exist, or be empty. ``state`` and ``action`` are the columns of ``observation.state`` and
-    ``action``; ``lengths`` are task and number of frames of every episode. Raises ``PoiseError`` when the folder is in
-    use or cannot be written.
+    ``lengths`` are task and number of frames of every episode.
     """
 
     def __init__(self, folder: Path, robot: str, fps: int, state: Quantity, action: Quantity) -> None:

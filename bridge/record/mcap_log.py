@@ -1,14 +1,17 @@
 """MCAP files of serialised ROS 2 messages, for Foxglove, PlotJuggler and ``ros2 bag``, and their topics."""
 
+import os
+import sysconfig
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
 from mcap.writer import Writer
 
+from models.errors import MessageError
 from models.files import part_beside
 from models.nodes import topics
-from models.nodes.message_text import message_text
 
 DESCRIPTION, ROBOT = "poise", "robot"  #: Metadata record of the file, and its key with the name of the robot's profile
 DIAGNOSTICS = "/diagnostics"
@@ -25,12 +28,13 @@ _TOPICS = {
     "geometry_msgs/msg/TwistStamped": (topics.CMD_VEL_STAMPED,),
     "geometry_msgs/msg/PoseStamped": (topics.GOAL_POSE,),
     "geometry_msgs/msg/Vector3Stamped": (topics.VISION_BEARING,),
-    "trajectory_msgs/msg/JointTrajectory": (topics.JOINT_COMMAND, topics.MOTION_TRAJECTORY),
+    "trajectory_msgs/msg/JointTrajectory": (topics.JOINT_SETPOINTS, topics.JOINT_TRAJECTORY, topics.MOTION_TRAJECTORY),
     "nav_msgs/msg/Odometry": (topics.ODOM, topics.GROUND_TRUTH),
     "nav_msgs/msg/Path": (topics.FOOTSTEPS, topics.FOOTSTEPS_TAKEN, topics.FOOTSTEPS_COMMAND),
     "tf2_msgs/msg/TFMessage": (topics.TF, topics.TF_STATIC),
     "rosgraph_msgs/msg/Clock": (topics.CLOCK,),
     "diagnostic_msgs/msg/DiagnosticArray": (DIAGNOSTICS,),
+    "diagnostic_msgs/msg/DiagnosticStatus": (topics.REFUSALS,),
     "std_msgs/msg/UInt8MultiArray": (topics.CONTACTS,),
     "std_msgs/msg/Bool": (topics.VISION_DETECTED,),
     "std_msgs/msg/Empty": (topics.GAIT_STOP,),
@@ -74,13 +78,49 @@ class McapLog:
         """Write metadata."""
         self._writer.add_metadata(name, dict(data))
 
-    def close(self) -> None:
-        """Complete the file and move it to its path."""
-        self._writer.finish()
+    def close(self, *, keep: bool = True) -> None:
+        """Complete the file and move it to its path, or delete it."""
+        if keep:
+            self._writer.finish()
         self._file.close()
-        self._part.replace(self._path)
+        if keep:
+            self._part.replace(self._path)
+        else:
+            self._part.unlink()
 
-    def discard(self) -> None:
-        """Delete the incomplete file."""
-        self._file.close()
-        self._part.unlink()
+
+_RULE = 80 * "="
+
+
+def message_text(name: str) -> str:
+    """Definition of a message and of all messages in it (MCAP's ``ros2msg``); ``MessageError`` when not installed."""
+    own, *others = _closure(name)
+    parts = [f"\n{_RULE}\nMSG: {other.replace('/msg/', '/')}\n{_text(other)}" for other in others]
+    return "".join([_text(own), *parts])
+
+
+@cache
+def _text(name: str) -> str:
+    sourced = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    for prefix in (*sourced, sysconfig.get_path("data")):  # the wheels' share folder is that of the environment
+        path = Path(prefix) / "share" / f"{name}.msg"
+        if path.is_file():
+            return path.read_text(encoding="utf-8")
+    raise MessageError(f"{name}: its definition is not installed")
+
+
+def _closure(name: str) -> list[str]:
+    """The message and every message in it, each once."""
+    found = [name]
+    for each in found:
+        package = each.partition("/")[0]
+        for line in _text(each).splitlines():
+            words = line.partition("#")[0].split()
+            kind = words[0].partition("[")[0] if words else ""
+            if not kind[:1].isupper() and "/" not in kind:
+                continue  # a primitive type
+            where, _, short = kind.rpartition("/")
+            full = f"{where.removesuffix('/msg') or package}/msg/{short}"
+            if full not in found:
+                found.append(full)
+    return found

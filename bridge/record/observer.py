@@ -23,11 +23,7 @@ from models.types import Matrix, Vector
 
 
 class Observer:
-    """Stores the newest sample of each topic at every ``poll`` and joins them by their stamps afterwards.
-
-    Its subscriptions have no executor, so samples between two polls cost nothing. ``context`` is a ROS context, the
-    default one when None.
-    """
+    """Stores the newest sample of each topic at every ``poll``, without an executor, and joins them by stamps later."""
 
     def __init__(self, model: RobotModel, context: Context | None = None) -> None:
         self._model, self._data = model, model.data()
@@ -56,7 +52,9 @@ class Observer:
                 continue
             stamp, *values = decode(data)
             rows = self._rows[topic]
-            if rows and stamp <= rows[-1][0]:
+            if rows and stamp == rows[-1][0]:
+                continue  # published again while time waits
+            if rows and stamp < rows[-1][0]:
                 rows.clear()  # a new run, as after a reset
             rows.append((stamp, np.concatenate(values)))
             if topic == topics.GROUND_TRUTH:

@@ -1,7 +1,7 @@
-"""Film strip of a recorded run, or of runs of several robots in one world, drawn by MuJoCo without a display.
+"""Film strip or animation of a recorded run, or of several robots in one world, drawn by MuJoCo without a display.
 
 Run as ``python -m bridge.record.render [--profile PROFILE] RECORDING... PICTURE`` in a separate process: broken OpenGL
-libraries end the process that loads them.
+libraries end the process that loads them. A picture named ``.gif`` is an animation.
 """
 
 import argparse
@@ -19,17 +19,15 @@ from models.errors import PoiseError
 
 FRAMES, ROWS = 12, 2  #: Pictures in a film strip, and rows of it [-]
 FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
+GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
+GIF_COLORS = 32  #: Of its palette [-]
 DONE = "done"  #: Last word of the events that end a part of the run
 NOT_OURS = 3  #: Exit status for errors of the recording or the profile, not of the graphics
 GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
 
 
 def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
-    """Draw a film strip from a file of ``Recording.save`` to a PNG file, in another process.
-
-    ``robot`` is a profile, by name or path, that of the recording when empty; ``timeout`` is in [s]. Returns an empty
-    text, or why the picture was not written and which package to install.
-    """
+    """Draw a film strip of a file of ``Recording.save`` in another process; returns why not, or an empty text."""
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
     command = [sys.executable, "-m", "bridge.record.render", "--profile", robot, str(recording_file), str(picture)]
@@ -85,10 +83,10 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
 
 
 def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> None:
-    """Draw the film strip in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
+    """Draw in this process; needs ``MUJOCO_GL`` set before MuJoCo is first imported.
 
     The recordings, one for each robot, have the same stamps; the events of the first are shown. ``picture`` is PNG or
-    JPEG by its name; ``profile`` replaces those of the recordings unless empty.
+    JPEG, or an animation (GIF), by its name; ``profile`` replaces those of the recordings unless empty.
     """
     import mujoco
     from PIL import Image, ImageDraw, ImageFont
@@ -101,7 +99,10 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
     world = {"0": build_mujoco(robots["0"], visuals=True)} if alone else build_mujoco_world(robots, visuals=True)
     model, recording = world["0"].model, recordings[0]
     data = mujoco.MjData(model)
-    width, height = FRAME_SIZE
+    animated = picture.suffix == ".gif"
+    width, height = GIF_SIZE if animated else FRAME_SIZE
+    t = recording.t
+    times = list(np.arange(t[0], t[-1], GIF_SPEED / GIF_RATE)) if animated else frame_times(recording)
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     camera = mujoco.MjvCamera()
     tall = max(float(each.q[0, 2]) for each in recordings) / 0.55  # the pelvis is a little above half a body's height
@@ -109,11 +110,11 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
     spread = float(np.linalg.norm(np.ptp(places, axis=0), axis=1).max())
     camera.distance, camera.azimuth, camera.elevation = 1.45 * (tall + spread), 150.0, -12.0
     model.vis.map.shadowclip, model.vis.quality.shadowsize = 2.0, 4096  # a narrow, fine map: no speckles
-    font = ImageFont.load_default(size=18)
-    strip = Image.new("RGB", (width * FRAMES // ROWS, height * ROWS))
+    font = ImageFont.load_default(size=10 if animated else 18)
+    frames = []
     with mujoco.Renderer(model, height, width) as renderer:
-        for number, time in enumerate(frame_times(recording)):
-            index = min(int(np.searchsorted(recording.t, time)), len(recording.t) - 1)
+        for time in times:
+            index = min(int(np.searchsorted(t, time)), len(t) - 1)
             for name, each in zip(world, recordings, strict=True):
                 mj = world[name]
                 state = pin_to_mujoco(robots[name], mj, each.q[index], each.v[index])
@@ -123,11 +124,18 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
-            label = f"{time - recording.t[0]:.1f} s  {happened[-1] if happened else ''}"
+            label = f"{time - t[0]:.1f} s  {happened[-1] if happened else ''}"
             ImageDraw.Draw(frame).text((8, 6), label, fill=(30, 40, 60), font=font)
-            row, column = divmod(number, FRAMES // ROWS)
-            strip.paste(frame, (column * width, row * height))
+            frames.append(frame)
     picture.parent.mkdir(parents=True, exist_ok=True)
+    if animated:
+        frames = [frame.quantize(GIF_COLORS, dither=Image.Dither.NONE) for frame in frames]
+        frames[0].save(picture, save_all=True, append_images=frames[1:], duration=1000 // GIF_RATE, loop=0)
+        return
+    strip = Image.new("RGB", (width * FRAMES // ROWS, height * ROWS))
+    for number, frame in enumerate(frames):
+        row, column = divmod(number, FRAMES // ROWS)
+        strip.paste(frame, (column * width, row * height))
     strip.save(picture)
 
 

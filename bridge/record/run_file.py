@@ -62,11 +62,7 @@ def missing(stamps: Iterable[int]) -> int:
 
 
 def read_run(path: Path, robot: str = "") -> RecordedRun:
-    """Read an MCAP file of ``poise record`` or of ``ClosedLoop(mcap=...)``.
-
-    ``robot`` is a profile, by name or path; that of the file when empty. Raises ``PoiseError`` when it is no such file,
-    or a message in it is malformed.
-    """
+    """Read an MCAP file of ``poise record`` or a closed loop, of its robot or a given profile; or ``PoiseError``."""
     if path.suffix == SUFFIX:
         raise PoiseError(f"{path}: is a black box, not a recording; `poise log black-box` draws it")
     try:
@@ -78,6 +74,10 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
                 raise PoiseError(f"{path}: does not say which robot it is of; name it with --robot")
             run = RecordedRun(RobotModel.load(name))
             takers = _takers(run)
+            summary = reader.get_summary()
+            recorded = set() if summary is None else {each.topic.lstrip("/") for each in summary.channels.values()}
+            if topics.JOINT_SETPOINTS not in recorded:  # of an earlier version, whose setpoints had this name
+                takers[topics.JOINT_TRAJECTORY] = takers[topics.JOINT_SETPOINTS]
             for _, channel, message in reader.iter_messages():
                 take = takers.get(channel.topic.lstrip("/"))
                 if take is not None:
@@ -118,10 +118,10 @@ def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], object]]:
         topics.JOINT_STATES: lambda stamp, data: run.joints.update({stamp: joints.read(data)}),
         topics.IMU_RAW: lambda stamp, data: run.imu.update({stamp: imu.read(data)[1:]}),
         **{topics.FOOT_WRENCHES[foot]: take_foot(foot) for foot in range(len(FOOT_NAMES))},
-        topics.JOINT_COMMAND: take_command,
+        topics.JOINT_SETPOINTS: take_command,
         topics.ODOM: take_base(run.estimates),
         topics.GROUND_TRUTH: take_base(run.truths),
         topics.APPLIED: lambda _, data: run.notes.append(TickInputs.read(decode(data, String).data)),
-        topics.MOTION_TRAJECTORY: take_motion,
+        **dict.fromkeys((topics.JOINT_TRAJECTORY, topics.MOTION_TRAJECTORY), take_motion),
         **{topic: take_text(topic) for topic in (topics.MODE, topics.HUMANOID_COMMANDS, EVENTS)},
     }

@@ -67,10 +67,7 @@ class ReplayReport:
 
 
 def replay(run: RecordedRun) -> ReplayReport:
-    """Run the laws from the estimator's first start in a recording; ``PoiseError`` without one or without sensors.
-
-    Raises ``ConfigError`` when the settings are not of this version.
-    """
+    """Run the laws from the estimator's first start in a recording; ``PoiseError`` without one or without sensors."""
     start = next((note for note in run.notes if note.value("start") is not None), None)
     if start is None:
         raise PoiseError(

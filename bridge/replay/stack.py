@@ -9,8 +9,8 @@ import numpy as np
 from controllers.balance.head import HeadConfig
 from controllers.estimation.config import EstimatorConfig
 from controllers.input_log import Entry, InputLog, TickInputs
-from controllers.recording.checkpoints import ReplayStart
-from controllers.stack import ControlStack, StackConfig, StackMemory
+from controllers.recording.black_box_file import ReplayStart
+from controllers.stack import ControlStack, StackConfig, StackSnapshot
 from controllers.whole_body.config import BalanceConfig, WholeBodyConfig
 from models.calibration import Calibration
 from models.config import parse_config
@@ -43,10 +43,9 @@ def stack_config(settings: Mapping[str, dict[str, Any]]) -> StackConfig:
 
 
 class ReplayedStack:
-    """A stack configured as the recorded one, driven by samples and inputs.
+    """A stack with the recorded ``settings``, driven by samples and inputs; ``motions`` are by number.
 
-    ``settings`` are those of every stage, as in ``InputLog``; ``motions`` are trajectories by their number. ``begun``
-    is set once the laws have started over: from then on their commands are those of the recording.
+    Once the laws have started over (``begun``), their commands are those of the recording.
     """
 
     def __init__(
@@ -86,24 +85,16 @@ class ReplayedStack:
         for name, stage in record["stages"].items():
             begin = stage["begin"]
             restore(self._log.stages[name], start.data[begin : begin + stage["size"]], stage)
-        self._stack.recall(_memory(record["memory"]))
+        self._stack.restore(_memory(record["memory"]))
         for word in ("dt", "law_dt"):
             self._apply((word, *record["in_force"].get(word, (0.0,))))
         self.begun = self._estimating = self._steps = True
 
     def tick(self, sensors: SensorData, inputs: TickInputs | None, dt: float | None = None) -> JointCommand | None:
-        """One tick.
+        """One tick; the command, or None when no law moved the joints or their initial state is unknown.
 
-        Args:
-            sensors: The sample as measured.
-            inputs: Of the stack; None without any.
-            dt: Time since the last sample where it is not the recorded one, because samples are missing [s].
-
-        Returns:
-            The command; None when no law moved the joints, or when the initial state of the laws is unknown.
-
-        Raises:
-            PoiseError: An input cannot be repeated.
+        ``dt`` is the time since the last sample where that is not the recorded one, because samples are missing [s].
+        Raises ``PoiseError`` when an input cannot be repeated.
         """
         self._steps = True
         self._apply(*(() if inputs is None else inputs.before))
@@ -160,10 +151,10 @@ class ReplayedStack:
             self._stack.stop_motion()
 
 
-def _memory(record: dict[str, Any]) -> StackMemory:
+def _memory(record: dict[str, Any]) -> StackSnapshot:
     state = {name: np.array(record["state"][name], dtype=float) for name in ("q", "v", "tau")}
     left, right = (ContactState(active, np.array(wrench)) for active, wrench in record["state"]["contacts"])
-    return StackMemory(
+    return StackSnapshot(
         RobotState(record["state"]["t"], contacts=(left, right), **state),
         None if record["scheduled"] is None else (record["scheduled"][0], record["scheduled"][1]),
         Mode(record["mode"]),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import participant
@@ -17,12 +17,13 @@ from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
 from models.nodes.status import subscribe_status
-from models.status import MotionState, MotionStatus, SupervisorStatus
-from models.types import CommandReply
+from models.status import GET_UP, MotionState, MotionStatus, SupervisorStatus
+from models.types import CommandReply, Mode
 
 if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
 
+PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 
 
@@ -130,27 +131,29 @@ class Client:
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
-        """Send a text command and wait for its effect.
+        """Send a text command; returns the supervisor's answer, or that of the motion planner if it comes soon.
 
-        A refusal appears in the status of the supervisor, a motion on ``motion/status``; a command with neither, such
-        as stop, counts as accepted after ``timeout`` [s], which is also the longest wait for the supervisor's status
-        before sending. Raises ``CommandError`` when no supervisor subscribes.
+        Each is awaited for ``timeout`` [s], a motion for ``PLANNING`` [s]. Raises ``CommandError`` when no supervisor
+        subscribes.
         """
         self.wait(lambda: self.status is not None, timeout)
         before = self.status
-
-        def refused() -> bool:
-            return before is not None and self.status is not None and self.status.refused > before.refused
-
         self.motions.clear()
         self.send(text)
-        self.wait(lambda: bool(self.motions) or refused(), timeout)
+
+        def answered() -> bool:
+            return before is not None and self.status is not None and self.status.answered > before.answered
+
+        self.wait(lambda: bool(self.motions) or answered(), timeout)
+        status = self.status
+        if answered() and status is not None and before is not None and status.refused > before.refused:
+            return CommandReply(False, status.refusal)
+        if status is not None and status.motion:
+            self.wait(lambda: bool(self.motions), PLANNING)
         if self.motions:
             motion = self.motions[0]
             return CommandReply(motion.state is not MotionState.REFUSED, f"{text[:32]}: {motion}")
-        if refused() and self.status is not None:
-            return CommandReply(False, self.status.refusal)
-        return CommandReply(True, f"sent; mode {self.mode or 'unknown'}")
+        return CommandReply(True, status.answer if answered() and status is not None else "sent; no answer yet")
 
     def trigger(self, service: str, timeout: float = 5.0, answer_timeout: float | None = None) -> CommandReply:
         """Call a std_srvs/Trigger service; numbers in its answer become details.
@@ -178,3 +181,41 @@ class Client:
             return future.result()
         finally:
             self.node.destroy_client(client)
+
+
+ROBOT_TIMEOUT = 2.0  #: Longest wait for a robot [s]
+TOPICS_TIMEOUT = 1.0  #: Longest wait for the other topics after that [s]
+
+
+def overview(client: Client) -> dict[str, str]:
+    """Lines by their name; ``PoiseError`` when no robot is up."""
+    factor: list[float] = []
+    commander: list[str] = []
+    listen = client.node.create_subscription
+    listen(Float64, topics.REAL_TIME_FACTOR, lambda message: factor.append(message.data), LATCHED)
+    listen(String, topics.COMMANDER, lambda message: commander.append(message.data), LATCHED)
+    client.robot(ROBOT_TIMEOUT)
+    client.wait(lambda: bool(factor and commander and client.driver_state), TOPICS_TIMEOUT)
+    status = client.status
+    assert status is not None  # there is a robot
+    return {
+        "robot": f"{status.robot}, mode '{status.mode.value}', drivers '{client.driver_state or 'unknown'}'",
+        "faults": "; ".join((*status.faults, *status.holds)) or "none",
+        "real-time factor": f"{factor[-1]:.2f}" if factor else "unknown",
+        "in command": commander[-1] if commander else "unknown",
+        "next": next_step(status),
+    }
+
+
+def next_step(status: SupervisorStatus) -> str:
+    """What to do next, by the supervisor's status."""
+    moving = status.mode not in (Mode.OFF, Mode.DAMP)
+    if status.fallen and not moving:
+        return GET_UP
+    if status.faults:
+        return "poise mode reset_faults" + ("" if moving else "; poise mode stand")
+    if status.mode is Mode.STAND:
+        return "poise send wave; poise walk 0.3 0 0; poise teleop"
+    if moving:
+        return "poise send stop"
+    return f"wait, or mend: {'; '.join(status.preflight)}" if status.preflight else "poise mode stand"

@@ -90,22 +90,42 @@ def free_domain() -> int:
     """
     for candidate in itertools.islice(_domains, DOMAIN_MAX):
         domain = 1 + candidate % DOMAIN_MAX
-        claim = _claim(domain)
-        if claim is not None and _is_free(domain):
+        claim = _lock(f"domain-{domain}")
+        if not isinstance(claim, str) and _is_free(domain):
             _claims.append(claim)
             return domain
     raise PoiseError("every ROS domain is in use")
 
 
-def _claim(domain: int) -> IO[str] | None:
-    """Lock file of a domain, held while open; None where another process holds it."""
-    file = (Path(tempfile.gettempdir()) / f"poise-domain-{os.getuid()}-{domain}.lock").open("w")
+def _lock(name: str, note: str = "") -> IO[str] | str:
+    """Lock file of this user, held while open; the holder's note where another process holds it."""
+    file = (Path(tempfile.gettempdir()) / f"poise-{name}-{os.getuid()}.lock").open("a+", encoding="utf-8")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        file.close()
-        return None
+        with file:
+            file.seek(0)
+            return file.read()
+    file.truncate(0)
+    file.write(note)
+    file.flush()
     return file
+
+
+def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
+    """Lock file of the graph of a domain and a namespace on this machine, held while open.
+
+    ``PoiseError`` names the robot and the process of the graph that runs there.
+    """
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or 0) if domain_id is None else domain_id
+    held = _lock(f"graph-{domain}{namespace.replace('/', '-')}", f"{robot}, process {os.getpid()}")
+    if isinstance(held, str):
+        place = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
+        raise PoiseError(
+            f"already running in {place}: {held}; end it with Ctrl-C there, or give this one another --namespace or "
+            f"ROS_DOMAIN_ID"
+        )
+    return held
 
 
 def _is_free(domain: int) -> bool:

@@ -34,6 +34,7 @@ class ActionsConfig:
     """How long the actions wait, and what they take for rest."""
 
     period: Annotated[float, Field(ge=0.01, le=1.0, description="Between two looks at what has happened [s]")]
+    feedback_period: Annotated[float, Field(ge=0.01, le=10.0, description="Between two messages of feedback [s]")]
     answer_timeout: Annotated[
         float, Field(gt=0.0, le=600.0, description="Longest wait for the answer of a service or the gait planner [s]")
     ]
@@ -75,7 +76,7 @@ class RobotClient:
         self._codec, self._odometry = JointStateCodec(node.model), OdometryCodec()
         self._model = node.model
         self._before: Vector | None = None
-        self._quiet = 0
+        self._quiet = self._looks = 0
         self._waiting: list[Future] = []
         self._types = {
             name: interface("poise_interfaces", "srv", kind)
@@ -97,8 +98,14 @@ class RobotClient:
         """Whether a motion has been running since ``begin``."""
         return any(status.state is MotionState.RUNNING for status in self.motion)
 
+    @property
+    def feedback_due(self) -> bool:
+        """Whether feedback is published at this look."""
+        return self._looks % max(round(self.config.feedback_period / self.config.period), 1) == 0
+
     def begin(self) -> None:
-        """Clear what was received."""
+        """Clear what was received; feedback is due."""
+        self._looks = 0
         self.motion.clear()
         self.route.clear()
         self.stops = 0
@@ -166,6 +173,7 @@ class RobotClient:
     def _look(self) -> None:
         if not self._waiting:
             return
+        self._looks += 1
         posture, before = self.posture, self._before
         same = posture is not None and before is not None and float(np.abs(posture - before).max()) < self.config.moved
         self._quiet = self._quiet + 1 if same else 0
@@ -249,8 +257,11 @@ class Action(Protocol):
         """Result message of an outcome."""
 
 
-def goal(turns: Turns, action: Action) -> Callable[[Any], Any]:
-    """Action server callback; sets the goal's state by the outcome. A ``PoiseError`` aborts the goal with its text."""
+def goal(turns: Turns, action: Action, refused: Callable[[str], object]) -> Callable[[Any], Any]:
+    """Action server callback; sets the goal's state by the outcome. A ``PoiseError`` aborts the goal with its text.
+
+    ``refused`` takes the reason for a goal that is refused beforehand.
+    """
 
     async def execute(handle: Any) -> Any:
         outcome = action.refusal(handle.request)
@@ -263,6 +274,8 @@ def goal(turns: Turns, action: Action) -> Callable[[Any], Any]:
                 outcome = Outcome(False, str(error))
             finally:
                 turns.release()
+        else:
+            refused(outcome.message)
         if outcome.cancelled:
             handle.canceled()
         elif outcome.success:

@@ -250,6 +250,14 @@ CAMERA = ProcessSpec("bridge.nodes.camera_node", ("camera_node",), optional=True
 REALTIME_NODES = ("robot_driver", "state_estimator", "balance_controller")
 #: Where permitted, the processes of the tick run before everything else and keep their memory
 REALTIME: Mapping[str, object] = {"realtime.priority": 40, "realtime.lock_memory": True}
+#: Below the ticks, which on two cores would otherwise delay a supervisor by half a second while other programs are busy
+SUPERVISOR_REALTIME: Mapping[str, object] = {"realtime.priority": 30}
+#: Where simulated time waits for late commands; a silent clock is then only slow
+YIELDING: Parameters = {
+    "state_estimator": {"waits": True},
+    "balance_controller": {"waits": True},
+    "supervisor": {"clock_timeout": 10.0},
+}
 CALIBRATED_NODES = ("robot_driver", "state_estimator")  #: Nodes with the parameter ``calibration_dir``
 RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes that count on the rate of the sensors
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
@@ -277,23 +285,34 @@ def sensor_rate(extra: Parameters) -> float | None:
     return float(str(rate)) if rate else None
 
 
+def follows_clock(driver: Mapping[str, object]) -> bool:
+    """Whether the plant's time follows the clock, by the driver's parameters: a real plant, or a strict simulation."""
+    from bridge.plants.config import DriverConfig  # imported here: commands of one word must not wait for it
+    from models.config import default_config
+
+    default = default_config(DriverConfig, "bridge", "robot_driver")
+    return driver.get("plant", default.plant) != default.plant or driver.get("real_time", default.real_time) == "strict"
+
+
 def node_parameters(
     specs: list[ProcessSpec], robot: str, lockstep: bool, calibrations: Path, extra: Parameters
 ) -> dict[str, dict[str, object]]:
     """Parameters of every node: the robot, lockstep where needed, and ``extra`` by node, which override all others.
 
-    ``calibrations`` is the folder of the calibration files. Raises ``PoiseError`` for an unknown node and lists the
-    valid ones.
+    ``calibrations`` is the folder of the calibration files. The driver's parameters may be given although another
+    launcher runs it. Raises ``PoiseError`` for an unknown node and lists the valid ones.
     """
     names = [name for spec in specs for name in spec.nodes]
-    unknown = [name for name in extra if name not in names]
+    unknown = [name for name in extra if name not in (*names, *BRIDGE.nodes)]
     if unknown:
         raise PoiseError(f"parameters for unknown nodes: {', '.join(unknown)}; known: {', '.join(names)}")
+    timing = YIELDING
+    if not lockstep and follows_clock(extra.get("robot_driver", {})):
+        timing = {**dict.fromkeys(REALTIME_NODES, REALTIME), "supervisor": SUPERVISOR_REALTIME}
     result: dict[str, dict[str, object]] = {}
     for name in names:
-        realtime = REALTIME if name in REALTIME_NODES and not lockstep else {}
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
-        result[name] = {"robot": robot, **realtime, **calibrated, **extra.get(name, {})}
+        result[name] = {"robot": robot, **timing.get(name, {}), **calibrated, **extra.get(name, {})}
     rate = sensor_rate(extra)
     if rate is not None:
         for name in result.keys() & RATED_NODES:

@@ -11,10 +11,10 @@ from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.odometry import Velocity, velocity_from_twist, velocity_to_twist
-from models.nodes.qos import COMMAND, EVENT, SENSOR
+from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.services import PACKAGE
 from models.nodes.status import subscribe_status
-from models.status import MotionState, RouteState, RouteStatus
+from models.status import GaitStatus, MotionState, RouteState, RouteStatus
 from models.types import CommandReply, Mode
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
@@ -22,6 +22,8 @@ from planners.nodes.footstep_messages import pose_message
 PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
 ANSWER_TIMEOUT = 5.0  #: Longest wait for the answer to a goal, which is sent again every second [s]
 STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the start and the end of a walk [s]
+RESET_TIMEOUT = 15.0  #: Longest wait until a robot that was reset stands [s]
+STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]
 STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
 
 
@@ -39,13 +41,16 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     publisher = client.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
     if not client.wait(lambda: publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value, 5.0):
         raise CommandError(f"no subscriber on {topics.CMD_VEL}: is the robot up? start it with: poise up")
+    limits: list[str] = []
+    subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
     end = time.monotonic() + seconds
     while time.monotonic() < end and client.mode == Mode.WALK.value:
         publisher.publish(message)
         client.spin(min(PERIOD, max(end - time.monotonic(), 0.0)))
     if client.mode != Mode.WALK.value:
         return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
-    return _stand(client, f"walked for {seconds:g} s")
+    limit = next((f"; {text}" for text in reversed(limits) if text), "")
+    return _stand(client, f"walked for {seconds:g} s{limit}")
 
 
 def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
@@ -83,6 +88,25 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
         return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
     stood = _stand(client, f"goal {routes[-1]}")
     return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
+
+
+def reset(client: Client) -> CommandReply:
+    """Put a simulated robot back on its feet at its start, and wait until it stands; ``CommandError`` on hardware."""
+    try:
+        reply = client.trigger("reset")
+    except CommandError as error:
+        raise CommandError(f"{error}; only a simulated robot has it: lift another one by a gantry") from error
+    if not reply.accepted:
+        return reply
+    client.wait(lambda: client.driver_state == topics.HELD, ANSWER_TIMEOUT)
+    end = time.monotonic() + RESET_TIMEOUT
+    while time.monotonic() < end:
+        if client.wait(lambda: client.mode == Mode.STAND.value and client.driver_state == topics.ACTIVE, STAND_PERIOD):
+            return CommandReply(True, "the robot stands at its start")
+        reply = client.trigger("mode/stand")  # of a supervisor without auto_stand; refused until preflight has passed
+    return (
+        reply if not reply.accepted else CommandReply(False, f"mode '{client.mode}', drivers '{client.driver_state}'")
+    )
 
 
 def _stand(client: Client, outcome: str) -> CommandReply:

@@ -128,7 +128,7 @@ class Sticks:
             "left [m/s]": (-limits.lateral, limits.lateral),
             "turn [rad/s]": (-limits.turn, limits.turn),
         }
-        with gui.add_folder("velocity, in mode walk"):
+        with gui.add_folder("velocity"):
             hint = f"Publish the sticks' velocity, for {idle:g} s after the last touch."
             self._drive = gui.add_checkbox("drive", initial_value=False, hint=hint)
             self._sliders = [

@@ -32,9 +32,7 @@ USUAL = "whole_body."  #: Common prefix of names, omitted from the short labels
 class Gains:
     """A slider for each float parameter of a node that is not read-only and has a range.
 
-    Answers arrive in the client's callbacks. A refused value is reported with its reason, and the slider goes back.
-    ``place`` is the tab of the sliders, entered as a context; ``client`` is inside its context; ``operator`` executes
-    the requests, which are repeated after ``timeout`` [s] without an answer.
+    A refused value is reported with its reason, and the slider goes back. Requests are repeated after ``timeout`` [s].
     """
 
     def __init__(
@@ -221,12 +219,7 @@ def view(
     say: Callable[[str], object] = print,
     timeout: float = 10.0,
 ) -> None:
-    """Serve the page of the running robot at ``host`` and the TCP ``port`` until Ctrl-C.
-
-    ``robot`` is a profile, by name or path, that of the graph when empty, which is awaited for ``timeout`` [s]; with
-    ``network`` it may run on another machine. ``signer`` None sends words unsigned; ``say`` takes lines for the
-    terminal. Raises ``PoiseError`` when there is no robot, or the port is in use.
-    """
+    """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or where the port is in use."""
     stop = Stop()
     with Client(network=network, namespace=namespace) as client:
         model = RobotModel.load(robot or client.robot(timeout))

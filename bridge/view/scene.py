@@ -22,12 +22,7 @@ WORLD = "/world"  #: Scene frame of ``odom``; it moves under a robot that the ca
 
 
 class RobotScene:
-    """One scene frame for each joint in a viser scene, with the meshes of its bodies.
-
-    Attributes:
-        frames: Scene frame of each joint, by Pinocchio's index; the base is joint 1.
-        missing: Meshes that could not be read, which are left out.
-    """
+    """A scene ``frame`` for each joint, with the meshes of its body; ``missing`` are those that cannot be read."""
 
     def __init__(self, scene: Any, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
@@ -63,7 +58,6 @@ class RobotScene:
 
 
 def _visuals(model: RobotModel) -> list[Any]:
-    """Visual shapes of the URDF on the joints of the model."""
     folders = [data_folder().parent, model.urdf.parent, *model.urdf.parent.parents[:2]]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # Pinocchio's, about folders given twice
@@ -140,7 +134,6 @@ class BalanceScene:
         return state
 
     def _show_forces(self, snapshot: Snapshot, state: Balance) -> None:
-        """Ground reactions at the soles, and the estimated push at the CoM."""
         arrows: list[Any] = []
         colors: list[Any] = []
         for foot, wrench in zip(self._model.feet, snapshot.wrenches, strict=True):

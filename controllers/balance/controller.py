@@ -53,24 +53,19 @@ class Gait(Protocol):
     @property
     def phase(self) -> GaitPhase:
         """Phase now."""
-        ...
 
     @property
     def settled(self) -> bool:
         """Whether the robot has come to a standstill."""
-        ...
 
     def reset(self, state: RobotState) -> None:
         """Start over from a robot that stands on both feet."""
-        ...
 
     def stop(self) -> None:
         """Come to a standstill within two steps."""
-        ...
 
     def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
         """One tick: the reference to track; ``rest`` is where a standing robot comes to rest."""
-        ...
 
 
 class BalanceController:
@@ -91,22 +86,11 @@ class BalanceController:
     every mode a standing gait steps when the DCM leaves the soles; the part of a motion that moves legs and torso then
     ends, and arms and head continue.
 
-    Args:
-        model: The robot.
-        config: Gains; the packaged default when None.
-        whole_body: Gains of the QP; the packaged default when None.
-        extra_tasks: Further tasks for the stack of the QP.
-        head: Turns the head; optional.
-        gait: Plans steps; without one the robot keeps its feet where they are.
-        extra_limits: Further limits of the QP.
-
-    Attributes:
-        reference: Reference of the last tick.
-        capture_margin: Distance of the DCM inside the support polygon's edge, negative outside [m].
-        gains: Feedback gains in force, in the order of ``feedback_gains``, then ``reaction_reach_max`` (8,).
-        schedule: Gains that depend on whether the robot stands or steps.
-        walking: Whether the gait may follow its commands: mode ``walk``.
-        no_step: Whether a standing robot keeps its feet in place even when it loses its balance.
+    ``config`` and ``whole_body`` are the packaged gains when None; ``extra_tasks`` and ``extra_limits`` extend the QP;
+    ``head`` and ``gait`` are optional: without a gait the robot keeps its feet where they are, as a standing one does
+    with ``no_step``. ``reference`` is that of the last tick, ``capture_margin`` the distance of the DCM inside the
+    support polygon's edge [m], ``gains`` are those in force, in the order of ``feedback_gains``, then
+    ``reaction_reach_max`` (8,); ``walking`` is whether the gait may follow its commands: mode ``walk``.
 
     Assumptions:
         Standing, both soles are on the same plane. The state comes from the estimator.
@@ -207,12 +191,7 @@ class BalanceController:
         self.walking = walk
 
     def follow(self, trajectory: JointTrajectory) -> None:
-        """Start a motion from the present posture; while walking, of arms and head only. See ``MotionPlayer.follow``.
-
-        Raises:
-            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
-            JointNameError: It names an unknown joint, or one twice.
-        """
+        """Start a motion from the present posture; while walking, of arms and head only. See ``MotionPlayer``."""
         if self._first_tick:
             raise TrajectoryError("the controller has not run yet: there is no posture to start from")
         self.motions.follow(trajectory, self.reference, walking=self.walking, stepping=self._share > 0.0)
@@ -222,15 +201,7 @@ class BalanceController:
         self.motions.stop(self.reference)
 
     def step(self, state: RobotState, dt: float) -> ControlResult:
-        """One tick.
-
-        Args:
-            state: Estimated state.
-            dt: Time since the last tick [s].
-
-        Returns:
-            Set-point of the drivers, status of the solve, and the quantities of the tick.
-        """
+        """One tick, ``dt`` [s] after the last one, from the estimated state."""
         if finite_state(state.q, state.v):
             self.whole_body.terms.update(state)
             return self._track(state, self._build_reference(state, dt))
@@ -373,10 +344,7 @@ class BalanceController:
         self.schedule.apply(share)
 
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
-        """Arms and head of the posture; the rest goes from the posture's reference to the gait's.
-
-        Once a foot is in the air, DCM and soles are the gait's, and only body and joints are blended.
-        """
+        """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""
         share = min_jerk(self._share)[0]
         free, difference = self.motions.free, planned.posture - standing.posture
         weight = np.where(free, 0.0, share)

@@ -18,11 +18,7 @@ class ScheduledGains:
 
 
 class GainSchedule:
-    """Gains interpolated between standing and stepping, linear in the share of the gait in the references.
-
-    The gains of ``whole_body`` apply in standing, those of ``WholeBodyConfig.stepping`` in stepping. ``share`` is 0 in
-    standing and 1 in stepping [-].
-    """
+    """Gains between standing and ``WholeBodyConfig.stepping``, linear in the ``share`` of the gait from 0 to 1 [-]."""
 
     def __init__(self, whole_body: WholeBodyController) -> None:
         self._config = config = whole_body.config.stepping

@@ -23,12 +23,10 @@ SETTLED = 1e-7  #: Distance from the goal below which the head has reached it [r
 class HeadConfig:
     """Speed and smoothing of the head; see ``controllers/config/head.yaml``."""
 
-    speed: Annotated[float, Field(gt=0, le=10, description="Fastest turn of either joint [rad/s]")]
-    bandwidth: Annotated[
-        float, Field(gt=0, le=100, description="Bandwidth of the low-pass filters that smooth the ramp [rad/s]")
-    ]
-    limit_margin: Annotated[float, Field(ge=0, le=0.2, description="Distance kept from the joints' stops [rad]")]
-    grip_time: Annotated[float, Field(gt=0, le=10, description="Time in which the drivers take over the goal [s]")]
+    speed: Annotated[float, Field(gt=0, le=10)]  #: Fastest turn of either joint [rad/s]
+    bandwidth: Annotated[float, Field(gt=0, le=100)]  #: Bandwidth of the low-pass filters that smooth the ramp [rad/s]
+    limit_margin: Annotated[float, Field(ge=0, le=0.2)]  #: Distance kept from the joints' stops [rad]
+    grip_time: Annotated[float, Field(gt=0, le=10)]  #: Time in which the drivers take over the goal [s]
 
 
 class Head:
@@ -49,12 +47,7 @@ class Head:
     posture back to zero in the same way. Before the first command, and once that difference is zero, the posture is
     returned unchanged.
 
-    Args:
-        model: The robot; its profile names the joints.
-        config: Limits; the packaged ones when None.
-
-    Raises:
-        ConfigError: The profile names no head, or a joint that also moves a foot or the torso.
+    Raises ``ConfigError`` when the profile names no head, or a joint that also moves a foot or the torso.
     """
 
     def __init__(self, model: RobotModel, config: HeadConfig | None = None) -> None:
@@ -72,10 +65,10 @@ class Head:
         self._speed = np.minimum(config.speed, model.v_max[self.joints])
         self._stages = np.zeros((3, 2))  # ramp, first and second low-pass, of pan and tilt [rad]
         self._input = np.zeros((2, 2))  # of both joints in the given posture: positions [rad], velocities [rad/s]
-        self.drop()
+        self.discard_command()
 
     @classmethod
-    def of(cls, model: RobotModel, config: HeadConfig | None = None) -> Head | None:
+    def for_robot(cls, model: RobotModel, config: HeadConfig | None = None) -> Head | None:
         """The head of a robot; None for a robot without one."""
         return None if model.profile.head is None else cls(model, config)
 
@@ -89,18 +82,14 @@ class Head:
         """Whether it changed the posture on the last tick: only then does ``_input`` hold the given one."""
         return not self._relative or self._drive_weight > 0.0 or bool(self._stages.any())
 
-    def drop(self) -> None:
+    def discard_command(self) -> None:
         """Discard goal and filter state: the posture is returned unchanged."""
         self._goal: Vector | None = None
         self._relative = True  # whether the stages are counted from the posture, or from zero
         self._stages[:] = self._drive_weight = 0.0
 
     def command(self, pan: float, tilt: float) -> None:
-        """Set the goal to joint angles [rad], clipped to the limits.
-
-        Raises:
-            CommandError: A value is not finite; names it.
-        """
+        """Set the goal to joint angles [rad], clipped to the limits; ``CommandError`` names one that is not finite."""
         for name, value in (("pan", pan), ("tilt", tilt)):
             if not math.isfinite(value):
                 raise CommandError(f"{name}: {value} rad is no angle")
@@ -117,17 +106,7 @@ class Head:
             self._relative = False
 
     def step(self, posture: Vector, velocity: Vector, acceleration: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
-        """Replace or offset the joints of the head in a posture, one tick later.
-
-        Args:
-            posture: Posture of the law (nj,) [rad].
-            velocity: Its rate (nj,) [rad/s].
-            acceleration: Rate of the velocity (nj,) [rad/s^2].
-            dt: Length of the tick [s].
-
-        Returns:
-            The same three with the head; the given velocity array while neither head nor given posture moves.
-        """
+        """Head in a posture, its rate and the rate's rate, ``dt`` [s] later; the given rate while nothing moves."""
         if not self.active:
             return posture, velocity, acceleration
         stages, joints, w = self._stages, self.joints, self.config.bandwidth
@@ -164,16 +143,7 @@ class Head:
         acceleration[joints] += w**2 * (stages[0] - 2.0 * stages[1] + stages[2])
         return posture, velocity, acceleration
 
-    def into(self, reference: Reference, dt: float) -> Reference:
-        """A reference with the head in its posture, ``dt`` [s] later; see ``step``."""
-        if not self.active:
-            return reference
-        posture, velocity, acceleration = self.step(
-            reference.posture, reference.posture_velocity, reference.posture_acceleration, dt
-        )
-        return replace(reference, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
-
-    def drive(self, result: ControlResult, reference: Reference) -> ControlResult:
+    def blend_setpoint(self, result: ControlResult, reference: Reference) -> ControlResult:
         """Blend the joints of the head in the set-point of the drivers to those of the reference."""
         if not self._drive_weight or result.status is SolveStatus.DAMPED:
             return result
@@ -183,13 +153,11 @@ class Head:
         v[joints] += self._drive_weight * (reference.posture_velocity[joints] - v[joints])
         return replace(result, command=replace(command, q=q, v=v))
 
-    def without(self, reference: Reference, motion: JointTrajectory | None = None) -> tuple[Vector, Vector]:
-        """Posture (nj,) [rad] and its rate (nj,) [rad/s] without the head's motion, from which motions start.
+    def without_head(self, reference: Reference, motion: JointTrajectory | None = None) -> tuple[Vector, Vector]:
+        """Posture (nj,) [rad] and its rate without the head's motion, from which motions start.
 
-        Args:
-            reference: Reference of the last tick, with the head in it.
-            motion: Motion about to start; optional. Joints of the head that it moves start at its first point, whether
-                it was planned with or without the head's motion: ``step`` blends the difference out.
+        Joints of the head that an optional ``motion`` moves start at its first point, whether it was planned with or
+        without the head's motion: ``step`` blends the difference out.
         """
         if not self._modifies_posture:
             return reference.posture, reference.posture_velocity

@@ -39,18 +39,9 @@ def move_footholds(
 ) -> None:
     """Move the footholds with the loaded soles, and the anchor to their middle, level, at their mean heading.
 
-    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
-
-    Args:
-        left: Measured pose of the left sole in W (4, 4).
-        right: Measured pose of the right sole in W (4, 4).
-        loaded_left: Whether the left sole bears load.
-        loaded_right: Whether the right sole bears load.
-        share: Share of the distance to move in this tick [-].
-        rotations: Rotations of the footholds in W, in and out (2, 3, 3).
-        positions: Origins of the footholds in W, in and out (2, 3) [m].
-        anchor_rotation: Out, in W (3, 3).
-        anchor: Out, in W (3,) [m].
+    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references. ``left``
+    and ``right`` are measured poses in W (4, 4), ``share`` the part of the way to move in this tick [-]; in and out are
+    ``rotations`` (2, 3, 3) and ``positions`` (2, 3) [m], out ``anchor_rotation`` (3, 3) and ``anchor`` (3,) [m].
     """
     if loaded_left:
         follow_pose(rotations[0], positions[0], left, share)
@@ -113,25 +104,11 @@ def balance_feedback(
     cmp: Array,
     acceleration: Array,
 ) -> float:
-    """DCM feedback of ``BalanceController``: the admissible CMP and the CoM acceleration it causes.
+    """DCM feedback of ``BalanceController``: admissible CMP, CoM acceleration that it causes, capture margin [m].
 
-    Args:
-        com: Measured, in W (3,) [m].
-        com_velocity: Measured, in W (3,) [m/s].
-        com_reference: Reference, in W (3,) [m].
-        velocity_reference: Reference, in W (3,) [m/s].
-        ground: Height of the soles [m].
-        gravity: Magnitude [m/s^2].
-        left: Pose of the left sole in W (4, 4).
-        right: Pose of the right sole in W (4, 4).
-        corners: Contact rectangles in the sole frames (2, 4, 3) [m].
-        gains: DCM gain, polygon margin, momentum margin, momentum gain, largest reach, height kp, height kd (7,).
-        dcm: Out, in W (2,) [m].
-        cmp: Out, in W (2,) [m].
-        acceleration: Out, in W (3,) [m/s^2].
-
-    Returns:
-        Capture margin [m].
+    CoM, its velocity and their references are in W (3,); ``left`` and ``right`` are poses of the soles (4, 4),
+    ``corners`` their contact rectangles in them (2, 4, 3) [m]. ``gains`` are DCM gain, polygon margin, momentum margin,
+    momentum gain, largest reach, height kp and kd (7,). Out, in W: ``dcm`` and ``cmp`` (2,), ``acceleration`` (3,).
     """
     points = np.zeros((8, 2))
     hull = np.zeros((20, 2))

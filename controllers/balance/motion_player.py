@@ -18,9 +18,7 @@ class MotionPlayer:
     A motion during which the robot has to step continues with arms and head; legs and torso end it in the 'stand'
     posture. A motion that begins while it steps moves arms and head only.
 
-    Attributes:
-        free: Whether each joint moves neither a foot nor the torso: arms and head (nj,).
-        zero: The velocity array that ``step`` returns while nothing moves.
+    ``free`` are the joints of arms and head (nj,), ``zero`` is the velocity that ``step`` returns while nothing moves.
     """
 
     def __init__(self, model: RobotModel, config: BalanceConfig, head: Head | None) -> None:
@@ -48,20 +46,17 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point without velocities takes at least ``set_point_time_s``, so that a stream of them is followed
+        A single point at rest takes at least ``set_point_time_s``, so that a stream of them is followed
         smoothly. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
         only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso until the
-        motion ends.
-
-        Raises:
-            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
-            JointNameError: It names an unknown joint, or one twice.
+        motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
         """
         start, speed = self._start(reference, trajectory)
         if walking:
             self._upper.follow(trajectory, start)
             return
-        if len(trajectory.times) == 1 and trajectory.velocities is None:  # a setpoint, perhaps one of a stream
+        moving = trajectory.velocities is not None and trajectory.velocities.any()
+        if len(trajectory.times) == 1 and not moving:  # a setpoint, perhaps one of a stream
             trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.set_point_time_s))
         validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
@@ -129,7 +124,7 @@ class MotionPlayer:
         """Posture (nj,) [rad] and velocity (nj,) [rad/s] from which a motion starts or slows down."""
         if self._head is None:
             return reference.posture, reference.posture_velocity
-        return self._head.without(reference, motion)
+        return self._head.without_head(reference, motion)
 
     def _slow_down(self, start: Vector, speed: Vector) -> None:
         """Come to rest from a posture (nj,) [rad] and its velocity (nj,) [rad/s]."""

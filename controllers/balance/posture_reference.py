@@ -18,18 +18,8 @@ class PostureReference:
     The anchor is the frame half-way between the soles. With ``T_mid_B(q)`` the base in that frame by forward
     kinematics, ``T_WB = T_W_anchor T_mid_B``.
 
-    Args:
-        model: The robot.
-
-    Attributes:
-        com: CoM in the anchor frame (3,) [m].
-        base: Rotation of the base in the anchor frame (3, 3).
-        torso: Rotation of the torso in the anchor frame (3, 3).
-        tree: Kinematic tree, for kernels.
-        frames: Left sole, right sole and torso, for kernels.
-
-    Raises:
-        RobotModelError: A joint is not revolute; names it.
+    ``com`` (3,) [m], ``base`` and ``torso`` (3, 3) are in the anchor frame; ``tree`` and ``frames`` (left sole, right
+    sole, torso) are for kernels. Raises ``RobotModelError`` that names a joint that is not revolute.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -46,19 +36,11 @@ class PostureReference:
 def posture_reference(
     joints: Array, tree: KinematicTree, frames: TreeFrames, com: Array, base: Array, torso: Array
 ) -> None:
-    """CoM and orientations of a posture, seen from the mid-frame of its soles.
+    """CoM and orientations of a posture (nj,) [rad], seen from the mid-frame of its soles.
 
-    With ``T_mid`` the frame half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base::
-
-        com = R_mid' (c - p_mid),    base = R_mid',    torso = R_mid' R_T
-
-    Args:
-        joints: Joint positions (nj,) [rad].
-        tree: The robot.
-        frames: Left sole, right sole, torso.
-        com: Out (3,) [m].
-        base: Out (3, 3).
-        torso: Out (3, 3).
+    With ``T_mid`` half-way between the soles, ``R_mid = R_L exp(log(R_L' R_R) / 2)``, seen from the base: ``com =
+    R_mid' (c - p_mid)`` (3,) [m], ``base = R_mid'``, ``torso = R_mid' R_T`` (3, 3). ``frames`` are left sole, right
+    sole, torso.
     """
     count = joints.shape[0] + 1
     rotations, origins = np.zeros((count, 3, 3)), np.zeros((count, 3))

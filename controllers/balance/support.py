@@ -10,15 +10,7 @@ Array = NDArray[np.float64]
 
 @njit(cache=True)
 def convex_hull(points: Array, hull: Array) -> int:
-    """Convex hull in the plane, counter-clockwise, by Andrew's monotone chain.
-
-    Args:
-        points: Points (n, 2) [m].
-        hull: Out, vertices (>= 2 n, 2) [m].
-
-    Returns:
-        Number of vertices written.
-    """
+    """Vertices (>= 2 n, 2) of the hull of points (n, 2), counter-clockwise, by the monotone chain; their number."""
     n = points.shape[0]
     order = np.arange(n)
     for i in range(1, n):
@@ -53,18 +45,9 @@ def convex_hull(points: Array, hull: Array) -> int:
 
 @njit(cache=True)
 def edge_distance(hull: Array, count: int, x: float, y: float, margin: float, out: Array) -> float:
-    """Signed distance to the hull shrunk by a margin (negative inside) and the outward direction.
+    """Signed distance [m] to the hull of ``count`` vertices shrunk by a margin; negative inside.
 
-    Args:
-        hull: Vertices, counter-clockwise (>= count, 2) [m].
-        count: Number of vertices.
-        x: Of the point [m].
-        y: Of the point [m].
-        margin: Taken off every edge [m].
-        out: Out: nearest point of the shrunk hull's boundary (2,), outward unit direction (2,), as (4,).
-
-    Returns:
-        Signed distance [m].
+    ``out`` (4,) is the nearest point of the shrunk hull's boundary, then the outward unit direction.
     """
     inside = True
     best = -1e30
@@ -136,22 +119,10 @@ def cmp_command(
 ) -> float:
     """Admissible CMP: the desired CMP inside the polygon, plus a reach beyond the edge when the DCM nears it.
 
-    Inside, ankles suffice and the CMP is a CoP. A DCM that nears or passes the edge can only be brought back by a CMP
-    beyond it, which costs angular momentum: the reach grows with the DCM's depth past ``momentum_margin``.
-
-    Args:
-        hull: Support polygon, counter-clockwise (>= count, 2) [m].
-        count: Number of vertices.
-        dcm: Measured DCM (2,) [m].
-        desired: CMP of the feedback law (2,) [m].
-        margin: Distance the CoP keeps from the edge [m].
-        momentum_margin: Distance of the DCM from the edge at which the reach starts [m].
-        momentum_gain: Reach per metre past it [-].
-        momentum_reach_max: Largest reach [m].
-        out: Out, CMP (2,) [m].
-
-    Returns:
-        Capture margin: distance of the DCM inside the polygon's edge, negative outside [m].
+    Inside, ankles suffice and the CMP is a CoP, ``margin`` from the edge. A DCM that nears or passes the edge can only
+    be brought back by a CMP beyond it, which costs angular momentum: the reach grows by ``momentum_gain`` with the
+    DCM's depth past ``momentum_margin`` [m]. Writes the CMP (2,) and returns the capture margin: distance of the DCM
+    inside the edge [m].
     """
     work = np.zeros(4)
     if edge_distance(hull, count, desired[0], desired[1], margin, work) > 0.0:

@@ -55,22 +55,12 @@ def standing_reference(
     leg: float,
     reference: Array,
 ) -> None:
-    """Footholds, and the references that a posture means on them.
+    """Footholds, and the references that a posture (nj,) means on them.
 
-    Args:
-        balance: Of the controller.
-        joints: Posture reference (nj,) [rad].
-        moving: Whether it has changed since the last tick.
-        fresh: Whether this is the first tick.
-        dt: Time since the last tick [s].
-        wrench_left: Ground reaction on the left sole, in its frame (6,).
-        wrench_right: On the right sole (6,).
-        least_load: Normal force from which on a foot bears load; on the first tick both do [N].
-        share: Share of the way that footholds go to the measured soles on this tick.
-        leg: Length of the legs, which are no longer than in 'stand': the CoM is lower where the soles are farther
-            apart; disabled when 0 [m].
-        reference: Out, in W: CoM, its velocity, rotation of the base (3, 3) and of the torso (3, 3), one below the
-            other; then the DCM and the height of the CoM above the soles (9, 3).
+    ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick; soles bear load
+    from ``least_load`` [N] on; ``share`` is as in ``move_footholds``. Legs are no longer than ``leg`` [m], as in
+    'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out: ``reference`` (9, 3), in W: CoM,
+    its velocity, rotation of base and torso; then DCM and CoM height above the soles.
     """
     arrays, velocity = balance.record, np.zeros(3)
     if moving:
@@ -138,22 +128,11 @@ def feedback_tick(
     sole_positions: Array,
     shift: Array,
 ) -> float:
-    """DCM feedback of ``BalanceController``.
+    """``balance_feedback`` of the controller's record; returns the capture margin [m].
 
-    Args:
-        balance: Of the controller.
-        left: Whether the left foot is planned to bear load.
-        right: Whether the right one is; both count where neither is.
-        com: Desired, in W (3,).
-        com_velocity: Desired, in W (3,).
-        dcm: Desired (2,).
-        dcm_velocity: Desired (2,).
-        led: Whether these two replace the horizontal part of the CoM reference.
-        sole_positions: Footholds in W (2, 3).
-        shift: Of the CMP, by the planned reaction of the swing leg in single support (2,) [m].
-
-    Returns:
-        Capture margin [m].
+    ``left`` and ``right`` are the feet planned to bear load, both where neither is. With ``led``, ``dcm`` and
+    ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
+    reaction of the swing leg (2,) [m].
     """
     arrays = balance.record
     measured, gains = arrays.com, arrays.gains

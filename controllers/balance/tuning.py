@@ -55,11 +55,7 @@ def configured(name: str, balance: BalanceConfig, whole_body: WholeBodyConfig) -
 
 
 class Tuning:
-    """Moves gains of standing linearly towards their targets within ``RAMP_TIME``.
-
-    Rows of a task that the configuration scales (the legs' posture) keep their scale. Gains that are zero stay so.
-    ``ranges`` holds the least and the greatest value of each gain.
-    """
+    """Moves gains of standing, within ``ranges``, linearly to their targets in ``RAMP_TIME``; zero ones stay so."""
 
     def __init__(self, law: BalanceController) -> None:
         self._values: dict[str, float] = {}
@@ -83,11 +79,7 @@ class Tuning:
         return self._values[name]
 
     def set(self, name: str, target: float) -> None:
-        """Set the target of a gain from the next tick on.
-
-        Raises:
-            CommandError: There is no such gain, or it is out of its range; the message says which.
-        """
+        """Set the target of a gain from the next tick on; ``CommandError`` for an unknown or out-of-range one."""
         if name not in self.ranges:
             raise CommandError(f"unknown gain '{name}'; known: {', '.join(TUNABLE)}")
         low, high = self.ranges[name]

@@ -27,12 +27,7 @@ class UpperBodyMotion:
 
     with its first two derivatives, so that velocity and acceleration have no step where the walk swings its arms.
 
-    Args:
-        model: The robot.
-        fade: Time of the blend at either end T_f [s].
-
-    Attributes:
-        free: Whether each joint is one of arms and head (nj,).
+    ``free`` are the joints of arms and head (nj,).
     """
 
     def __init__(self, model: RobotModel, fade: float) -> None:
@@ -51,12 +46,7 @@ class UpperBodyMotion:
         self._t = self._end = self._fade = 0.0
 
     def follow(self, trajectory: JointTrajectory, posture: Vector) -> None:
-        """Start a motion that was planned from a posture (nj,) [rad].
-
-        Raises:
-            TrajectoryError: The trajectory is malformed, leaves the limits, or starts elsewhere.
-            JointNameError: It names an unknown joint, or one twice.
-        """
+        """Start a motion that was planned from a posture (nj,) [rad]; errors as of ``validate_trajectory``."""
         validate_trajectory(trajectory, self._model, start_q=posture)
         self._motion = TrajectorySampler(trajectory, self._model, posture)
         self._t, self._end = 0.0, self._motion.duration

@@ -20,10 +20,7 @@ MOUNTING = 6
 
 
 class ChainTerms:
-    """Pose of the right sole in the left one and accelerometer reading, as functions of the unknowns.
-
-    Unknowns: x = (offsets of the joints between the soles and the IMU (k), placement (3), mounting (6)).
-    """
+    """Right sole in the left one and specific force at x = (joint offsets (k), placement (3), mounting (6))."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
@@ -75,11 +72,7 @@ class ChainTerms:
         return np.asarray(left.actInv(imu).translation)
 
     def force(self, x: Vector, measured: Vector, expected: Vector) -> tuple[Vector, Matrix]:
-        """Predicted minus measured specific force (3,) [m/s^2], and its Jacobian (3, n), at the unknowns x (n,).
-
-        ``measured`` is in the frame of the unit; ``expected`` is acceleration and gravity in the left sole's frame,
-        which is level.
-        """
+        """Predicted minus measured specific force (3,) in the frame of the unit, and its Jacobian (3, n), at x (n,)."""
         k = self.joints.size
         left, left_jacobian = self._frame(self._feet[0])
         imu, imu_jacobian = self._frame(self._imu)
@@ -115,16 +108,10 @@ def calibrate_closed_chain(
     and bias of the IMU. Sigma_0 is the prior: ``chain.prior`` for the offsets, the data sheet's for mu and b.
     Gauss-Newton, each step solved by a Kalman filter over the windows, whose final covariance is the posterior.
 
-    Args:
-        windows: Raw samples, averaged, from a motion of the base over both soles.
-        model: The robot.
-        base: Calibration of the other sensors and of the other joints in the result.
-        config: Bounds and noise.
-
-    Returns:
-        The calibration, or the reason of the refusal. Details: the offset of each joint by name [rad], its posterior
-        standard deviation as ``sigma_<joint>`` [rad], ``singular_max``, ``singular_min`` of the data alone [1/rad],
-        ``residual`` (RMS of the whitened innovations) [-], ``windows``, ``joints_untouched``.
+    ``windows`` are raw samples, averaged, from a motion of the base over both soles; ``base`` calibrates the other
+    sensors and joints of the result. Details: the offset of each joint by name [rad], its posterior standard deviation
+    as ``sigma_<joint>`` [rad], ``singular_max``, ``singular_min`` of the data alone [1/rad], ``residual`` (RMS of the
+    whitened innovations) [-], ``windows``, ``joints_untouched``.
 
     Assumptions:
         The floor is flat and level, the soles stand flat and do not slip.

@@ -203,11 +203,9 @@ def calibrate_in_jig(
 
     Each window at rest belongs to the posture from which no joint is further than ``max_offset`` [rad], the largest
     plausible offset; windows that belong to none are the way between two postures. At least ``min_postures`` of the
-    postures must occur, in any order. ``base`` holds the other sensors' part of the result.
-
-    Returns:
-        The calibration, or the reason of the refusal. Details: the offset of each joint by name [rad],
-        ``time_<posture>`` [s], ``disagreement`` between postures [rad].
+    postures must occur, in any order. ``base`` holds the other sensors' part of the result. Returns the calibration, or
+    the reason of the refusal. Details: the offset of each joint by name [rad], ``time_<posture>`` [s], ``disagreement``
+    between postures [rad].
     """
     names = model.profile.jig_postures
     seen: dict[str, list[Window]] = {name: [] for name in names}

@@ -176,10 +176,7 @@ class CalibrationProcedure:
         return self._stage is Stage.READY and not self.problem
 
     def begin(self, what: str, situation: str) -> CommandReply:
-        """Begin a calibration ('imu', 'joints', 'feet'), or refuse with the reason.
-
-        ``situation`` is 'stand' on active drivers, 'hanging', or any other activity of the robot.
-        """
+        """Begin 'imu', 'joints' or 'feet', or refuse; ``situation``: 'stand' (drivers active), 'hanging', other."""
         if situation not in (STANDING, HANGING):
             reason = f"calibration of '{what[:32]}' refused while the robot is '{situation}': stand or hang first"
             return CommandReply(False, reason)

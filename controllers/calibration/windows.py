@@ -64,10 +64,7 @@ class Window:
 
 
 class WindowAverager:
-    """Averages samples over windows of a fixed ``length`` [s].
-
-    A sample that is not finite, or not newer than the one before, is left out and counted in ``unusable``.
-    """
+    """Averages samples over windows of ``length`` [s]; ``unusable`` counts those not finite or not newer."""
 
     def __init__(self, model: RobotModel, length: float) -> None:
         self._nj, self._length = model.nj, length
@@ -130,11 +127,7 @@ def duration(windows: Sequence[Window], length: float) -> float:
 
 
 def unrest(windows: Sequence[Window], model: RobotModel, config: RestConfig) -> tuple[str, dict[str, float]]:
-    """What moved in a stretch of windows, empty at rest, and the numbers.
-
-    These are ``joint_speed`` [rad/s], ``joint_drift`` [rad], ``gyro_spread`` [rad/s] and ``accel_spread`` [m/s^2], the
-    spreads being standard deviations of window means.
-    """
+    """What moved in windows, empty at rest, and speeds, drift and spreads: standard deviations of window means."""
     speeds = np.abs([w.v for w in windows]).max(axis=0)  # (nj,)
     drifts = np.ptp([w.q for w in windows], axis=0)  # (nj,)
     details = {
@@ -178,10 +171,7 @@ PLAIN = r"(samples|windows|joints)(_\w+)?|residual|shift|gravity_[xyz]|(left|rig
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Name and unit of a number such as ``accel_norm`` or ``gyro_bias_x [rad/s]``; empty unit for counts and ratios.
-
-    Any other name is the offset of a joint.
-    """
+    """Name and unit, empty for counts and ratios, of ``gyro_bias_x [rad/s]`` and the like; else a joint's offset."""
     name, bracket, unit = text.partition(" [")
     if bracket:
         unit = unit.removesuffix("]")

@@ -19,24 +19,24 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 class SourceConfig:
     """A source of commands."""
 
-    priority: Annotated[int, Field(ge=0, le=255, description="The higher one is in command; no two share one")]
-    timeout: Annotated[float, Field(gt=0, le=10, description="Silence after which it is no longer in command [s]")]
+    priority: Annotated[int, Field(ge=0, le=255)]  #: The higher one is in command; no two share one
+    timeout: Annotated[float, Field(gt=0, le=10)]  #: Silence after which it is no longer in command [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LockConfig:
     """A lock on sources."""
 
-    priority: Annotated[int, Field(ge=0, le=256, description="Sources below this priority are silenced")]
-    timeout: Annotated[float, Field(ge=0, le=10, description="Silence after which it locks by itself; 0: never [s]")]
+    priority: Annotated[int, Field(ge=0, le=256)]  #: Sources below this priority are silenced
+    timeout: Annotated[float, Field(ge=0, le=10)]  #: Silence after which it locks by itself; 0: never [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ArbitrationConfig:
     """Who may command the robot."""
 
-    sources: Annotated[dict[str, SourceConfig], Field(description="By name, as in the topic commands/<name>")]
-    locks: Annotated[dict[str, LockConfig], Field(description="By name, as in the topic locks/<name>")]
+    sources: dict[str, SourceConfig]  #: By name, as in the topic commands/<name>
+    locks: dict[str, LockConfig]  #: By name, as in the topic locks/<name>
 
     def __post_init__(self) -> None:
         for name in (*self.sources, *self.locks):
@@ -90,11 +90,7 @@ class Arbiter:
         self._commands = {name: _Source() for name in self._order}
 
     def require(self, source: str, t: float) -> None:
-        """Refuse a text command of a source that is not allowed to send one at time t [s].
-
-        Raises:
-            CommandError: The source is unknown or locked, or a higher one is in command; it is named.
-        """
+        """``CommandError`` unless a source may send a text at time t [s]; names it, or the higher one in command."""
         self._require_open(source, t)
         above = self.in_command(t)
         if above != NO_SOURCE and self._priority(above) > self._priority(source):
@@ -113,11 +109,7 @@ class Arbiter:
         self._commands[source] = _Source(velocity, math.inf)
 
     def repeat(self, source: str, velocity: Velocity, t: float) -> None:
-        """Accept a velocity (forward, left [m/s], turn [rad/s]) that must be repeated within the source's timeout.
-
-        Raises:
-            CommandError: The source is unknown or locked, or a value is not finite.
-        """
+        """Accept a velocity that must be repeated within a timeout; ``CommandError`` if locked or not finite."""
         self._require_open(source, t)
         if not all(math.isfinite(value) for value in velocity):
             raise CommandError(f"velocity {velocity} of '{source}' is not finite")

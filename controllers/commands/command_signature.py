@@ -68,13 +68,8 @@ def _checked_key(key: bytes) -> bytes:
 class Signer:
     """Signs the commands of one source.
 
-    Args:
-        key: Secret shared with the verifier, at least ``KEY_BYTES`` long.
-        source: Name of the sender: 1 to 32 of a-z, 0-9, ``_`` and ``-``.
-        clock: Wall time [ns].
-
-    Raises:
-        ConfigError: The key is short or the name of the source is not usable.
+    ``clock`` is the wall time [ns]; ``source`` is 1 to 32 of a-z, 0-9, ``_`` and ``-``. Raises ``ConfigError``
+    otherwise, or for a ``key`` shorter than ``KEY_BYTES``.
     """
 
     def __init__(self, key: bytes, source: str, clock: Callable[[], int] = time.time_ns) -> None:
@@ -84,11 +79,7 @@ class Signer:
         self._last = 0
 
     def sign(self, text: str) -> str:
-        """Signed line of a command, which is one line of printable characters.
-
-        Raises:
-            CommandError: The text is empty, too long, or more than one line.
-        """
+        """Signed line of a command; ``CommandError`` when it is empty, too long, or not one printable line."""
         if not text.strip() or len(text) > MAX_TEXT or not text.isprintable():
             raise CommandError(f"cannot be signed: {text[:32]!r} is not one line of 1 to {MAX_TEXT} characters")
         self._last = max(self._clock(), self._last + 1)
@@ -98,13 +89,8 @@ class Signer:
 class Verifier:
     """Opens signed commands; a refused one does not change its state.
 
-    Args:
-        key: Secret shared with the signers, at least ``KEY_BYTES`` long.
-        window: Largest distance of a stamp from the wall time, to either side [s].
-        clock: Wall time [ns].
-
-    Raises:
-        ConfigError: The key is short or the window is not a positive time.
+    ``window`` is the largest distance of a stamp from the wall time ``clock`` [ns], to either side [s]. Raises
+    ``ConfigError`` when it is not positive or the key is short.
     """
 
     def __init__(self, key: bytes, window: float, clock: Callable[[], int] = time.time_ns) -> None:
@@ -116,12 +102,7 @@ class Verifier:
         self._newest: dict[str, int] = {}
 
     def verify(self, line: str) -> VerifiedCommand:
-        """Open a line of ``Signer.sign``.
-
-        Raises:
-            CommandError: It is unsigned, of another version, forged, replayed, too old or ahead of time; the message
-                names the cause.
-        """
+        """Open a line of ``Signer.sign``; ``CommandError`` when unsigned, forged, replayed, too old or early."""
         source, stamp, tag, text = self._parts(line)
         if not hmac.compare_digest(tag.encode("utf-8", "replace"), _tag(self._key, source, stamp, text).encode()):
             raise CommandError(f"forged: the signature of '{source[:32]}' is wrong; signed with another key or changed")
@@ -130,7 +111,6 @@ class Verifier:
         return VerifiedCommand(source, text)
 
     def _parts(self, line: str) -> tuple[str, str, str, str]:
-        """Source, stamp, tag and text of a line."""
         if len(line) > _MAX_LINE:
             raise CommandError(f"{len(line)} characters are too long for a signed command")
         version, *rest = line.split(" ", 4)
@@ -173,11 +153,7 @@ class Verifier:
 
 
 def write_key(path: Path) -> None:
-    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600.
-
-    Raises:
-        ConfigError: The file exists, or cannot be written.
-    """
+    """Create a key file of ``KEY_BYTES`` random bytes with mode 0600; ``ConfigError`` when it exists already."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(descriptor, "w", encoding="ascii") as file:
@@ -191,11 +167,7 @@ def write_key(path: Path) -> None:
 
 
 def read_key(path: Path) -> bytes:
-    """Read a key file.
-
-    Raises:
-        ConfigError: It is absent, readable by others, or not at least ``KEY_BYTES`` bytes in hexadecimal.
-    """
+    """Read a key file; ``ConfigError`` when it is absent, readable by others, or too short."""
     try:
         with path.open("rb") as file:
             mode = os.fstat(file.fileno()).st_mode  # of the very file that is read

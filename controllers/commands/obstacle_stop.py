@@ -21,15 +21,15 @@ from models.types import Matrix, Vector
 class ObstacleStopConfig:
     """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
 
-    stop_distance: Annotated[float, Field(gt=0, le=5, description="Gap at which the robot is to stand still [m]")]
-    release_distance: Annotated[float, Field(gt=0, le=10, description="Gap from which on it may walk again [m]")]
-    release_time: Annotated[float, Field(ge=0, le=60, description="For how long the gap must have been so long [s]")]
-    margin: Annotated[float, Field(ge=0, le=2, description="Corridor beyond the body, each side [m]")]
-    deceleration: Annotated[float, Field(gt=0, le=10, description="How fast a walk is counted on to slow down [m/s^2]")]
-    reaction_time: Annotated[float, Field(ge=0, le=5, description="From a reading to the first effect [s]")]
-    speed_min: Annotated[float, Field(gt=0, le=1, description="Slowest walk towards an obstacle [m/s]")]
-    scan_timeout: Annotated[float, Field(gt=0, le=5, description="Oldest usable scan [s]")]
-    points_min: Annotated[int, Field(ge=1, le=100, description="Readings that make an obstacle [1]")]
+    stop_distance: Annotated[float, Field(gt=0, le=5)]  #: Gap at which the robot is to stand still [m]
+    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap from which on it may walk again [m]
+    release_time: Annotated[float, Field(ge=0, le=60)]  #: For how long the gap must have been so long [s]
+    margin: Annotated[float, Field(ge=0, le=2)]  #: Corridor beyond the body, each side [m]
+    deceleration: Annotated[float, Field(gt=0, le=10)]  #: How fast a walk is counted on to slow down [m/s^2]
+    reaction_time: Annotated[float, Field(ge=0, le=5)]  #: From a reading to the first effect [s]
+    speed_min: Annotated[float, Field(gt=0, le=1)]  #: Slowest walk towards an obstacle [m/s]
+    scan_timeout: Annotated[float, Field(gt=0, le=5)]  #: Oldest usable scan [s]
+    points_min: Annotated[int, Field(ge=1, le=100)]  #: Readings that make an obstacle [1]
 
     def __post_init__(self) -> None:
         if self.release_distance <= self.latch_distance:
@@ -115,14 +115,9 @@ class ObstacleStop:
 
     def reset(self) -> None:
         """Discard every scan and every stop."""
-        self._t: float | None = None
+        self.stamp: float | None = None  #: Of the newest scan [s]
         self._points: Matrix = np.empty((0, 2))
         self._stops: list[_Stop] = []
-
-    @property
-    def stamp(self) -> float | None:
-        """Stamp of the newest scan [s]; None before the first."""
-        return self._t
 
     @property
     def stopped(self) -> bool:
@@ -130,23 +125,16 @@ class ObstacleStop:
         return bool(self._stops)
 
     def update(self, scan: Scan) -> None:
-        """Accept the newest scan.
-
-        Raises:
-            MessageError: It is malformed or not newer than the last one; the field is named, and the last one stays.
-        """
+        """Accept the newest scan; ``MessageError`` names the field if it is malformed or not newer than the last."""
         check_scan(scan)
-        if self._t is not None and scan.t <= self._t:
-            raise MessageError(f"t: {scan.t:.6f} s is not after {self._t:.6f} s")
-        self._t = scan.t
+        if self.stamp is not None and scan.t <= self.stamp:
+            raise MessageError(f"t: {scan.t:.6f} s is not after {self.stamp:.6f} s")
+        self.stamp = scan.t
         self._points = scan.points @ self._rotation.T + self._origin  # (k, 2) in B
         self._stops = [stop for stop in self._stops if not self._released(stop, scan.t)]
 
     def limit(self, velocity: Velocity, t: float) -> tuple[Velocity, str]:
-        """The allowed part of a velocity in B [m/s, m/s, rad/s], and why it is less; empty when it is not.
-
-        It is never faster and never in another direction. ``t`` is now on the scans' clock [s].
-        """
+        """Allowed part of a velocity in B [m/s, m/s, rad/s] at ``t`` [s], and why it is less, or empty."""
         forward, left, turn = velocity
         if not all(math.isfinite(value) for value in velocity):
             return (0.0, 0.0, 0.0), "stopped: the velocity is not finite"
@@ -176,9 +164,9 @@ class ObstacleStop:
 
     def _blind(self, t: float) -> str:
         """Why there is no usable scan; empty when there is one."""
-        if self._t is None:
+        if self.stamp is None:
             return "stopped: no scan"
-        if abs(t - self._t) > self.config.scan_timeout:
+        if abs(t - self.stamp) > self.config.scan_timeout:
             return f"stopped: no scan within {self.config.scan_timeout:g} s"
         return ""
 
@@ -210,5 +198,4 @@ class ObstacleStop:
 
 
 def _side(forward: float, left: float) -> str:
-    """Name of a direction in B."""
     return SIDES[round(math.atan2(left, forward) / (0.5 * math.pi)) % 4]

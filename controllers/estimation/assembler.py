@@ -22,17 +22,15 @@ class SampleAssembler:
     slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
     bridges for a while; the assembler waits for it again once it has given another sample.
 
-    Args:
-        max_age_ns: Oldest usable sample of another source [ns].
-        max_gap_ns: Largest step of a source's stamp that is accepted at once [ns]. A larger one is refused, unless the
-            source continues from there: then samples had been missing.
-        strict: Never mix stamps: wait for the complete tick; the plant may repeat a sample without an answer, which is
-            skipped (lockstep).
-        feet: Whether the robot has foot sensors; without, their values are NaN.
+    ``max_age_ns`` is the age up to which a sample of another source is used [ns]; a step of a stamp by more than
+    ``max_gap_ns`` is refused unless the source continues from there. ``strict`` never mixes stamps but waits for the
+    complete tick (lockstep). With ``repeats`` the plant may repeat a sample. Without ``feet`` their values are NaN.
     """
 
-    def __init__(self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, feet: bool = True) -> None:
-        self._max_age, self._max_gap, self._strict = max_age_ns, max_gap_ns, strict
+    def __init__(
+        self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, repeats: bool = False, feet: bool = True
+    ) -> None:
+        self._max_age, self._max_gap, self._strict, self._repeats = max_age_ns, max_gap_ns, strict, repeats
         self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(SOURCES)))
         self.reset()
 
@@ -68,11 +66,7 @@ class SampleAssembler:
         return self._emit(mixed=pending and not self._strict)
 
     def add_imu(self, stamp: int, gyro: Vector, accel: Vector) -> SensorData | None:
-        """Add an inertial sample of a stamp [ns]; returns the tick's sensor data if this completes it.
-
-        Raises:
-            MessageError: The stamp is not newer than this source's last one, or jumps ahead.
-        """
+        """Add a sample of a stamp [ns]; the tick's sensor data if complete. ``MessageError`` for a bad stamp."""
         self._accept(IMU, stamp)
         self._imu = (gyro, accel)
         return self._emit(mixed=False)
@@ -84,7 +78,7 @@ class SampleAssembler:
         return self._emit(mixed=False)
 
     def _accept(self, source: int, stamp: int) -> None:
-        if self._strict and stamp == self._filters[source].last:
+        if self._repeats and stamp == self._filters[source].last:
             return
         self._filters[source].step(stamp)
         self._silent.discard(source)
@@ -122,11 +116,7 @@ def mean_sample(samples: Sequence[SensorData]) -> SensorData:
 
 
 class FootPairs:
-    """A pair is complete when both feet have given a newer sample, or the other one is silent.
-
-    A foot is silent when its sample is older than the other's by more than ``max_age``; ``max_gap`` is the largest step
-    of a stamp that is accepted at once [ns].
-    """
+    """Pairs of newer samples of both feet; a foot older than the other by ``max_age`` [ns] is silent and left out."""
 
     def __init__(self, max_age: int, max_gap: int) -> None:
         self.wrenches = np.zeros((len(FOOT_NAMES), 6))  #: Newest sample of each foot, in its sole frame [N, N.m]
@@ -137,13 +127,9 @@ class FootPairs:
         self._begun: int | None = None
 
     def add(self, foot: int, stamp: int, wrench: Vector) -> float | None:
-        """Add a ground reaction (6,) [N, N.m] of a foot at a stamp [ns].
+        """Add a reaction (6,) of a foot at a stamp [ns]; time since the last pair [s], 0 for the first, or None.
 
-        Returns:
-            Time since the last pair [s], 0 for the first; None until the other foot's sample.
-
-        Raises:
-            MessageError: The stamp is not newer than this foot's last, or jumps ahead alone.
+        Raises ``MessageError`` when the stamp is not newer than this foot's last, or jumps ahead alone.
         """
         self._guards[foot].step(stamp)
         self.wrenches[foot] = wrench

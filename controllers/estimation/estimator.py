@@ -48,14 +48,8 @@ class StateEstimator:
     last good values with more noise, joints and wrenches by their last good values without a correction. ``health``
     counts them; ``health.coasting`` is their duration.
 
-    Args:
-        model: The robot.
-        config: Tuning; the packaged ``estimator.yaml`` when None. ``given`` keeps it; the attribute ``config`` includes
-            the figures of the robot's IMU.
-
-    Raises:
-        ConfigError: The packaged configuration is unusable.
-        RobotModelError: The chains to the soles or the IMU are not of revolute joints.
+    ``config`` is the packaged ``estimator.yaml`` when None; ``given`` keeps it, and the attribute ``config`` adds the
+    figures of the robot's IMU. Raises ``RobotModelError`` when the chains to soles or IMU are not of revolute joints.
 
     Assumptions:
         The soles are flat, the ground does not move, and at ``reset`` the soles rest on a floor that is about level.
@@ -113,12 +107,7 @@ class StateEstimator:
         return np.array(self.filter.state.biases[1])
 
     def odometry_covariance(self) -> tuple[Matrix, Matrix]:
-        """Covariance of the last state's base, in the conventions of nav_msgs/Odometry; new arrays.
-
-        Returns:
-            Of the pose in odom: x, y, z, then rotation about the fixed axes X, Y, Z (6, 6) [m, rad]; and of the twist
-            in base_link: linear, angular (6, 6) [m/s, rad/s]. Yaw, x and y of the pose grow with time.
-        """
+        """Covariances (6, 6) of the last pose in odom and twist in base_link, as in nav_msgs/Odometry."""
         joint = self.base_covariance()
         return joint[:6, :6].copy(), joint[6:, 6:].copy()
 
@@ -141,11 +130,7 @@ class StateEstimator:
         return self.observer.centroidal
 
     def reset(self, sensors: SensorData) -> RobotState:
-        """Start from one sample of the robot at rest: middle of the soles at x = y = 0, soles at z = 0, yaw 0.
-
-        Raises:
-            MessageError: A value is not finite, an array has the wrong size, or the specific force is not gravity.
-        """
+        """Start from one sample at rest: soles' middle at x = y = z = 0, yaw 0; ``MessageError`` if unusable."""
         self._buffer.reset(sensors)
         share = float(np.linalg.norm(self._buffer.imu[1])) / self.config.gravity
         if abs(share - 1.0) > self.config.rest.accel_at_reset:
@@ -168,18 +153,10 @@ class StateEstimator:
         return self._state_of(q, v)
 
     def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
-        """Advance by one sample, which may be unusable; arrays are as large as at ``reset``.
+        """Advance by one sample, which may be unusable, ``dt`` [s] after the last; propagates if it is stale.
 
-        Args:
-            sensors: The newest sample.
-            dt: Time since the sample of the previous call [s].
-            expected: Planned contact of each foot by the gait schedule; None without a schedule.
-
-        Returns:
-            The state at that sample, or, when it is stale, propagated to the time it was due at.
-
-        Raises:
-            MessageError: ``reset`` was not called.
+        ``expected`` is the planned contact of each foot by the gait; None without a schedule. Raises ``MessageError``
+        before ``reset``.
         """
         if not self._ready:
             raise MessageError("the estimator needs reset() with a first sample before step()")
@@ -211,7 +188,6 @@ class StateEstimator:
         return self._state_of(q, v)
 
     def _update_feet(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
-        """Update foot sensors, contacts and slips."""
         feet, contacts, health = self._feet, self._contacts, self.health
         if expected is None:
             self._expected[:] = UNKNOWN

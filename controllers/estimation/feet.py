@@ -122,12 +122,6 @@ class FootSensorMonitor:
     the motion (within ``sum_error``, or better than the sum of the sensors); after ``scheduled_time``, if the gait
     schedule agrees with the torques. So is one without a finite reading for ``fault_time``. It is sound again after it
     has agreed with the torques for ``recover_time`` in readings that change.
-
-    Attributes:
-        used: Wrench of each sole, measured or estimated, in its frame (2, 6) [N, N.m].
-        fault: 0 sound, 1 absent, 2 contradicted, of each foot (2,).
-        counts: Failures of each sensor (2,).
-        changed: Whether the last step has changed ``fault``.
     """
 
     def __init__(self, config: FootSensorConfig, weight: float, fitted: bool) -> None:
@@ -143,9 +137,10 @@ class FootSensorMonitor:
             settle_time=config.settle_time,
         )
         self.fitted = fitted
-        self.used = np.zeros((2, 6))
-        self.fault, self.counts = np.zeros(2), np.zeros(2)
-        self.changed = False
+        self.used = np.zeros((2, 6))  #: Wrench of each sole, measured or estimated, in its frame (2, 6) [N, N.m]
+        self.fault = np.zeros(2)  #: 0 sound, 1 absent, 2 contradicted, of each foot (2,)
+        self.counts = np.zeros(2)  #: Failures of each sensor (2,)
+        self.changed = False  #: Whether the last step has changed ``fault``
         self._doubt = np.zeros(1)
         self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
         self._unboxed = unbox(
@@ -274,13 +269,8 @@ class ContactDetector:
         s_position    = swing^(1 - c) slip^c
         s_orientation = swing_rotation^(1 - c) (tipping^(1 - m) flat^m)^c
 
-    Attributes:
-        active: 1 where the foot bears, else 0 (2,).
-        confidence: c and m of each foot (2, 2) [-].
-        cops: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m].
-        pivots: Point about which the sole turns, in the sole frame (2, 2) [m]: a sole that bears on its whole area
-            gives way about its middle, one that tips about its centre of pressure, so (1 - m) times that.
-        densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
+    A sole that bears on its whole area gives way about its middle, one that tips about its centre of pressure: the
+    pivot is (1 - m) times that.
     """
 
     def __init__(
@@ -304,12 +294,12 @@ class ContactDetector:
             flat=math.log(noise.flat),
         )
         rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
-        self.active = np.zeros(2)
+        self.active = np.zeros(2)  #: 1 where the foot bears, else 0 (2,)
         self._timers = np.zeros(2)
-        self.confidence = np.zeros((2, 2))
-        self.cops = np.zeros((2, 2))
-        self.pivots = np.zeros((2, 2))
-        self.densities = np.zeros((2, 2))
+        self.confidence = np.zeros((2, 2))  #: c and m of each foot (2, 2) [-]
+        self.cops = np.zeros((2, 2))  #: Centre of pressure in the sole frame, kept from the last contact (2, 2) [m]
+        self.pivots = np.zeros((2, 2))  #: Point about which the sole turns, in the sole frame (2, 2) [m]
+        self.densities = np.zeros((2, 2))  #: Random walk of position and orientation (2, 2) [m/sqrt(s), rad/sqrt(s)]
         arrays = rectangles, self.active, self._timers, self.confidence, self.cops, self.pivots, self.densities
         self._unboxed = unbox(_Contacts(self._limits, *arrays))
         self.reset(np.zeros((2, 6)), np.zeros(2))
@@ -372,30 +362,21 @@ class SlipMonitor:
 
     A foot slips once its normalised innovation squared has been above the ``gate`` [-] for ``time``. Its position then
     wanders with ``density`` until the innovation has stayed below the gate for ``recover_time``.
-
-    Attributes:
-        slipping: 1 where a foot slips, else 0 (2,).
-        counts: Slips of each foot (2,).
-        changed: Whether a slip began in the last step.
     """
 
     def __init__(self, config: SlipConfig, gate: float) -> None:
         self._gate = gate
         self._limits = SlipLimits(config.time, config.recover_time, config.density)
-        self.changed = False
+        self.changed = False  #: Whether a slip began in the last step
         self._timers = np.zeros((2, 2))
-        self.slipping, self.counts = np.zeros(2), np.zeros(2)
+        self.slipping, self.counts = np.zeros(2), np.zeros(2)  #: 1 where a foot slips, else 0; slips of each foot
 
     def reset(self) -> None:
         """No foot has slipped."""
         self._timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0
 
     def update(self, innovation: Vector, stands: Vector, dt: float, densities: Matrix) -> None:
-        """Advance by ``dt`` [s] with the normalised innovation squared and the confidence of each foot (2,) [-].
-
-        Changes the random walks ``densities`` (2, 2) [m/sqrt(s), rad/sqrt(s)] of position and orientation of slipping
-        feet.
-        """
+        """Advance by ``dt`` [s] with innovation and confidence of each foot (2,); raises the ``densities`` of slips."""
         self.changed = _watch(
             innovation, stands, self._gate, self._limits, dt, self._timers, self.slipping, self.counts, densities,
         )  # fmt: skip

@@ -85,10 +85,7 @@ class Filter(NamedTuple):
 
 
 class InvariantFilter:
-    """The filter; ``state`` is updated in place, and its ``innovation`` is 6 on average.
-
-    ``unboxed`` is the state, with constants, for compiled code.
-    """
+    """The filter; ``state`` is updated in place, ``unboxed`` has it for kernels; ``innovation`` is 6 on average."""
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._config = config
@@ -180,16 +177,11 @@ class InvariantFilter:
         self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, pivots: Matrix, scale: float,
         sole_noise: Matrix,
     ) -> None:  # fmt: skip
-        """Propagate by one step of ``dt`` [s].
+        """Propagate by ``dt`` [s] with the measured rate and specific force (3,) in the IMU's frame.
 
-        Args:
-            rate: Measured angular velocity in the IMU's frame (3,) [rad/s].
-            force: Measured specific force (3,) [m/s^2].
-            dt: Step [s].
-            foot_densities: Random walk of position and orientation of each foot (2, 2) [m/sqrt(s), rad/sqrt(s)].
-            pivots: Point of each sole about which it turns, in its frame (2, 2) [m].
-            scale: Multiplier of the inertial noise densities [-].
-            sole_noise: Covariance of the sole poses that the encoders give, in the sole frames (2, 6, 6).
+        ``foot_densities`` (2, 2) are random walks of position and orientation of each foot [m/sqrt(s), rad/sqrt(s)],
+        ``pivots`` (2, 2) the points of the soles about which they turn [m], ``scale`` multiplies the inertial noise,
+        and ``sole_noise`` (2, 6, 6) is the covariance of the sole poses that the encoders give.
         """
         _propagate(rate, force, dt, foot_densities, pivots, scale, sole_noise, self.unboxed)
 

@@ -24,10 +24,7 @@ _FOOT_MINUS = np.array(
 
 
 class FilterState(NamedTuple):
-    """State of the filter, of the IMU in W except the biases.
-
-    The error (27,) is right-invariant, ``X_hat = Exp(xi) X``, except that of the biases, ``b_hat - b``.
-    """
+    """State of the IMU in W, and biases; the error (27,) is right-invariant but for these, ``b_hat - b``."""
 
     rotation: Array  # R (3, 3)
     vectors: Array  # velocity v and position p of the unit, origins of both soles d_L, d_R (4, 3) [m/s, m]
@@ -134,10 +131,7 @@ def apply_transition(rotation: Array, vectors: Array, dt: float, gravity: float,
 
 @njit(cache=True)
 def add_process_noise(vectors: Array, soles: Array, covariance: Array, noise: ProcessNoise) -> None:
-    """Add the noise of one step to the covariance (27, 27).
-
-    ``vectors`` are v, p, d_L, d_R (4, 3), ``soles`` Z_L, Z_R (2, 3, 3).
-    """
+    """Add the noise of a step to the covariance (27, 27); ``vectors`` v, p, d (4, 3), ``soles`` Z (2, 3, 3)."""
     gain = np.zeros((15, 3))  # [I; [v]x; [p]x; [d_L]x; [d_R]x]: gyro noise in the right-invariant error
     for i in range(3):
         gain[i, i] = 1.0
@@ -273,21 +267,13 @@ def correct(
 ) -> float:
     """Kalman gain and Joseph update for measurements that are one error component, or the difference of two.
 
-    ``residual = H xi + n`` with ``H xi = xi[plus] - xi[minus]`` and ``n ~ N(0, noise)``. A residual whose normalised
-    square e exceeds the gate has its noise multiplied by sqrt(e / gate): Huber's weight, so that an outlier pulls no
-    harder than one at the gate, and a filter that is wrong for another reason still recovers.
+    ``residual = H xi + n`` with ``H xi = xi[plus] - xi[minus]``, without the second where ``minus`` is -1, and
+    ``n ~ N(0, noise)``. A residual whose normalised square e exceeds the gate has its noise multiplied by
+    sqrt(e / gate): Huber's weight, so that an outlier pulls no harder than one at the gate, and a filter that
+    is wrong for another reason still recovers.
 
-    Args:
-        covariance: (27, 27), in place.
-        plus: Component of each row (m,).
-        minus: Component of each row that is subtracted, or -1 (m,).
-        residual: (m,).
-        noise: Covariance of the measurement (m, m).
-        gate: Bound on the normalised innovation squared [-].
-        error: Out, estimated error of the state (27,).
-
-    Returns:
-        Normalised innovation squared [-], or -1 and nothing changed when the innovation is not finite.
+    ``covariance`` (27, 27) is updated in place and ``error`` (27,) receives the estimated error of the state. Returns
+    the normalised innovation squared [-], or -1 and changes nothing where the innovation is not finite.
     """
     m = plus.shape[0]
     cross = np.empty((m, SIZE))  # H P
@@ -369,10 +355,7 @@ def correct(
 
 @njit(cache=True)
 def foot_residual(state: FilterState, foot: int, seen: SolePoses, residual: Array, noise: Array) -> None:
-    """Write the innovation of one sole pose, ``R y - (d - p)`` and ``Log(R C Z')`` in W, and its noise.
-
-    ``residual`` is (6,) [m, rad], ``noise`` (6, 6).
-    """
+    """Innovation (6,) of one sole pose, ``R y - (d - p)`` and ``Log(R C Z')`` in W, and its noise (6, 6)."""
     rotation, vectors, sole = state.rotation, state.vectors, state.soles[foot]
     measured = np.empty((3, 3))
     turn = np.empty((3, 3))
@@ -392,10 +375,7 @@ def foot_residual(state: FilterState, foot: int, seen: SolePoses, residual: Arra
 
 @njit(cache=True)
 def correct_soles(state: FilterState, seen: SolePoses, gate: float, error: Array) -> int:
-    """Correct the state with the pose of each sole in turn; returns the number of unusable ones.
-
-    ``gate`` bounds the normalised innovation squared [-]; ``error`` is memory (27,).
-    """
+    """Correct the state with the pose of each sole in turn; returns the number of unusable ones."""
     residual, noise = np.empty(6), np.empty((6, 6))
     rejected = 0
     for foot in range(2):

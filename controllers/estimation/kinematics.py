@@ -49,19 +49,9 @@ class SoleChains(NamedTuple):
 class SoleKinematics:
     """Kinematic measurement of the filter; compared with Pinocchio by a test.
 
-    Attributes:
-        imu: IMU in the base frame.
-        soles: Soles in the frame of the IMU.
-        unboxed: Both, for compiled code.
-
-    Args:
-        model: The robot.
-        encoder: Standard deviation of one joint position [rad].
-        position: Standard deviation of the model error of a sole position [m].
-        orientation: Standard deviation of the model error of a sole orientation [rad].
-
-    Raises:
-        RobotModelError: A joint is not revolute, or moves both a sole and the IMU.
+    ``imu`` is in the base frame, ``soles`` are in the frame of the IMU, ``unboxed`` holds both for compiled code. The
+    standard deviations are of a joint position [rad] and of the model error of a sole's position [m] and orientation
+    [rad]. Raises ``RobotModelError`` when a joint is not revolute, or moves both a sole and the IMU.
     """
 
     def __init__(self, model: RobotModel, *, encoder: float, position: float, orientation: float) -> None:
@@ -245,14 +235,9 @@ def base_covariance(
     dtheta is a rotation about the fixed axes of W (``R_hat = Exp(dtheta) R``). The linear part of the twist depends on
     neither attitude nor position: what the filter cannot observe does not enter it.
 
-    Args:
-        rotation: R_WI (3, 3).
-        position: Origin of the IMU in W (3,) [m].
-        covariance: Of the error of the filter (27, 27).
-        imu: R_BI, r_BI and J.
-        variances: Of a joint position, a joint velocity and one sample of the rate (3,) [rad^2, (rad/s)^2, (rad/s)^2].
-        out: Out, of x, y, z, the rotation about X, Y, Z of W, and the twist in B, linear then angular (12, 12)
-            [m, rad, m/s, rad/s].
+    ``rotation`` is R_WI, ``position`` the origin of the IMU in W [m], ``covariance`` of the filter's error (27, 27),
+    ``variances`` are of a joint position, a joint velocity and one sample of the rate (3,); ``out`` is of x, y, z, the
+    rotation about X, Y, Z of W, and the twist in B, linear then angular (12, 12) [m, rad, m/s, rad/s].
 
     Assumptions:
         The errors of joints and rate sample are independent of xi, and an error of a joint position, times the speed

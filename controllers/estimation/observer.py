@@ -80,16 +80,9 @@ class ForceObserver:
 
     All of it passes both low-passes, that of the joints and that of the push, or walking would look like a push.
 
-    Attributes:
-        state: Low-passes and detection.
-        base: Net external wrench without gravity, feet included: force, moment about the CoM, in W (6,) [N, N.m].
-        joints: External torque on each joint (nj,) [N.m].
-        estimated: Wrench of each sole from the leg torques, in its frame (2, 6) [N, N.m].
-        measured: Readings of the foot sensors, through the low-pass of the joints (2, 6) [N, N.m].
-        weight: [N].
-
-    Raises:
-        RobotModelError: A joint is not revolute; names it.
+    ``base`` is the net external wrench without gravity, feet included, about the CoM in W (6,), ``joints`` the external
+    torques (nj,), ``estimated`` and ``measured`` are the wrenches of the soles from leg torques and sensors, in their
+    frames (2, 6).
 
     References:
         A. De Luca, A. Albu-Schaeffer, S. Haddadin, G. Hirzinger: Collision detection and safe reaction with the
@@ -141,16 +134,10 @@ class ForceObserver:
         dt: float,
         doubtful: bool = False,
     ) -> None:
-        """Advance by one step.
+        """Advance by ``dt`` [s], 0 to start in a steady state, with q (nq,), v (nv,), tau (nj,).
 
-        Args:
-            q: Configuration (nq,).
-            v: Velocity (nv,).
-            tau: Joint torques (nj,) [N.m].
-            measured: Readings of the foot sensors, in the sole frames (2, 6) [N, N.m].
-            fault: Not 0 where the leg torques are used instead (2,).
-            dt: Step; 0 starts in a steady state [s].
-            doubtful: Whether a foot sensor is in doubt; then no push begins.
+        ``measured`` are readings in the sole frames (2, 6), replaced by the leg torques where ``fault`` is not 0; while
+        a foot sensor is ``doubtful``, no push begins.
         """
         observe(q, v, tau, measured, fault, doubtful, dt, self._unboxed)
 

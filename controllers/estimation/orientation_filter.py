@@ -8,7 +8,7 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, default_config
+from models.config import STRICT, NonNegative, Positive, default_config
 from models.constants import GRAVITY
 from models.errors import MessageError
 from models.types import Matrix, Vector
@@ -18,18 +18,15 @@ from models.types import Matrix, Vector
 class OrientationFilterConfig:
     """Schema of ``controllers/config/orientation_filter.yaml``."""
 
-    kp: Annotated[float, Field(gt=0.0, description="rate at which the tilt follows the accelerometer [1/s]")]
-    ki: Annotated[float, Field(ge=0.0, description="rate at which the bias follows the tilt's error [1/s^2]")]
-    accel_band: Annotated[
-        float, Field(gt=0.0, le=1.0, description="deviation of |specific force| / gravity from 1 without any trust [-]")
-    ]
-    bias_max: Annotated[float, Field(gt=0.0, description="largest gyro bias, each axis [rad/s]")]
-    rest_gyro: Annotated[float, Field(gt=0.0, description="angular rate less bias below which it rests [rad/s]")]
-    rest_accel: Annotated[
-        float, Field(gt=0.0, lt=1.0, description="deviation of |specific force| / gravity from 1 at rest [-]")
-    ]
-    rest_time: Annotated[float, Field(ge=0.0, description="of quiet before it counts as rest [s]")]
-    rest_time_constant: Annotated[float, Field(gt=0.0, description="of the bias learnt at rest [s]")]
+    kp: Positive  #: rate at which the tilt follows the accelerometer [1/s]
+    ki: NonNegative  #: rate at which the bias follows the tilt's error [1/s^2]
+    #: deviation of |specific force| / gravity from 1 without any trust [-]
+    accel_band: Annotated[float, Field(gt=0.0, le=1.0)]
+    bias_max: Positive  #: largest gyro bias, each axis [rad/s]
+    rest_gyro: Positive  #: angular rate less bias below which it rests [rad/s]
+    rest_accel: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of |specific force| / gravity from 1 at rest [-]
+    rest_time: NonNegative  #: of quiet before it counts as rest [s]
+    rest_time_constant: Positive  #: of the bias learnt at rest [s]
 
 
 class OrientationFilter:
@@ -43,9 +40,6 @@ class OrientationFilter:
     orientation in a level frame (3, 3), b the bias (3,) [rad/s] and z up. e has no part along the vertical, so yaw is
     the integral of the rate. When rate and force have been quiet for ``rest_time``, b also follows the rate itself with
     ``rest_time_constant``, about the vertical too: then yaw stands still as well.
-
-    Attributes:
-        bias: b (3,) [rad/s].
 
     Assumptions:
         Forces average to gravity over 1 / kp. A steady turn slower than ``rest_gyro`` looks like a bias.
@@ -77,12 +71,9 @@ class OrientationFilter:
         return np.array(self._orientation.coeffs())
 
     def reset(self, gyro: Vector, accel: Vector, yaw: float = 0.0) -> None:
-        """Start at rest with a yaw [rad].
+        """Start at rest with a yaw [rad]; ``MessageError`` names the value that shows that the unit is not at rest.
 
         The mean angular rate (3,) [rad/s] is the first bias, the mean specific force (3,) [m/s^2] the vertical.
-
-        Raises:
-            MessageError: The unit is not at rest; names the value.
         """
         rate, share = float(np.abs(gyro).max()), float(np.linalg.norm(accel)) / GRAVITY
         if not rate <= self.config.bias_max:

@@ -54,15 +54,7 @@ class EstimatorHealth:
 
 
 class SensorBuffer:
-    """The last good value of all measurements, in one block of memory.
-
-    Args:
-        nj: Number of joints.
-        sensors: Full scales.
-        saturation: Share of full scale that counts as saturated [-].
-        gap: Largest step of a stamp that is accepted at once [s]. After a larger one, caused by a wrong stamp or by
-            missing samples, the next sample must continue from there.
-    """
+    """The last good value of all measurements; after a ``gap`` [s] of stamps the next must continue from there."""
 
     def __init__(self, nj: int, sensors: Sensors, saturation: float, gap: float) -> None:
         imu, feet = sensors.imu, sensors.feet
@@ -80,11 +72,7 @@ class SensorBuffer:
         self._new_wrenches = np.zeros((2, 6))
 
     def reset(self, sensors: SensorData) -> None:
-        """Start from one sample; wrenches may be missing.
-
-        Raises:
-            MessageError: A value is not finite or an array has the wrong size; names it.
-        """
+        """Start from one sample, wrenches optional; ``MessageError`` names a value that is unusable."""
         nj = self.joints.shape[1]
         shapes = {"q": (nj,), "v": (nj,), "tau": (nj,), "gyro": (3,), "accel": (3,), "wrenches": (2, 6)}
         for name, shape in shapes.items():
@@ -101,10 +89,7 @@ class SensorBuffer:
         self.previous_rate[:] = self.imu[0]
 
     def accept(self, sensors: SensorData) -> int:
-        """Copy the usable parts of a sample, of any memory layout; returns the bits ``BAD_*`` of the others.
-
-        The result is ``STALE`` when the stamp is not newer than the last one or jumps ahead.
-        """
+        """Copy the usable parts of a sample; returns the bits ``BAD_*`` of the others, or ``STALE``."""
         if not self._goes_on(sensors.t):
             return STALE
         self.t = sensors.t

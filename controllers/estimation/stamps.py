@@ -6,10 +6,7 @@ from models.errors import MessageError
 
 
 class JumpFilter:
-    """Distinguishes a wrong stamp from a gap: a jump ahead is accepted when the next stamp continues from it.
-
-    ``max_step`` is the largest step that is accepted at once, in the unit of the stamps.
-    """
+    """Accepts a jump ahead of a stamp, beyond ``max_step``, when the next stamp continues from it: a gap, no error."""
 
     def __init__(self, max_step: float) -> None:
         self._max_step = max_step
@@ -25,23 +22,14 @@ class JumpFilter:
 
 
 class StampFilter:
-    """Accepts the stamps of one source in ascending order, without single jumps ahead.
-
-    Args:
-        max_step: Largest step that is accepted at once [ns]; unlimited by default.
-        name: Field that an error names.
-    """
+    """Accepts stamps of one source in ascending order, without single jumps by more than ``max_step`` [ns]."""
 
     def __init__(self, max_step: float = math.inf, name: str = "header.stamp") -> None:
         self._jumps, self._name = JumpFilter(max_step), name
         self.last: int | None = None
 
     def step(self, stamp: int) -> int:
-        """Accept a stamp [ns]; returns the step since the last one [ns], 0 for the first.
-
-        Raises:
-            MessageError: It repeats the last one, is before it, or jumps ahead.
-        """
+        """Time since the last stamp [ns], 0 for the first; ``MessageError`` if it is not newer or jumps ahead."""
         last = stamp if self.last is None else self.last
         if self.last is not None:
             if stamp <= last:
@@ -67,11 +55,7 @@ class ClockFilter:
         self._last: int | None = None
 
     def check(self, stamp: int, *, moving: bool) -> None:
-        """Accept a time [ns]; while the robot does not move any time is accepted, since its plant may be a new one.
-
-        Raises:
-            MessageError: It is refused.
-        """
+        """Accept a time [ns], any while the robot does not move (its plant may be new); ``MessageError`` else."""
         if moving and self._last is not None:
             if stamp < self._last:
                 raise MessageError(f"clock: {stamp} ns is before {self._last} ns")

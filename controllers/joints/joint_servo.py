@@ -2,14 +2,12 @@
 
 from enum import Enum
 from math import inf
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.joints.torque_limiter import TorqueLimiter
-from models.config import STRICT, default_config
+from models.config import STRICT, NonNegative, Positive, default_config
 from models.errors import PoiseError
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
@@ -21,12 +19,12 @@ from models.types import JointCommand, JointTrajectory, Matrix, Vector
 class JointServoConfig:
     """Schema of ``controllers/config/joint_servo.yaml``."""
 
-    command_timeout: Annotated[float, Field(gt=0, description="age of a set-point at which the driver damps [s]")]
-    arming_blend: Annotated[float, Field(ge=0, description="fade-in of the first set-points after arming [s]")]
-    damped_ramp: Annotated[float, Field(ge=0, description="fade of the last torque into damping [s]")]
-    damping_scale: Annotated[float, Field(ge=0, description="damping of the fallback in multiples of kd [1]")]
-    position_margin: Annotated[float, Field(gt=0, description="from a joint limit, where torque fades [rad]")]
-    velocity_margin: Annotated[float, Field(gt=0, description="share beyond the speed limit, to no torque [1]")]
+    command_timeout: Positive  #: age of a set-point at which the driver damps [s]
+    arming_blend: NonNegative  #: fade-in of the first set-points after arming [s]
+    damped_ramp: NonNegative  #: fade of the last torque into damping [s]
+    damping_scale: NonNegative  #: damping of the fallback in multiples of kd [1]
+    position_margin: Positive  #: from a joint limit, where torque fades [rad]
+    velocity_margin: Positive  #: share beyond the speed limit, to no torque [1]
 
 
 class ServoState(Enum):
@@ -53,22 +51,16 @@ class JointServo:
     ``command_timeout`` (after the end of a trajectory), the driver damps: tau fades from its last value to
     -damping_scale kd v. That state holds until ``arm``.
 
-    Attributes:
-        state: State of the drivers.
-        refused: Setpoints refused because they were not finite, of the wrong size or had a negative gain.
-        timeouts: Times that the driver damped because no setpoint came.
-        silence: From the last setpoint to the newest of these times [s].
-
     Assumptions:
         ``step`` is called at the rate of the drivers with times that do not decrease.
     """
 
     def __init__(self, model: RobotModel, config: JointServoConfig | None = None) -> None:
         self.config = config or default_config(JointServoConfig, "controllers", "joint_servo")
-        self.state = ServoState.OFF
-        self.refused = 0
-        self.timeouts = 0
-        self.silence = 0.0
+        self.state = ServoState.OFF  #: State of the drivers
+        self.refused = 0  #: Setpoints refused because they were not finite, of the wrong size or had a negative gain
+        self.timeouts = 0  #: Times that the driver damped because no setpoint came
+        self.silence = 0.0  #: From the last setpoint to the newest of these times [s]
         self.model = model
         nj = model.nj
         self._gains = np.array([model.kp, model.kd])  # (2, nj)
@@ -122,10 +114,7 @@ class JointServo:
         self._deadline = inf
 
     def blend(self) -> None:
-        """Fade in the first setpoints of another source from the setpoint in force.
-
-        Like ``arm`` when the driver is not active or has not measured the joints yet.
-        """
+        """Fade in the first setpoints of another source; like ``arm`` when inactive or without measurements."""
         if self.state is not ServoState.ACTIVE or not self._measured_once:
             self.arm()
             return
@@ -145,11 +134,7 @@ class JointServo:
         self.state = ServoState.OFF
 
     def command(self, cmd: JointCommand, t: float) -> bool:
-        """Accept a setpoint that holds until the next one; values beyond the joint's limits are clipped to them.
-
-        ``t`` is the time of arrival on the clock of ``step`` [s]. Returns whether the setpoint is in force: False when
-        the driver is not active or the setpoint was refused.
-        """
+        """Accept a setpoint, clipped to the limits, at ``t`` [s] of the clock of ``step``; whether it is in force."""
         if self.state is not ServoState.ACTIVE:
             return False
         gains = self._gains
@@ -166,14 +151,10 @@ class JointServo:
         return True
 
     def command_trajectory(self, traj: JointTrajectory, t: float) -> bool:
-        """Execute a trajectory from now on, from the setpoint in force; joints that it does not name hold theirs.
+        """Execute a trajectory from ``t`` [s] on, from the setpoint in force; False unless active with measured joints.
 
-        Its times count from ``t``, the time of arrival on the clock of ``step`` [s]. Returns False when the driver is
-        not active or has not measured the joints yet.
-
-        Raises:
-            JointNameError: A joint is unknown or named twice; the previous setpoint stays in force.
-            TrajectoryError: As ``validate_trajectory`` raises it; the previous setpoint stays in force.
+        Joints that it does not name hold theirs. Raises ``JointNameError`` or ``TrajectoryError`` as
+        ``validate_trajectory`` does; the previous setpoint then stays in force.
         """
         if self.state is not ServoState.ACTIVE or not self._measured_once:
             return False
@@ -204,14 +185,7 @@ class JointServo:
         self._deadline = valid_until + self.config.command_timeout
 
     def step(self, t: float, q: Vector, v: Vector, dt: float) -> JointCommand:
-        """Command of the drives for one period; the arrays are overwritten by the next call.
-
-        Args:
-            t: Time [s].
-            q: Measured joint positions (nj,) [rad].
-            v: Measured joint velocities (nj,) [rad/s].
-            dt: Time since the last step [s].
-        """
+        """Command of the drives at ``t``, ``dt`` [s] after the last, from measured joints (nj,); overwritten later."""
         if self.overdue(t):
             self.timeouts += 1
             self.silence = t - self._last_command
@@ -271,10 +245,7 @@ class JointServo:
 
 
 def drive_torque(model: RobotModel, command: JointCommand, q: Vector, v: Vector) -> Vector:
-    """The law of the drives: torques (nj,) of a command at measured positions and velocities (nj,).
-
-    Zero where a measurement that a gain acts on is not finite.
-    """
+    """The law of the drives (nj,); zero where a measurement that a gain acts on is not finite."""
     kp, kd = model.kp if command.kp is None else command.kp, model.kd if command.kd is None else command.kd
     tau = np.empty(len(q))
     _finite_pd(command.q, command.v, command.tau, kp, kd, q, v, tau)

@@ -1,15 +1,13 @@
 """Motor drivers: which modes and commands they accept, and ``JointServo`` on the clock of joint samples."""
 
 from collections import Counter
-from typing import Annotated
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from controllers.estimation.stamps import StampFilter
 from controllers.joints.joint_servo import JointServo, JointServoConfig, ServoState
 from controllers.safety.supervisor import ACTIVE_MODES
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.constants import NANOSECONDS
 from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
@@ -19,12 +17,9 @@ TOO_OLD = "commands too old"  #: Key of the counter of commands that answer sens
 
 
 def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
-    """Arm, damp or switch off the drivers by the change of the supervisor's mode.
+    """Arm, damp or switch off the drivers by a change of mode; ``CommandError`` for off while they are active.
 
     Drivers that have damped by themselves are armed only by a new mode to move in.
-
-    Raises:
-        CommandError: Off, while the drivers are active: the robot would drop.
     """
     if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
         raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
@@ -38,13 +33,10 @@ def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
 
 
 def check_stamp(stamp: int, last: int, now: int, max_age: int, counters: Counter[str]) -> None:
-    """Check the stamp of a command against the last command's and the newest sensors'; all times in [ns].
+    """Check a command's stamp, that of the sensors it answers (0: now), against the last one and the newest [ns].
 
-    The stamp is that of the sensors that the command answers; 0 means now. ``counters`` counts commands older than
-    ``max_age``.
-
-    Raises:
-        MessageError: The stamp is not newer than the last command's, not yet due, or too old.
+    ``counters`` counts commands older than ``max_age``. Raises ``MessageError`` for a stamp that is not newer than the
+    last command's, not yet due, or too old.
     """
     if stamp and not last < stamp <= now:
         raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
@@ -57,14 +49,10 @@ def check_stamp(stamp: int, last: int, now: int, max_age: int, counters: Counter
 class MotorDriverConfig:
     """Schema of ``controllers/config/motor_driver.yaml``."""
 
-    max_command_age: Annotated[
-        float, Field(gt=0.0, description="age of the sensors a command answers above which it is refused [s]")
-    ]
-    max_gap: Annotated[float, Field(gt=0.0, description="largest step of the joints' stamp accepted at once [s]")]
-    step_max: Annotated[
-        float, Field(gt=0.0, description="step that the torque rate is counted over at most, after lost samples [s]")
-    ]
-    sensor_timeout: Annotated[float, Field(gt=0.0, description="silence of the joints after which it damps [s]")]
+    max_command_age: Positive  #: age of the sensors a command answers above which it is refused [s]
+    max_gap: Positive  #: largest step of the joints' stamp accepted at once [s]
+    step_max: Positive  #: step that the torque rate is counted over at most, after lost samples [s]
+    sensor_timeout: Positive  #: silence of the joints after which it damps [s]
 
 
 class MotorDriver:
@@ -90,11 +78,7 @@ class MotorDriver:
         self._last_command = 0
 
     def set_mode(self, mode: Mode) -> None:
-        """Follow the supervisor: arm, damp or switch off.
-
-        Raises:
-            CommandError: Off, while the drivers are active. A mode to move in that was there before the drivers.
-        """
+        """Follow the supervisor, except into a mode that was there before; ``CommandError`` for off while active."""
         before, self._mode = self._mode, self._mode or mode
         if before is None and mode in ACTIVE_MODES:
             raise CommandError(f"mode '{mode.value}' was there before the drivers: 'damp' comes first")
@@ -102,11 +86,7 @@ class MotorDriver:
         self._mode = mode
 
     def sample(self, stamp: int, q: Vector, v: Vector) -> Vector:
-        """Answer joint positions (nj,) [rad] and velocities (nj,) [rad/s] of a stamp [ns] with torques (nj,) [N.m].
-
-        Raises:
-            MessageError: The stamp is not newer than the last one, or jumps ahead alone.
-        """
+        """Torques (nj,) [N.m] for joints (nj,) measured at a stamp [ns]; ``MessageError`` for an unusable stamp."""
         step = self._stamps.step(stamp)
         if step > self._max_gap:
             self._counters["gaps bridged"] += 1
@@ -114,13 +94,7 @@ class MotorDriver:
         return self.servo.torque
 
     def command(self, stamp: int, command: JointCommand | JointTrajectory) -> bool:
-        """Accept a command that answers the sensors of a stamp [ns], 0 for now; returns whether it is in force.
-
-        Raises:
-            MessageError: The stamp is not newer than the last command's, not yet due, or too old.
-            JointNameError: A joint of a trajectory is unknown or named twice.
-            TrajectoryError: The trajectory is refused.
-        """
+        """Accept a command for the sensors of a stamp [ns], 0 for now; whether it is in force."""
         now = self._stamps.last
         if now is None:
             return False

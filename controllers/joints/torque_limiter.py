@@ -17,14 +17,8 @@ class TorqueLimiter:
     - zero at a joint whose measurement, or whose desired torque, is not finite;
     - limited to a change of tau_rate_max dt since the last call.
 
-    Args:
-        model: Robot; gives the limits, all (nj,).
-        position_margin: Distance from a joint limit over which the torque towards it fades [rad].
-        velocity_margin: Share of the velocity limit beyond it over which torque fades [1].
-
-    Attributes:
-        tau: Torques of the last call (nj,) [N.m].
-        sensor_faults: Calls with a measurement or torque that was not finite.
+    Margins are in [rad] and as a share of the velocity limit; ``sensor_faults`` counts calls with a value that was not
+    finite.
     """
 
     def __init__(self, model: RobotModel, position_margin: float, velocity_margin: float) -> None:
@@ -44,10 +38,7 @@ class TorqueLimiter:
         _approach(np.zeros(nj), self._tau_rate_max, 0.0, self.tau)
 
     def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
-        """Limited torques of one driver period (nj,) [N.m]: ``tau``, overwritten by the next call.
-
-        ``target`` holds the desired torques (nj,) [N.m] and is overwritten.
-        """
+        """Limited torques of one driver period (nj,): ``tau``, overwritten later; ``target`` is overwritten, too."""
         if not _bound(q, v, self._centre, self._inverse_half, self._tau_max, target):
             self._fade(np.array((q, v)), target)
         _approach(target, self._tau_rate_max, dt, self.tau)
@@ -67,10 +58,7 @@ class TorqueLimiter:
 
 @njit(cache=True)
 def _bound(q: Vector, v: Vector, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
-    """Limit torques (nj,) to ``most`` where no torque needs to fade; returns False, and does nothing, elsewhere.
-
-    ``centre`` and ``inverse_half`` (2, nj) describe the box of q and v in which no torque needs to fade.
-    """
+    """Limit torques where no torque needs to fade, inside ``centre`` and ``inverse_half`` (2, nj); False elsewhere."""
     for j in range(target.shape[0]):
         position, speed = (q[j] - centre[0, j]) * inverse_half[0, j], (v[j] - centre[1, j]) * inverse_half[1, j]
         if not (abs(position) <= 1.0 and abs(speed) <= 1.0):  # nor where it is not a number

@@ -5,6 +5,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from msgspec.structs import replace
 from rcl_interfaces.msg import FloatingPointRange
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
@@ -22,12 +23,13 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import JointCommandCodec, JointStateCodec, mode_named
-from models.nodes.parameters import declare, declare_config, declare_lockstep, declare_period
-from models.nodes.qos import LATCHED, SENSOR, command
+from models.nodes.parameters import declare, declare_config, declare_lockstep, declare_period, describe
+from models.nodes.qos import LATCHED, STATE, command, sensor
 from models.nodes.realtime import TickTimer
 from models.nodes.spin import program
 from models.types import ControlResult, Mode, RobotState, SolveStatus
 
+FORCE = "force_deactivate"  #: Parameter that allows a deactivation while the robot stands
 OVERRUNS_REPORTED = 10  #: Consecutive ticks over their budget after which diagnostics are published at once
 
 
@@ -48,7 +50,7 @@ class BalanceControllerNode(PoiseNode):
         self._bound_gains()
         self.add_post_set_parameters_callback(self._on_gains)
         self._head_config = declare_config(self, default_config(HeadConfig, "controllers", "head"), "head.")
-        self._lockstep = declare_lockstep(self)
+        self._lockstep, self._waits = declare_lockstep(self)
         text = "Offered deadline of the joint command [s]"
         self._deadline = declare(self, "command_deadline", 0.02, text, low=0.002, high=1.0)
         self._posture_period = declare_period(
@@ -58,6 +60,8 @@ class BalanceControllerNode(PoiseNode):
         self._period = 1.0 / declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
         text = "Time a tick of the law may take; more is counted, and damps when it goes on [s]"
         self._budget = declare(self, "tick_budget", 0.001, text, low=1e-5)
+        text = describe("Whether the node may be deactivated while the robot stands on it", read_only=False)
+        self.declare_parameter(FORCE, False, text)
         self._overruns = 0
         self._joint_fault = ""
         self._mode = Mode.OFF
@@ -77,21 +81,33 @@ class BalanceControllerNode(PoiseNode):
                 tuning.set(name, float(self.get_parameter(name).value))
             tuning.finish()
         self._codec, self._posture_codec = JointCommandCodec(self.model), JointStateCodec(self.model)
-        self._command = self.announce(JointTrajectory, topics.JOINT_COMMAND, command(self._deadline))
+        self._command = self.announce(JointTrajectory, topics.JOINT_SETPOINTS, command(self._deadline))
         self._publish_status = self.announce_status(topics.CONTROL_STATUS)
-        self._posture = self.announce(JointState, topics.POSTURE, SENSOR)
+        self._posture = self.announce(JointState, topics.POSTURE, STATE)
         self.listen(String, topics.MODE, self._on_mode, LATCHED)
         self._motions = MotionTopics(self, self._stack, lambda: self._mode)
         self._head = HeadTopics(self, self._stack, lambda: self._mode)
         self._black_box.configure()
         if not self._local:
-            self._topics = StateTopics(self, self.on_state, reliable=self._lockstep)
+            qos = sensor(lockstep=self._lockstep, waits=self._waits)
+            self._topics = StateTopics(self, self.on_state, qos)
 
     def activate(self) -> None:
         """Start from the next state."""
         self._reset = True
         self._overruns = 0
         self._result = None
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition; refused while the robot stands on this node, unless forced."""
+        if self._mode in ACTIVE_MODES and not self.get_parameter(FORCE).value:
+            self.refuse(
+                "deactivate",
+                f"the robot would fall in mode '{self._mode.value}': poise mode damp first, with the robot held, "
+                f"or force it: ros2 param set {self.get_fully_qualified_name()} {FORCE} true",
+            )
+            return TransitionCallbackReturn.FAILURE
+        return super().on_deactivate(state)
 
     def deactivate(self) -> None:
         """Discard the motion."""
@@ -107,7 +123,7 @@ class BalanceControllerNode(PoiseNode):
             stack.control(0.0)
             self._keep(stamp)
             return
-        if self._lockstep and not self._reset and stamp == self._last_stamp:
+        if self._waits and not self._reset and stamp == self._last_stamp:
             self._command.publish(self._last_command)  # the plant asks again: the answer was lost
             return
         if not self._reset and stamp <= self._last_stamp:
@@ -126,7 +142,7 @@ class BalanceControllerNode(PoiseNode):
         self._command.publish(self._last_command)
         self._after(state, result, stamp)
         self._keep(stamp)
-        if not self._lockstep:
+        if not self._waits:
             self._judge_time()
 
     def _keep(self, stamp: int) -> None:

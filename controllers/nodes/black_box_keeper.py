@@ -125,7 +125,7 @@ class BlackBoxKeeper:
         self._unsubscribe()
         if box is None:
             return
-        box.seal()
+        box.sealed = True
         reason = f"{self._reason}; supervisor: {self._faults}" if self._faults else self._reason
         self._thread = threading.Thread(target=self._write, args=(box, reason), name="black_box")
         self._thread.start()
@@ -140,7 +140,7 @@ class BlackBoxKeeper:
         except (PoiseError, OSError, MemoryError) as error:
             self._outcome = False, str(error)
         finally:
-            box.unseal()
+            box.sealed = False
 
     def _report(self) -> None:
         """Counters and log of the writer thread."""

@@ -43,9 +43,9 @@ def velocity_from_words(text: str) -> Velocity:
 class CommandTopics:
     """Receives commands of every source, passes them to the supervisor's law, and repeats the velocity in force.
 
-    Each source has a topic for words and one for velocities; ``humanoid_commands``, ``cmd_vel`` and ``cmd_vel_stamped``
-    are those of the source ``plain``. In mode ``walk`` every ``publish`` repeats the velocity, zero included: without
-    it the gait comes to a standstill.
+    Each source has a topic for words and one for velocities; ``humanoid_commands`` (also ``text_command``), ``cmd_vel``
+    and ``cmd_vel_stamped`` are those of the source ``plain``. In mode ``walk`` every ``publish`` repeats the velocity,
+    zero included: without it the gait comes to a standstill. The law decides whether a velocity begins a walk.
 
     With a key, all words but ``stop`` must be signed (``controllers/commands/command_signature.py``): the signature
     then determines the source, whatever the topic, and velocities come as the word ``velocity FORWARD LEFT TURN``.
@@ -70,16 +70,20 @@ class CommandTopics:
             ScanTopic(node, obstacles, lambda: reports.t)
         self._speaker, self._commander = PLAIN, ""
         self._last_stamp = 0
+        self._last_velocity = -math.inf  # time of the newest velocity [s]
         self._walking = False
         self._velocity = node.announce(Twist, topics.GAIT_VELOCITY, COMMAND)
         self._stop = node.announce(Empty, topics.GAIT_STOP, EVENT)
         self._commander_topic = node.announce(String, topics.COMMANDER, LATCHED)
         for source in config.sources:
-            word, velocity = (
-                (topics.HUMANOID_COMMANDS, topics.CMD_VEL) if source == PLAIN else topics.source_topics(source)
+            *words, velocity = (
+                (topics.HUMANOID_COMMANDS, topics.TEXT_COMMAND, topics.CMD_VEL)
+                if source == PLAIN
+                else topics.source_topics(source)
             )
-            node.listen(String, word, partial(self._on_word, source, word), EVENT, while_active=True)
-            node.listen(Twist, velocity, partial(self._repeat, source), COMMAND, while_active=True)
+            for word in words:
+                node.listen(String, word, partial(self._on_word, source, word), EVENT, while_active=True)
+            node.listen(Twist, velocity, partial(self._repeat, source, velocity), COMMAND, while_active=True)
         node.listen(TwistStamped, topics.CMD_VEL_STAMPED, self._on_stamped, COMMAND, while_active=True)
         for name in config.locks:
             node.listen(Bool, f"{topics.LOCKS}/{name}", partial(self._on_lock, name), EVENT)
@@ -110,6 +114,8 @@ class CommandTopics:
         t, walking = self._reports.t, self._law.mode is Mode.WALK
         if walking:
             self._velocity.publish(velocity_to_twist(self._allowed(t)))
+            if not (self._on_the_way or self._reports.gait_active or any(self._arbiter.velocity(t))):
+                self._law.rest()
         elif self._walking:
             self._arbiter.forget()
         self._walking = walking
@@ -155,9 +161,8 @@ class CommandTopics:
                 command = self._verifier.verify(text)
                 source, text = command.source, command.text
             if text.startswith(VELOCITY):
-                self._require_walking()
                 velocity = velocity_from_words(text)
-                self._arbiter.repeat(source, velocity, t)
+                self._drive(source, topics.GAIT_VELOCITY, velocity)
                 return CommandReply(True, f"velocity {velocity}")
             self._arbiter.require(source, t)
         self._speaker = source
@@ -166,22 +171,37 @@ class CommandTopics:
             self._arbiter.executed(source, t)
         return reply
 
-    def _require_walking(self) -> None:
-        if self._law.mode is not Mode.WALK:
-            raise CommandError(f"no walking in mode '{self._law.mode.value}': request mode/walk first")
+    def _drive(self, source: str, topic: str, velocity: Velocity) -> None:
+        """Accept a velocity of a source; ``CommandError`` when the robot does not walk at it."""
+        t, law, mode = self._reports.t, self._law, self._law.mode
+        walking, moving = mode is Mode.WALK, any(velocity)
+        fresh = t - self._last_velocity > self._arbiter.config.sources[source].timeout or not moving
+        self._last_velocity = t
+        if walking:
+            self._arbiter.repeat(source, velocity, t)
+            moving = any(self._arbiter.velocity(t))
+        elif moving:
+            self._arbiter.require(source, t)
+        law.gait = self._reports.gait_present
+        reply = law.drive(moving, fresh=fresh)
+        if not reply.accepted:
+            raise CommandError(reply.reason)
+        if law.mode is not mode:
+            self._arbiter.repeat(source, velocity, t)
+            self._on_reply(topic, reply)
 
     def _on_stamped(self, message: Any) -> None:
-        self._repeat(PLAIN, message.twist, stamp_ns(message.header.stamp), message.header.frame_id)
+        topic, header = topics.CMD_VEL_STAMPED, message.header
+        self._repeat(PLAIN, topic, message.twist, stamp_ns(header.stamp), header.frame_id)
 
-    def _repeat(self, source: str, twist: Any, stamp: int = 0, frame_id: str = "") -> None:
+    def _repeat(self, source: str, topic: str, twist: Any, stamp: int = 0, frame_id: str = "") -> None:
         if self._verifier is not None:
             raise CommandError("unsigned: velocities come as the signed word 'velocity FORWARD LEFT TURN'")
-        self._require_walking()
         require_base_frame(frame_id)
         velocity: Velocity = velocity_from_twist(twist)
         if stamp:
             self._check_stamp(stamp, self._arbiter.config.sources[source].timeout)
-        self._arbiter.repeat(source, velocity, self._reports.t)
+        self._drive(source, topic, velocity)
 
     def _check_stamp(self, stamp: int, timeout: float) -> None:
         """Refuse stamps that are old, repeated, or of another clock. A stamp of zero means now."""

@@ -22,7 +22,7 @@ from models.nodes.interfaces import interface
 from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.odometry import OdometryCodec, contacts_to_bytes
 from models.nodes.parameters import declare_period
-from models.nodes.qos import EVENT, LATCHED, SENSOR, sensor
+from models.nodes.qos import EVENT, LATCHED, STATE
 from models.robot_model import RobotModel
 from models.types import RobotState, SensorData, Vector
 
@@ -52,18 +52,17 @@ def declare_rates(node: PoiseNode, *, shared: bool, lockstep: bool) -> EstimateR
 
 
 class EstimateTopics:
-    """Publishes each state on each topic when due; ``/odom`` is reliable in ``lockstep``."""
+    """Publishes each state on each topic when due."""
 
-    def __init__(self, node: PoiseNode, law: StateEstimator, rates: EstimateRates, *, lockstep: bool) -> None:
+    def __init__(self, node: PoiseNode, law: StateEstimator, rates: EstimateRates) -> None:
         self._node, self._law = node, law
         self._codec, self._imu_codec = OdometryCodec(), OrientedImuCodec(topics.IMU_FRAME)
         self._odom_due, self._imu_due, self._tf_due = Due(rates.odom), Due(rates.imu, 0.3), Due(rates.tf, 0.4)
         self._covariance_due, self._push_due = Due(rates.covariance), Due(rates.push, 0.6)
-        qos = sensor(reliable=lockstep)
-        self._odom = node.announce(Odometry, topics.ODOM, qos)
-        self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, qos)
-        self._imu = node.announce(Imu, topics.IMU_DATA, SENSOR)
-        self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, SENSOR)
+        self._odom = node.announce(Odometry, topics.ODOM, STATE)
+        self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, STATE)
+        self._imu = node.announce(Imu, topics.IMU_DATA, STATE)
+        self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, STATE)
         self._wrench_codec = WrenchCodec(topics.ODOM_FRAME)
         self._transforms = TransformTopics(node)
 

@@ -18,7 +18,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import WrenchCodec, set_stamp
 from models.nodes.parameters import declare_config, declare_ns, declare_period
-from models.nodes.qos import LATCHED, SENSOR
+from models.nodes.qos import LATCHED, SENSOR, STATE
 from models.nodes.spin import program
 from models.robot_model import SOLE_FRAMES
 from models.types import FOOT_NAMES
@@ -51,8 +51,8 @@ class FootSensorNode(PoiseNode):
             raise ConfigError(f"{self.robot}: no foot sensors are fitted by its profile (sensors.feet.fitted)")
         known = self._defaults
         self._law = ContactDetector(self.model, self._contact, known.foot_sensors, known.foot, known.gravity)
-        self._contacts = [self.announce(Bool, topic, SENSOR) for topic in topics.FOOT_CONTACTS]
-        self._cops = [self.announce(PointStamped, topic, SENSOR) for topic in topics.FOOT_COPS]
+        self._contacts = [self.announce(Bool, topic, STATE) for topic in topics.FOOT_CONTACTS]
+        self._cops = [self.announce(PointStamped, topic, STATE) for topic in topics.FOOT_COPS]
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             take = partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot]))
             self.listen(WrenchStamped, topic, take, SENSOR, raw=True, while_active=True)

@@ -1,6 +1,8 @@
 """Reports of the other nodes, as the ``Health`` that the supervisor judges."""
 
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -10,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from controllers.estimation.stamps import ClockFilter
-from controllers.safety.health import Health, SupervisorConfig, tilt
+from controllers.safety.health import Health, SupervisorConfig, second_publisher, tilt
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS, stamp_of
@@ -25,11 +27,26 @@ NO_CONTROL = ControlStatus(active=False, solve=SolveStatus.OPTIMAL, overruns=0, 
 WATCHED = ("motion_planner",)  #: Nodes without a stamped topic, supervised by their status
 COUNT_PERIOD = 0.2  #: Time between two counts of the sensors' publishers [s]
 SWAY_TIME = 1.0  #: Over which the velocity of the base is averaged: a step to either side [s]
+FAST_DDS = bytes((1, 15))  #: Vendor that begins an endpoint's identity; host and process follow
+PROCESSES, PID_MAX = Path("/proc"), 1 << 22  #: Processes of this machine, and the largest id of one on Linux
+CHECK_MAX = 40_000_000  #: Time between two checks that counts as silence of a topic: two periods [ns]
 REASON_MAX = 200  #: Longest reason that is taken from a report [characters]
 
 
+def publisher_name(end: Any, host: bytes) -> str:
+    """Node of a publisher and, where Fast DDS reports it, its process on the machine with the id ``host``."""
+    name, gid = f"node '{end.node_namespace.rstrip('/')}/{end.node_name}'", bytes(end.endpoint_gid)
+    if gid[:2] != FAST_DDS:
+        return name
+    if gid[2:4] != host:
+        return f"{name} on another machine"
+    low = int.from_bytes(gid[4:6], "little")  # of the process id
+    found = [pid for pid in range(low, PID_MAX, 1 << 16) if (PROCESSES / str(pid)).exists()]
+    return f"{name}, process {found[0]}" if len(found) == 1 else name
+
+
 class HealthTopics:
-    """Newest report of each kind; ages are counted on the stamps, only that of ``/clock`` on the monotonic clock.
+    """Newest report of each kind; ages are counted on the stamps, that of ``/clock`` in updates of the node.
 
     Args:
         node: Node that subscribes.
@@ -41,7 +58,8 @@ class HealthTopics:
         self._clock = ClockFilter(round(clock_leap * NANOSECONDS))
         self.moving = False  #: Whether the robot moves, set by the node; ``/clock`` may not go back then
         self.description: str | None = None  #: URDF that the robot publishes; None before it has arrived
-        self.clock_seen = time.monotonic()  #: When ``/clock`` last arrived, on the monotonic clock [s]
+        #: Time without ``/clock``, increased by each update of the node: a stalled node is not a silent clock [s]
+        self.clock_silence = 0.0
         self.now = 0  #: Time of the plant [ns]
         self.tilt = 0.0  #: Newest tilt of the base [rad]
         self._odom_stamp = self._command_stamp = self._started = 0
@@ -50,13 +68,15 @@ class HealthTopics:
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)
         self._alive: dict[str, float] = {}
-        self._looked = [0, 0]
+        self._looked, self._silence = [0, 0], [0, 0]
+        self._checked = 0  # time of the plant at the last check [ns]
         self._twist: Vector = np.zeros(6)
         self._count_at = 0.0
         self._intruders: tuple[str, ...] = ()
+        self._publishers: dict[str, bytes] = {}  # identity of the only publisher, by topic
         self._incompatible: dict[str, dict[str, str]] = {}
         self._needed_topics = frozenset(topics.needed_topics(node.model))
-        self._needed_outputs = frozenset([topics.JOINT_COMMAND])  # other topics may have mismatched observers
+        self._needed_outputs = frozenset([topics.JOINT_SETPOINTS])  # other topics may have mismatched observers
         self._sensors = [node.resolve_topic_name(topic) for topic in (*topics.sensor_topics(node.model), topics.CLOCK)]
         node.listen(String, topics.ROBOT_DESCRIPTION, self._on_description, LATCHED)
         node.listen(Clock, topics.CLOCK, self._on_clock, SENSOR)
@@ -86,9 +106,19 @@ class HealthTopics:
         return self._gait.ready
 
     @property
+    def gait_active(self) -> bool:
+        """Whether the robot walks, or has not yet come to a standstill."""
+        return not self._gait.settled
+
+    @property
     def complete(self) -> bool:
         """Whether the clock, a state and a command have arrived: before that, their ages mean nothing."""
         return bool(self.now and self._odom_stamp and self._command_stamp)
+
+    @property
+    def judged(self) -> int:
+        """Stamp of the newest state [ns]."""
+        return self._odom_stamp
 
     def walk(self) -> None:
         """A walk begins: the gait counts as moving until its first report."""
@@ -96,18 +126,32 @@ class HealthTopics:
 
     def start(self) -> None:
         """Count the age of state, command and clock from now: the robot begins to move."""
-        self._odom_stamp = self._command_stamp = self._started = self.now
+        self._odom_stamp = self._command_stamp = self._started = self._checked = self.now
+        self._silence = [0, 0]
         self._control = NO_CONTROL
-        self.clock_seen = time.monotonic()
+        self.clock_silence = 0.0
 
     @property
     def intruders(self) -> tuple[str, ...]:
-        """Sensor topics, and the clock, with more than one publisher: the source of a sample is unknown then."""
+        """Sentences on sensor topics, and the clock, with a second publisher: a sample's source is unknown then."""
         now = time.monotonic()
         if now >= self._count_at:
             self._count_at = now + COUNT_PERIOD
-            self._intruders = tuple(topic for topic in self._sensors if self._node.count_publishers(topic) > 1)
+            self._intruders = tuple(filter(None, map(self._intruder, self._sensors)))
         return self._intruders
+
+    def _intruder(self, topic: str) -> str:
+        """The sentence about a second publisher of a topic; empty without one."""
+        ends = {bytes(end.endpoint_gid): end for end in self._node.get_publishers_info_by_topic(topic)}
+        if len(ends) == 1:
+            self._publishers[topic] = next(iter(ends))
+        if len(ends) < 2:
+            return ""
+        own = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topics.NODE_STATUS))
+        name = self._node.get_name()
+        host = next((bytes(end.endpoint_gid)[2:4] for end in own if end.node_name == name), b"")
+        others = [publisher_name(end, host) for gid, end in ends.items() if gid != self._publishers.get(topic)]
+        return second_publisher(topic, " and ".join(sorted(others)))
 
     @property
     def incompatible(self) -> dict[str, str]:
@@ -123,29 +167,32 @@ class HealthTopics:
         arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self.now - self._started > arming_time * NANOSECONDS
         late = round(config.heartbeat_timeout * NANOSECONDS)
+        advance, self._checked = min(self.now - self._checked, CHECK_MAX), self.now
         return Health(
-            state_stamp=self._moving(0, self._odom_stamp, late) / NANOSECONDS,
-            command_stamp=self._moving(1, self._command_stamp, late) / NANOSECONDS,
+            state_stamp=self._last_seen(0, self._odom_stamp, late, advance) / NANOSECONDS,
+            command_stamp=self._last_seen(1, self._command_stamp, late, advance) / NANOSECONDS,
             tilt=self.tilt,
             status=self._control.solve,
             drivers_damped=armed and driver_state == topics.DAMPED,
             motion_active=self._motion_active,
             overruns=self._control.overruns,
-            gait_active=not self._gait.settled,
+            gait_active=self.gait_active,
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
             silent=tuple(name for name, seen in self._alive.items() if seen < then),
             intruders=self.intruders,
             joint_fault=self._control.joint_fault if driver_state == topics.ACTIVE else "",
         )
 
-    def _moving(self, which: int, stamp: int, late: int) -> int:
+    def _last_seen(self, which: int, stamp: int, late: int, advance: int) -> int:
         """The stamp to count an age from: that of now while the stamps still advance between two checks.
 
         The publisher is alive then, and its delay is that of this process and its queue; the drivers refuse commands
-        that are too old for the joints. A delay above ``late`` [ns] means another clock.
+        that are too old for the joints. A delay above ``late`` [ns] means another clock. The time between two checks
+        counts as silence up to ``advance`` [ns]: after a stall of this process, the clock may be read before the rest.
         """
         moved, self._looked[which] = stamp != self._looked[which], stamp
-        return self.now if moved and self.now - stamp <= late else stamp
+        self._silence[which] = 0 if moved else self._silence[which] + advance
+        return self.now - self._silence[which] if self.now - stamp <= late else stamp
 
     def _on_description(self, message: String) -> None:
         self.description = message.data
@@ -154,7 +201,7 @@ class HealthTopics:
         stamp = stamp_ns(message.clock)
         self._clock.check(stamp, moving=self.moving)
         self.now = stamp
-        self.clock_seen = time.monotonic()
+        self.clock_silence = 0.0
 
     def _on_odom(self, data: bytes) -> None:
         stamp, pose, twist = self._odom_codec.decode(data)

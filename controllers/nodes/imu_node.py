@@ -17,7 +17,7 @@ from models.nodes.cdr import NANOSECONDS
 from models.nodes.imu import CsvImuLog, ImuSample, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.parameters import declare, declare_config, declare_ns, declare_period
-from models.nodes.qos import LATCHED, SENSOR
+from models.nodes.qos import LATCHED, SENSOR, STATE
 from models.nodes.spin import program
 from models.types import Vector
 
@@ -53,7 +53,7 @@ class ImuNode(PoiseNode):
         """Build the law, the codecs and the topics."""
         self._law = OrientationFilter(self._config)
         self._raw, self._codec = ImuCodec(topics.IMU_FRAME), OrientedImuCodec(topics.IMU_FRAME)
-        self._filtered = self.announce(Imu, topics.IMU_FILTERED, SENSOR)
+        self._filtered = self.announce(Imu, topics.IMU_FILTERED, STATE)
         self.listen(Imu, topics.IMU_RAW, self._on_imu, SENSOR, raw=True, while_active=True)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
@@ -67,10 +67,7 @@ class ImuNode(PoiseNode):
         """Complete the table; one without a sample is left out."""
         log, self._log = self._log, None
         if log is not None:
-            if self._rows:
-                log.close()
-            else:
-                log.discard()
+            log.close(keep=self._rows > 0)
 
     def _start_over(self) -> None:
         self._first.clear()

@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from sensor_msgs.msg import JointState
@@ -14,7 +15,7 @@ from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.messages import decode, head_from_message, head_message, trajectory_from_message
-from models.nodes.qos import EVENT, SENSOR
+from models.nodes.qos import EVENT, STATE
 from models.status import MotionState, MotionStatus
 from models.types import Mode, RobotState
 
@@ -35,7 +36,8 @@ class MotionTopics:
         self.requested = ""
         self._state = node.announce(String, topics.MOTION_STATE, EVENT)
         self._publish_status = node.announce_status(topics.MOTION_STATUS)
-        node.listen(JointTrajectory, topics.MOTION_TRAJECTORY, self._on_trajectory, EVENT, raw=True)
+        for topic in (topics.JOINT_TRAJECTORY, topics.MOTION_TRAJECTORY):
+            node.listen(JointTrajectory, topic, partial(self._on_trajectory, topic), EVENT, raw=True)
         node.listen(String, topics.MOTION_REQUEST, self._on_request, EVENT)
 
     def forget(self) -> None:
@@ -59,17 +61,17 @@ class MotionTopics:
             self._stack.stop_motion()
             self._publish(MotionState.DONE)
 
-    def _on_trajectory(self, data: bytes) -> None:
+    def _on_trajectory(self, topic: str, data: bytes) -> None:
         request, mode = "", self._mode()
         try:
             if len(data) > TRAJECTORY_BYTES_MAX:  # decoding would cost ticks that keep the robot standing
                 raise MessageError(f"{len(data)} bytes, at most {TRAJECTORY_BYTES_MAX}: leave out points")
             message = decode(data, JointTrajectory)
-            request = message.header.frame_id
+            request = message.header.frame_id if topic == topics.MOTION_TRAJECTORY else ""
             if request and not (mode in (Mode.MOTION, Mode.WALK) and request == self.requested):
                 raise PoiseError(f"'{request[:32]}' came too late: mode '{mode.value}' goes on")
             if not self._node.active or mode not in ACTIVE_MODES or (mode is Mode.WALK and not request):
-                raise PoiseError(f"no motion in mode '{mode.value}'")
+                raise PoiseError(f"no trajectory in mode '{mode.value}': poise mode stand comes first")
             self._stack.follow(trajectory_from_message(message), zlib.crc32(data))
         except PoiseError as error:
             if not self._running:
@@ -86,7 +88,7 @@ class HeadTopics:
         head = node.model.profile.head
         self._joints = None if head is None else [node.model.joint_index(name) for name in (head.pan, head.tilt)]
         if self._joints is not None:
-            self._state = node.announce(JointState, topics.HEAD_STATE, SENSOR)
+            self._state = node.announce(JointState, topics.HEAD_STATE, STATE)
         node.listen(JointState, topics.HEAD_COMMAND, self._on_command, EVENT)
 
     def publish(self, state: RobotState, stamp: int) -> None:
@@ -99,5 +101,5 @@ class HeadTopics:
         mode = self._mode()
         pan, tilt = head_from_message(message)
         if self._joints is not None and not (self._node.active and mode in ACTIVE_MODES):
-            raise PoiseError(f"the head is not moved in mode '{mode.value}'")
+            raise PoiseError(f"the head is not moved in mode '{mode.value}': poise mode stand comes first")
         self._stack.look(pan, tilt)

@@ -44,7 +44,7 @@ class MotorControllerNode(PoiseNode):
         self._motors = self.announce(JointState, topics.MOTOR_COMMANDS, COMMAND)
         self._state = self.announce(String, topics.MOTOR_STATE, LATCHED)
         self.listen(JointState, topics.JOINT_STATES, self._on_joints, SENSOR, raw=True, while_active=True)
-        self.listen(JointTrajectory, topics.JOINT_COMMAND, self._on_command, COMMAND, raw=True, while_active=True)
+        self.listen(JointTrajectory, topics.JOINT_SETPOINTS, self._on_command, COMMAND, raw=True, while_active=True)
         self.listen(String, topics.MODE, self._on_mode, LATCHED, while_active=True)
 
     def activate(self) -> None:

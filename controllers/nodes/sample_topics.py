@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -32,8 +33,8 @@ class SampleTopics:
     """Subscribes to joints, IMU and feet; refused samples are counted by the node.
 
     ``ages`` are from ``declare_ages``. ``take`` is called with every tick's data and its stamp [ns], and may raise
-    ``PoiseError`` to refuse it; in lockstep ``again`` is called instead when the plant repeats the joints of this stamp
-    [ns], because an answer was lost.
+    ``PoiseError`` to refuse it. Where the plant ``waits`` for commands, ``again`` is called instead when it repeats the
+    joints of this stamp [ns], because an answer was lost.
     """
 
     def __init__(
@@ -44,12 +45,14 @@ class SampleTopics:
         again: Callable[[], None],
         *,
         lockstep: bool,
+        waits: bool,
     ) -> None:
-        self._take, self._again, self._lockstep = take, again, lockstep
-        self.assembler = SampleAssembler(*ages, strict=lockstep, feet=node.model.profile.sensors.feet.fitted)
+        self._take, self._again, self._waits = take, again, waits
+        fitted = node.model.profile.sensors.feet.fitted
+        self.assembler = SampleAssembler(*ages, strict=lockstep, repeats=waits, feet=fitted)
         self._taken: int | None = None
         self._joint_codec, self._imu_codec = JointStateCodec(node.model), ImuCodec(topics.IMU_FRAME)
-        listen = partial(node.listen, qos=sensor(reliable=lockstep), raw=True, while_active=True)
+        listen = partial(node.listen, qos=sensor(lockstep=lockstep, waits=waits), raw=True, while_active=True)
         listen(Imu, topics.IMU_RAW, self._on_imu)
         for foot, topic in enumerate(topics.foot_wrenches(node.model)):
             listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])))
@@ -67,7 +70,7 @@ class SampleTopics:
         self._pass_on(self.assembler.add_foot(foot, *codec.decode(data)))
 
     def _on_joints(self, data: bytes) -> None:
-        if self._lockstep and stamp_of(data) == self._taken:
+        if self._waits and stamp_of(data) == self._taken:
             self._again()
         else:
             self._pass_on(self.assembler.add_joints(*self._joint_codec.decode(data)))
@@ -84,17 +87,17 @@ class StateTopics:
     """Joins ``/odom`` with the joint states it was computed from, the contacts and the foot wrenches.
 
     Joints arrive before the odometry of the same stamp, because the estimator waits for them; contacts and wrenches are
-    the newest. ``take`` is called with every state and its stamp [ns]; ``reliable`` is set in lockstep.
+    the newest. ``take`` is called with every state and its stamp [ns]; ``qos`` is that of the subscribers.
     """
 
-    def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], *, reliable: bool) -> None:
+    def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], qos: Any) -> None:
         self._take = take
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
         self._joints: tuple[int, Vector, Vector, Vector] | None = None
         self._odom: tuple[int, Vector, Vector] | None = None
         self._contacts = (True, True)
         self._wrenches = [np.zeros(6), np.zeros(6)]
-        listen = partial(node.listen, qos=sensor(reliable=reliable), while_active=True)
+        listen = partial(node.listen, qos=qos, while_active=True)
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])), raw=True)
         listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts)

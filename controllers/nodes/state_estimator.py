@@ -43,7 +43,7 @@ class StateEstimatorNode(PoiseNode):
         super().__init__("state_estimator", **kwargs)
         self._hand_over, self._stack = hand_over, stack or ControlStack()
         self._config = declare_config(self, default_config(EstimatorConfig, "controllers", "estimator"))
-        self._lockstep = declare_lockstep(self)
+        self._lockstep, self._waits = declare_lockstep(self)
         self._rates = declare_rates(self, shared=hand_over is not None, lockstep=self._lockstep)
         self._ages = declare_ages(self)
         text = "Samples averaged for the start, at rest (lockstep: 1)"
@@ -55,8 +55,10 @@ class StateEstimatorNode(PoiseNode):
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
         law = self._stack.build_estimator(self.model, self._config)
-        self._estimates = EstimateTopics(self, law, self._rates, lockstep=self._lockstep)
-        self._samples = SampleTopics(self, self._ages, self._step, self._again, lockstep=self._lockstep)
+        self._estimates = EstimateTopics(self, law, self._rates)
+        self._samples = SampleTopics(
+            self, self._ages, self._step, self._again, lockstep=self._lockstep, waits=self._waits
+        )
         self._publish_status = self.announce_status(topics.ESTIMATOR_STATUS)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
         self._calibration = CalibrationServices(self, self.activate)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -16,14 +17,15 @@ from controllers.commands.obstacle_stop import ObstacleStop, ObstacleStopConfig
 from controllers.nodes.command_topics import CommandTopics
 from controllers.nodes.health_topics import HealthTopics
 from controllers.nodes.preflight_probe import PreflightProbe
-from controllers.safety.health import SupervisorConfig, second_publisher
+from controllers.safety.health import SupervisorConfig, fallen
 from controllers.safety.preflight import attitude, preflight
 from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
 from models.config import default_config
 from models.nodes import topics
 from models.nodes.base import PoiseNode
+from models.nodes.messages import set_stamp
 from models.nodes.parameters import declare, declare_config, declare_lockstep
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import EVENT, LATCHED, STATE
 from models.nodes.services import offer_own
 from models.nodes.spin import program
 from models.status import MotionState, MotionStatus, SupervisorStatus
@@ -46,7 +48,7 @@ class SupervisorNode(PoiseNode):
         self._obstacle_stop = declare_config(
             self, default_config(ObstacleStopConfig, "controllers", "obstacle_stop"), "obstacle_stop."
         )
-        self._lockstep = declare_lockstep(self)
+        self._lockstep, _ = declare_lockstep(self)
         text = "Whether to stand up by itself once the preflight checks pass and the robot is held"
         self._auto_stand = declare(self, "auto_stand", True, text)
         text = "Time between two looks at the robot's health [s]"
@@ -72,10 +74,12 @@ class SupervisorNode(PoiseNode):
         self._rates = {} if self._lockstep else dict.fromkeys(topics.sensor_topics(self.model), self._sensor_rate)
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self, self._clock_timeout)
         self._driver_state = self._published = self._requested = ""
-        self._requests = 0
+        self._requests = self._answered = 0
+        self._last_answer = ""
         self._probe_until = self._adopting_until = time.monotonic()
         self._mode_topic = self.announce(String, topics.MODE, LATCHED)
         self._request = self.announce(String, topics.MOTION_REQUEST, EVENT)
+        self._time = self.announce(Clock, topics.SUPERVISOR_TIME, STATE)
         obstacles = ObstacleStop(self.model, self._obstacle_stop) if self._look_ahead else None
         verifier = Verifier(read_key(Path(self._key_file)), self._key_window) if self._key_file else None
         self._commands = CommandTopics(
@@ -118,6 +122,7 @@ class SupervisorNode(PoiseNode):
         if not self.active:
             return
         law = self._law
+        law.fallen = fallen(self._config, self._reports.tilt)
         self._reports.moving = law.mode in ACTIVE_MODES
         if self._reports.moving:
             self._watch()
@@ -129,8 +134,7 @@ class SupervisorNode(PoiseNode):
             self._probe.stop()
             evidence = self._probe.evidence(self._reports.description, self._reports.incompatible)
             findings = preflight(self.model, self._config, evidence, self._rates)
-            intruders = map(second_publisher, self._reports.intruders)
-            findings = (*self._hanging(), *intruders, *findings)
+            findings = (*self._hanging(), *self._reports.intruders, *findings)
             if findings != law.preflight:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
@@ -147,11 +151,20 @@ class SupervisorNode(PoiseNode):
     def _watch(self) -> None:
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
-        if time.monotonic() - self._reports.clock_seen > self._clock_timeout:
+        self._reports.clock_silence += self._period
+        if self._reports.clock_silence > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
-            health = self._reports.health(self._driver_state, self._config)
+            health, before = self._reports.health(self._driver_state, self._config), self._law.faults
             self._law.update(health, self._reports.t)
+            message = Clock()
+            set_stamp(message.clock, self._reports.judged)
+            self._time.publish(message)
+            for fault in before:
+                if fault not in self._law.faults:
+                    self.get_logger().info(f"over: {fault}")
+            if self._law.mode is Mode.STAND and (new := set(self._law.faults).difference(before)):
+                self.get_logger().error("; ".join(new))  # others are logged with the mode
 
     def _publish_mode(self) -> None:
         """Publish changes; nothing before the first driver state."""
@@ -177,19 +190,32 @@ class SupervisorNode(PoiseNode):
             self.get_logger().info(f"{source}: {reply.reason}")
         else:
             self.refuse(source, reply.reason)
-            self._report()
+        self._answered, self._last_answer = self._answered + 1, reply.reason
         self._publish_mode()
+        self._report()
 
     def _report(self) -> None:
-        """Publish the status, at once when a command is refused because its sender waits for it."""
-        refused = self.counters[f"refused {topics.HUMANOID_COMMANDS}"]
-        refusal = self.values.get("last refusal", "")
-        self._publish_status(SupervisorStatus(self.robot, self._law.mode, refused, refusal, tuple(self._law.faults)))
+        """Publish the status, at once when a request is answered because its sender waits for it."""
+        law = self._law
+        status = SupervisorStatus(
+            self.robot,
+            law.mode,
+            refused=self.counters[f"refused {topics.HUMANOID_COMMANDS}"],
+            refusal=self.values.get("last refusal", ""),
+            faults=law.faults,
+            holds=law.holds,
+            preflight=law.preflight,
+            fallen=law.fallen,
+            motion=law.motion or "",
+            answered=self._answered,
+            answer=self._last_answer,
+        )
+        self._publish_status(status)
 
     def _request_mode(self, mode: Mode) -> CommandReply:
         """Request a mode from the law with the newest attitude: a damped robot may have fallen just now."""
         law = self._law
-        if law.mode not in ACTIVE_MODES and not law.preflight:
+        if law.mode not in ACTIVE_MODES and (law.fallen or not law.preflight):
             law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
         law.gait = self._reports.gait_present
         return law.request(mode)

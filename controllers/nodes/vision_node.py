@@ -7,8 +7,7 @@ from geometry_msgs.msg import Vector3Stamped
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool
 
-from controllers.joints.angle_history import AngleHistory
-from controllers.vision.gaze import Gaze
+from controllers.vision.gaze import AngleHistory, Gaze
 from controllers.vision.target_finder import TargetConfig, TargetFinder
 from models.camera import Pinhole, azimuth_elevation
 from models.config import default_config
@@ -19,7 +18,7 @@ from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import head_from_message, head_message, stamp_ns
 from models.nodes.parameters import declare, declare_config, declare_ns
 from models.nodes.perception import picture_of, pinhole_of
-from models.nodes.qos import EVENT, SENSOR
+from models.nodes.qos import EVENT, SENSOR, STATE
 from models.nodes.spin import program
 from models.types import Vector
 
@@ -44,8 +43,8 @@ class VisionNode(PoiseNode):
         self._gaze = Gaze(self.model) if self._follow else None
         self._angles = AngleHistory()
         self._camera: Pinhole | None = None
-        self._bearings = self.announce(Vector3Stamped, topics.VISION_BEARING, SENSOR)
-        self._detected = self.announce(Bool, topics.VISION_DETECTED, SENSOR)
+        self._bearings = self.announce(Vector3Stamped, topics.VISION_BEARING, STATE)
+        self._detected = self.announce(Bool, topics.VISION_DETECTED, STATE)
         self.listen(CameraInfo, topics.CAMERA_INFO, self._on_info, SENSOR)
         self.listen(Image, topics.CAMERA_IMAGE, self._on_image, SENSOR, while_active=True)
         if self._gaze is not None:

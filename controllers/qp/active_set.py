@@ -12,31 +12,23 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-MANY = 48  #: Largest number of marked rows; with more, a general solver takes over
+MARKED_MAX = 48  #: Largest number of marked rows; with more, a general solver takes over
 _ROUNDS = 5  #: Largest number of times that violated rows are added
-_CHANGES = 4 * MANY  #: Largest number of rows added or dropped in one round
+_CHANGES = 4 * MARKED_MAX  #: Largest number of rows added or dropped in one round
 _ROUNDING = 1e-12  #: Excess over a bound, relative to the value, up to which a row is not violated [-]
 _DEPENDENT = 1e-10  #: Squared part of a row outside the span of the others, relative, below which it is dependent [-]
 _VIOLATION = 1e-9  #: Relative violation of the other rows up to which the answer for the marked rows is accepted [-]
 
 
 class QP(NamedTuple):
-    """``minimise 1/2 z'Hz + f'z  subject to  lower <= A z <= upper``.
+    """``minimise 1/2 z'Hz + f'z  subject to  lower <= A z <= upper``."""
 
-    Attributes:
-        hessian: H, positive definite (nz, nz).
-        gradient: f (nz,).
-        matrix: A (m, nz).
-        lower, upper: (m,).
-        soft: Rows that a relaxed solve may violate, at a cost (m,) of bool.
-    """
-
-    hessian: Array
-    gradient: Array
-    matrix: Array
-    lower: Array
-    upper: Array
-    soft: Flags
+    hessian: Array  #: H, positive definite (nz, nz)
+    gradient: Array  #: f (nz,)
+    matrix: Array  #: A (m, nz)
+    lower: Array  #: (m,)
+    upper: Array  #: (m,)
+    soft: Flags  #: Rows that a relaxed solve may violate, at a cost (m,) of bool
 
 
 class Workspace(NamedTuple):
@@ -92,29 +84,24 @@ class Prepared(NamedTuple):
 
 @njit(cache=True)
 def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
-    """Unconstrained minimum; where it violates rows, the minimum subject to the marked and the violated rows.
+    """Minimum (nz,) subject to the rows in ``marks`` and those that the unconstrained minimum violates.
 
-    Args:
-        problem: The problem and its memory, whose ``marks`` are rows that are likely to be active, and after a
-            solution those that are.
-        z: Out (nz,).
-
-    Returns:
-        KKT residual of ``kkt_residual``; infinity when the problem is one for a general solver, NaN when H is not
-        positive definite or the problem not finite.
+    ``marks`` of the problem are rows that are likely to be active, and after a solution those that are. Returns the
+    residual of ``kkt_residual``: infinity when the problem is one for a general solver, NaN when H is not positive
+    definite or the problem not finite.
     """
     qp, work = problem.record.qp, problem.record.work
     residual = free_minimum(qp, work, z) if all_finite(qp) else np.nan
     if not residual < np.inf:
         return residual
     marks = work.marks
-    if mark_broken(qp, z, 0.0, marks) == 0:
+    if mark_violated(qp, z, 0.0, marks) == 0:
         marks[:] = False
         work.multipliers[:] = 0.0
         return residual
-    sides, dual = np.zeros(MANY, dtype=np.int8), np.zeros(MANY)
+    sides, dual = np.zeros(MARKED_MAX, dtype=np.int8), np.zeros(MARKED_MAX)
     for _ in range(_ROUNDS):
-        if np.count_nonzero(marks) > MANY:
+        if np.count_nonzero(marks) > MARKED_MAX:
             return np.inf
         k = _whiten(qp, work)
         if not _active_rows(work.whitened[:k], work.bounds[:, :k], work.shift, sides, dual):
@@ -124,7 +111,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
             for a in range(k):
                 z[i] -= dual[a] * work.whitened[a, i]
         _solve_transposed(work.factor, z)
-        if mark_broken(qp, z, _VIOLATION, marks) > 0:
+        if mark_violated(qp, z, _VIOLATION, marks) > 0:
             continue
         work.multipliers[:] = 0.0
         marks[:] = False
@@ -137,11 +124,7 @@ def solve_few(problem: Unboxed[Prepared], z: Array) -> float:
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
 def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
-    """Minimiser of the cost alone, ``z = -H^-1 f`` (nz,), by Cholesky factors; it solves the QP if it violates no row.
-
-    Returns:
-        KKT residual with all multipliers zero, scaled as in ``kkt_residual``; NaN when H is not positive definite.
-    """
+    """Minimiser of the cost alone, by Cholesky factors, and its KKT residual; NaN when H is not positive definite."""
     hessian, gradient, factor, shift = qp.hessian, qp.gradient, work.factor, work.shift
     nz = hessian.shape[0]
     for i in range(nz):
@@ -173,7 +156,7 @@ def free_minimum(qp: QP, work: Workspace, z: Array) -> float:
 
 
 @njit(cache=True, forceinline=True, fastmath={"reassoc", "contract"})
-def mark_broken(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
+def mark_violated(qp: QP, z: Array, tolerance: float, marks: Flags) -> int:
     """Add the rows that a point violates by more than ``tolerance (1 + |value|)`` to ``marks``; returns the number."""
     count = 0
     for i in range(qp.matrix.shape[0]):
@@ -223,20 +206,10 @@ def _active_rows(rows: Array, bounds: Array, shift: Array, sides: NDArray[np.int
     .. math:: w = -s - A^T u, \quad A_a A_a^T u_a = -A_a s - b_a
 
     The most violated row is added: its multiplier grows and those of the active rows change, until the row is satisfied
-    or one of them vanishes and its row is dropped. Only products of the rows are needed, which are few.
+    or one of them vanishes and its row is dropped. Only products of the rows A (k, nz) are needed, which are few.
+    ``dual``, u, is positive at an upper bound; returns False when rows are nearly dependent or contradict each other.
 
-    Args:
-        rows: A (k, nz).
-        bounds: Lower and upper bounds (2, k).
-        shift: s (nz,).
-        sides: Memory (>= k,).
-        dual: Out: u, positive at an upper bound (>= k,).
-
-    Returns:
-        Whether it converged; False when rows are nearly dependent or contradict each other.
-
-    References:
-        Goldfarb, Idnani: A numerically stable dual method for solving strictly convex quadratic programs (1983).
+    Goldfarb, Idnani: A numerically stable dual method for solving strictly convex quadratic programs (1983).
     """
     k, nz = rows.shape
     gram, free = np.empty((k, k)), np.empty(k)
@@ -349,19 +322,10 @@ def _solve_active(gram: Array, right: Array, sides: NDArray[np.int8], out: Array
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def kkt_residual(qp: QP, z: Array, multipliers: Array) -> float:
-    """Largest of stationarity, primal violation, wrong multiplier sign and complementarity, scaled.
+    """Largest of stationarity, primal violation, wrong multiplier sign and complementarity; NaN for no solution.
 
-    With multipliers y positive at an upper bound, negative at a lower one::
-
-        stationarity = |H z + f + A' y| / (1 + |H z| + |f| + |A' y|)   (largest entries)
-
-    Args:
-        qp: The problem.
-        z: Solution (nz,).
-        multipliers: y (m,).
-
-    Returns:
-        The residual; NaN if the solution is not finite.
+    Multipliers y (m,) are positive at an upper bound, negative at a lower one; with the largest entries, stationarity
+    is |H z + f + A' y| / (1 + |H z| + |f| + |A' y|).
     """
     nz, m = z.shape[0], qp.matrix.shape[0]
     worst, scale, largest = 0.0, 1.0, 1.0

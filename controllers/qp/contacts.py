@@ -45,13 +45,7 @@ class Reduction(NamedTuple):
 
 
 def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int) -> Reduction:
-    """Allocate the reduction of one set of active contacts.
-
-    Args:
-        contacts: Which contacts are active.
-        chains: For every contact the velocity indices of the joints between base and contact.
-        nv: Size of the velocity.
-    """
+    """Memory for some active contacts; ``chains`` are velocity indices of the joints from base to contact."""
     active = np.flatnonzero(contacts)
     joints = sorted({joint for contact in active for joint in chains[contact]})
     core = np.array([*range(6), *joints], dtype=np.int64)
@@ -87,15 +81,10 @@ def eliminate(
     desired: Array,
     reduction: Reduction,
 ) -> None:
-    """Fill the reduction of the active contacts.
+    """Fill the reduction of the active contacts, which are the first frames of ``terms``.
 
-    Args:
-        terms: Model terms; their first frames are the contacts.
-        rotations: Desired rotation of each contact in W (contacts, 3, 3).
-        positions: Desired origin of each contact in W (contacts, 3) [m].
-        gains: Gains of the contacts.
-        desired: Out, desired acceleration of each contact in its frame (contacts, 6) [m/s^2, rad/s^2].
-        reduction: Out.
+    ``rotations`` (contacts, 3, 3) and ``positions`` (contacts, 3) are desired ones in W; out is also ``desired``, the
+    acceleration of each contact in its frame (contacts, 6).
     """
     for contact in range(desired.shape[0]):
         hold_contact(
@@ -250,15 +239,7 @@ def _adjoint_inverse(jacobian: Array, out: Array) -> None:
 
 @njit(cache=True)
 def _null_space(constraint: Array, right: Array, basis: Array, particular: Array, floor: float) -> None:
-    """Least-norm solution and orthonormal null space of ``C y = r`` with C (m, n), m < n, by Householder reflections.
-
-    Args:
-        constraint: C (m, n), overwritten.
-        right: r (m,).
-        basis: Out, null space (n, n - m).
-        particular: Out, least-norm solution (n,).
-        floor: Smallest pivot; below it the row is treated as dependent, its share of the solution is zero.
-    """
+    """Least-norm solution and orthonormal null space of ``C y = r``, C (m, n) overwritten, m < n, by Householder."""
     m, n = constraint.shape
     reflectors = np.zeros((m, n))
     factor = np.zeros((m, m))

@@ -69,14 +69,8 @@ class QPSolver:
     3. daqp with soft rows: joint limits are relaxed at the cost ``|violation|^2 / (2 rho)``, torque limits and wrench
        cones stay hard.
 
-    Args:
-        residual_max: Largest accepted KKT residual.
-        iterations_max: daqp's iteration limit.
-        soft_rho: daqp's weight of violated soft rows.
-        backend: One of ``backends()``.
-
-    Raises:
-        ConfigError: There is no such back-end; the installed ones are listed.
+    ``residual_max`` is the largest accepted KKT residual, ``iterations_max`` and ``soft_rho`` are of daqp, ``backend``
+    is one of ``backends()``, which a ``ConfigError`` lists.
     """
 
     def __init__(self, residual_max: float, iterations_max: int, soft_rho: float, backend: str = OWN) -> None:

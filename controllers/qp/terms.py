@@ -99,28 +99,7 @@ class Terms:
     are read from the Jacobian, placements and accelerations of the joints that ``crba`` and ``nonLinearEffects`` leave
     behind, so one more frame costs no further pass over the tree.
 
-    Args:
-        model: The robot.
-        frames: Further frames: names of the profile or of the URDF.
-
-    Attributes:
-        dynamics: State, dynamics and frames, as a record.
-        centroid: CoM and angular momentum, as a record.
-        unboxed: All terms, for compiled code.
-        q, v: Configuration (nq,) and velocity (nv,).
-        mass_matrix: M with rotor inertia (nv, nv).
-        bias: Coriolis and gravity (nv,).
-        base_rotation: R_WB (3, 3).
-        com, com_velocity, com_drift: In W (3,) [m, m/s, m/s^2].
-        com_jacobian: In W (3, nv).
-        momentum, momentum_drift: Angular momentum about the CoM and its rate at zero acceleration, in W (3,).
-        momentum_matrix: In W (3, nv).
-        soles: Left and right sole.
-        torso: Torso frame.
-        frames: All frames by name.
-
-    Raises:
-        ConfigError: Neither profile nor URDF has a frame of that name.
+    ``frames`` are further frames, names of the profile or of the URDF; ``ConfigError`` where neither has one.
     """
 
     def __init__(self, model: RobotModel, frames: Sequence[str] = ()) -> None:
@@ -132,9 +111,10 @@ class Terms:
         count = len(ids)
         self.q, self.v = np.zeros(model.nq), np.zeros(nv)
         # Pinocchio's arrays stay where they are; M is symmetric, and its transpose has contiguous rows.
-        self.mass_matrix: Matrix = data.M.T
-        self.bias: Vector = data.nle
-        self.base_rotation = np.eye(3)
+        self.mass_matrix: Matrix = data.M.T  #: M with rotor inertia (nv, nv)
+        self.bias: Vector = data.nle  #: Coriolis and gravity (nv,)
+        self.base_rotation = np.eye(3)  #: R_WB (3, 3)
+        #: In W [m, m/s, m/s^2]; ``momentum`` is the angular one about the CoM, drifts are rates at zero acceleration
         self.com, self.com_velocity, self.com_drift = np.zeros(3), np.zeros(3), np.zeros(3)
         self.momentum, self.momentum_drift = np.zeros(3), np.zeros(3)
         self.com_jacobian, self.momentum_matrix = np.zeros((3, nv)), np.zeros((3, nv))
@@ -152,8 +132,8 @@ class Terms:
             self.momentum_drift,
         )
         self.frames = {name: FrameTerms(poses[k], jacobians[k], twists[k], drifts[k]) for k, name in enumerate(ids)}
-        self.soles = self.frames["l_sole"], self.frames["r_sole"]
-        self.torso = self.frames["torso"]
+        self.soles = self.frames["l_sole"], self.frames["r_sole"]  #: Left and right sole
+        self.torso = self.frames["torso"]  #: Torso frame
         parents = [robot.frames[frame].parentJoint for frame in ids.values()]
         tree = _Tree(
             data.J,
@@ -163,7 +143,7 @@ class Terms:
             np.array([robot.frames[frame].placement.homogeneous[:3] for frame in ids.values()]),
             _columns(robot, parents),
         )
-        self.unboxed = unbox(ModelTerms(self.dynamics, centroid, tree, model.mass))
+        self.unboxed = unbox(ModelTerms(self.dynamics, centroid, tree, model.mass))  #: All terms, for compiled code
 
     def update(self, state: RobotState) -> None:
         """Evaluate everything at one state; the arrays of this object are overwritten."""
@@ -179,11 +159,7 @@ class Terms:
 
 
 def frame_id_of(model: RobotModel, name: str) -> int:
-    """Pinocchio's id of a frame by its name in the profile, or else in the URDF.
-
-    Raises:
-        ConfigError: There is no such frame.
-    """
+    """Pinocchio's id of a frame by its name in the profile, or else in the URDF; ``ConfigError`` when there is none."""
     try:
         return model.frame_id(name)
     except ConfigError as error:

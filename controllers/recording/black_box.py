@@ -1,26 +1,117 @@
 """Black box: the last seconds of all signals of the control process, in a ring that is filled at every tick.
 
-``add`` copies one tick into arrays whose pages were touched before: no allocation, no I/O, some 7 us. After a fault
-``seal`` stops the filling, ``write`` may then run in another thread, and ``unseal`` resumes. Between them ``add`` does
-nothing, so the two never touch the same row.
+``add`` copies one tick into arrays whose pages were touched before: no allocation, no I/O, some 7 us. While
+``sealed``, after a fault, ``add`` does nothing and ``write`` may run in another thread: they never touch the same row.
 """
 
+import json
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from pydantic.dataclasses import dataclass
+from pydantic.dataclasses import dataclass as schema
 
-from controllers.recording.black_box_file import BlackBoxRecord
-from controllers.recording.checkpoints import Checkpoint, Checkpoints
-from controllers.stack import ControlStack
+from controllers.input_log import InputLog, TickInputs, plain
+from controllers.recording.black_box_file import BlackBoxRecord, ReplayStart
+from controllers.stack import ControlStack, StackSnapshot
 from models.config import STRICT, default_config
 from models.constants import NANOSECONDS
+from models.law_state import Captured, LawState, describe
 from models.robot_model import RobotModel
 from models.types import ControlResult, Mode, RobotState, SensorData, SolveStatus
+
+CHECKPOINT_PERIOD = 4.0  #: Time between two checkpoints [s]: one takes as long as half a tick
+
+
+@dataclass(slots=True)
+class Checkpoint:
+    """The stack after a tick."""
+
+    stamp: int  # of the tick [ns]
+    row: int  # number of its row in the black box
+    memory: StackSnapshot  # of the stack
+    in_force: dict[str, tuple[object, ...]]  # inputs that held
+    stages: dict[str, tuple[LawState, Captured]]  # state of each stage
+
+
+class Checkpoints:
+    """A ring of copies of the state of a stack over a ``duration`` [s], taken after a tick, the oldest first."""
+
+    def __init__(self, stack: ControlStack, log: InputLog, duration: float) -> None:
+        self._stack, self._log = stack, log
+        count = int(duration / CHECKPOINT_PERIOD) + 2
+        self._slots: list[dict[str, list[NDArray[Any]]]] = [{} for _ in range(count)]
+        self.ring: deque[Checkpoint] = deque(maxlen=count)
+        self._next = 0
+        self._due = 0
+
+    def prepare(self) -> None:
+        """Allocate memory, once the stages have been built and before they move the joints."""
+        for slot in self._slots:
+            for name, stage in self._log.stages.items():
+                if name not in slot:
+                    slot[name] = stage.memory()
+
+    def clear(self) -> None:
+        """The robot starts over."""
+        self.ring.clear()
+        self._due = 0
+
+    def tick(self, stamp: int, row: int) -> None:
+        """Take a checkpoint when due, after a tick of a stamp [ns] and a ``row`` that has moved the joints."""
+        if self._due - CHECKPOINT_PERIOD * NANOSECONDS <= stamp < self._due:
+            return
+        self._due = stamp + round(CHECKPOINT_PERIOD * NANOSECONDS)
+        slot = self._slots[self._next]
+        self._next = (self._next + 1) % len(self._slots)
+        captured = {name: (stage, stage.capture(slot[name])) for name, stage in self._log.stages.items()}
+        self.ring.append(Checkpoint(stamp, row, self._stack.snapshot, self._log.in_force, captured))
+
+    def start(self, rows: NDArray[np.int64]) -> ReplayStart | None:
+        """The oldest checkpoint from which on no row (n,) is missing; None without one."""
+        gaps = np.flatnonzero(np.diff(rows) != 1)
+        first = int(rows[gaps[-1] + 1] if gaps.size else rows[0]) if rows.size else 0
+        checkpoint = next((each for each in self.ring if rows.size and each.row >= first), None)
+        if checkpoint is None:
+            return None
+        log, data, stages = self._log, [], {}
+        size = 0
+        for name, (stage, captured) in checkpoint.stages.items():
+            part, description = describe(stage, captured)
+            stages[name] = description | {"begin": size, "size": len(part)}
+            data.append(part)
+            size += len(part)
+        inputs = [text for stamp, text in list(log.kept) if stamp >= checkpoint.stamp]
+        entries = [entry for each in map(TickInputs.read, inputs) for entry in (*each.before, *each.after)]
+        followed = {entry[1] for entry in entries if entry[0] == "follow"}
+        record = {
+            "stamp": checkpoint.stamp,
+            "row": checkpoint.row,
+            "memory": memory_to_plain(checkpoint.memory),
+            "in_force": checkpoint.in_force,
+            "settings": log.settings,
+            "stages": stages,
+            "inputs": inputs,
+            "motions": {number: plain(motion) for number, motion in dict(log.motions).items() if number in followed},
+        }
+        return ReplayStart(json.loads(json.dumps(record)), np.concatenate(data))
+
+
+def memory_to_plain(memory: StackSnapshot) -> dict[str, Any]:
+    """The memory of a stack for JSON; exact."""
+    feet = [[each.active, each.wrench.tolist()] for each in memory.state.contacts]
+    fields: dict[str, Any] = memory._asdict()
+    calibration = None if memory.correction is None else plain(memory.correction)
+    return fields | {
+        "state": plain(memory.state) | {"contacts": feet},
+        "mode": memory.mode.value,
+        "correction": calibration,
+    }
+
 
 _MODES = {mode: index for index, mode in enumerate(Mode)}
 _STATUSES = {status: index for index, status in enumerate(SolveStatus)}
@@ -30,22 +121,19 @@ _RESULTS = ("command_q", "command_v", "command_tau", "planned_wrenches", "dcm", 
 _EVENTS = 256  #: Events that are kept
 
 
-@dataclass(frozen=True, slots=True, config=STRICT)
+@schema(frozen=True, slots=True, config=STRICT)
 class BlackBoxConfig:
     """Schema of ``controllers/config/black_box.yaml``."""
 
-    duration: Annotated[float, Field(gt=0, le=120, description="What is kept from before a fault [s]")]
-    after: Annotated[float, Field(ge=0, le=10, description="What is kept from after a fault [s]")]
-    period: Annotated[float, Field(ge=1e-4, le=1, description="Least time between two rows [s]")]
-    keep: Annotated[int, Field(ge=1, le=1000, description="Newest files of a robot that are kept [1]")]
-    folder: Annotated[str, Field(description="Folder of the files; empty for the user's state folder")]
+    duration: Annotated[float, Field(gt=0, le=120)]  #: What is kept from before a fault [s]
+    after: Annotated[float, Field(ge=0, le=10)]  #: What is kept from after a fault [s]
+    period: Annotated[float, Field(ge=1e-4, le=1)]  #: Least time between two rows [s]
+    keep: Annotated[int, Field(ge=1, le=1000)]  #: Newest files of a robot that are kept [1]
+    folder: str  #: Folder of the files; empty for the user's state folder
 
 
 class BlackBox:
-    """Ring of the last ``duration + after`` seconds.
-
-    With a ``stack`` that logs its inputs, the record can be run again. ``config`` is the packaged one when None.
-    """
+    """Ring of the last ``duration + after`` seconds; with a ``stack`` that logs its inputs, it can be run again."""
 
     def __init__(
         self, model: RobotModel, config: BlackBoxConfig | None = None, stack: ControlStack | None = None
@@ -74,7 +162,7 @@ class BlackBox:
         self._ticks = 0
         self._last = -np.inf
         self._least = 0.5 * self.config.period
-        self._sealed = self._added = False
+        self.sealed = self._added = False  # sealed: rows are kept as they are, and the stamps show the gap
         log, duration = None if stack is None else stack.log, self.config.duration + self.config.after
         self._checkpoints = None if stack is None or log is None else Checkpoints(stack, log, duration)
 
@@ -89,16 +177,12 @@ class BlackBox:
         mode: Mode,
         stamp: int | None = None,
     ) -> None:
-        """Store one tick, unless the ring is sealed or the last row is less than half a period away.
-
-        The stamp of the row is that of the estimate; without ``sensors``, joints and torques are its, too. ``stamp`` is
-        that of the tick [ns], of the estimate when None.
-        """
+        """Store a tick of a stamp [ns], unless sealed or half a period early; without ``sensors`` by the estimate."""
         t = state.t
         if self._checkpoints is not None and not self._count:
             self._checkpoints.prepare()
         self._ticks += t != self._last
-        self._added = not self._sealed and abs(t - self._last) >= self._least
+        self._added = not self.sealed and abs(t - self._last) >= self._least
         if not self._added:
             return
         i, row = self._next, self._columns
@@ -126,10 +210,7 @@ class BlackBox:
         self._count = min(self._count + 1, self._rows)
 
     def checkpoint(self) -> None:
-        """Copy the state of the stack when that is due; after ``add``, for a tick with which a law moved the joints.
-
-        A tick that ``add`` left out, such as one that is answered again, is skipped.
-        """
+        """Copy the state of the stack when that is due, after ``add`` of a tick whose law moved the joints."""
         if self._checkpoints is None or not self._added:
             return
         last = self._next - 1
@@ -137,7 +218,7 @@ class BlackBox:
 
     def event(self, t: float, text: str) -> None:
         """Add an event at time t [s]."""
-        if not self._sealed:
+        if not self.sealed:
             self._events.append((t, text[:200]))
 
     def clear(self) -> None:
@@ -152,14 +233,6 @@ class BlackBox:
     def checkpoints(self) -> deque[Checkpoint]:
         """States of the laws that are held, the oldest first."""
         return deque() if self._checkpoints is None else self._checkpoints.ring
-
-    def seal(self) -> None:
-        """Store no more rows until ``unseal``, so that another thread may write."""
-        self._sealed = True
-
-    def unseal(self) -> None:
-        """Resume; the ring keeps its rows, and the stamps show the gap."""
-        self._sealed = False
 
     def record(self, reason: str) -> BlackBoxRecord:
         """A copy of the ring, the oldest row first."""

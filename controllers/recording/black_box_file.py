@@ -7,15 +7,16 @@ import os
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.recording.checkpoints import ReplayStart
 from models.constants import NANOSECONDS
 from models.errors import PoiseError
 from models.files import state_folder
+from models.law_state import Bytes
 from models.types import Matrix, Mode, SolveStatus, Vector
 
 FORMAT = 3  #: Version of the file
@@ -26,7 +27,6 @@ SUFFIX = ".npz"  #: Of the files
 #: Of a file that can be run again: inputs of the laws (JSON), and their state
 _INPUTS, _MEMORY = "replay", "replay_memory"
 Array = NDArray[np.float32]
-
 
 #: Arrays of the file and their units
 UNITS = {
@@ -52,6 +52,14 @@ UNITS = {
     "status": "place in statuses",
     "mode": "place in modes",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayStart:
+    """Start of a replay, and the inputs of the stack from there on."""
+
+    record: dict[str, Any]  # settings, inputs, motions, and a description of the state
+    data: Bytes  # arrays of the state
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +108,7 @@ class BlackBoxRecord:
         return replace(self, events=events, replay=None, **arrays)
 
     def save(self, path: Path) -> None:
-        """Write the record beside its place, flush it to the disk, and rename it: the name never holds half a file.
-
-        Raises:
-            PoiseError: The disk refuses; no file is left then.
-        """
+        """Write the record atomically; ``PoiseError`` when the disk refuses, and no file is left then."""
         fresh = path.with_name(f".{path.name}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -167,11 +171,7 @@ class BlackBoxRecord:
 
 
 class BlackBoxFolder:
-    """Keeps the newest ``keep`` files of one robot; other robots' files are left alone.
-
-    ``name`` is that of the robot, and of its namespace if it has one; ``folder`` is ``poise/black_box`` in the user's
-    state folder when empty, a ConfigError without one.
-    """
+    """Keeps the newest ``keep`` files of a robot's ``name`` in ``folder``, the user's state folder when empty."""
 
     def __init__(self, name: str, folder: str | Path, keep: int) -> None:
         self._folder = Path(folder).expanduser() if str(folder) else state_folder("black_box")

@@ -16,31 +16,33 @@ from models.types import SolveStatus, Vector
 class SupervisorConfig:
     """Schema of ``controllers/config/supervisor.yaml``: limits and vocabulary of the mode machine."""
 
-    motions: Annotated[tuple[str, ...], Field(description="Text commands that are planned as motions")]
-    walking_motions: Annotated[tuple[str, ...], Field(description="Motions of arms and head alone, while walking")]
-    fall_tilt: Annotated[float, Field(gt=0, le=3.1, description="Base tilt that counts as a fall [rad]")]
-    state_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable state estimate [s]")]
-    coasting_max: Annotated[float, Field(gt=0, le=1.0, description="Longest drop-out of the IMU or the joints [s]")]
-    controller_timeout: Annotated[float, Field(gt=0, le=2.0, description="Oldest usable command [s]")]
-    heartbeat_timeout: Annotated[float, Field(gt=0.3, le=60, description="Longest silence of a node's diagnostics [s]")]
-    overruns_max: Annotated[int, Field(gt=0, le=10000, description="Ticks in a row over their budget that damp [1]")]
-    plan_timeout: Annotated[float, Field(gt=0, le=120, description="Longest wait for a motion to start [s]")]
-    text_length_max: Annotated[int, Field(ge=16, le=4096, description="Longest text command read [characters]")]
-    rate_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of a rate [-]")]
-    mass_tolerance: Annotated[float, Field(gt=0, lt=1, description="Accepted relative deviation of the mass [-]")]
-    limit_margin: Annotated[float, Field(ge=0, le=1, description="Accepted excess over a joint limit [rad]")]
-    text_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'forward' and 'backward' [m/s]")]
-    text_side_speed: Annotated[float, Field(ge=0, le=3, description="Speed of 'left' and 'right' [m/s]")]
-    text_turn: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'turn' [rad/s]")]
-    text_spin: Annotated[float, Field(ge=0, le=6, description="Turning speed of 'spin' [rad/s]")]
-    preflight_tilt: Annotated[float, Field(gt=0, le=1.6, description="Largest base tilt at arming [rad]")]
+    motions: tuple[str, ...]  #: Text commands that are planned as motions
+    walking_motions: tuple[str, ...]  #: Motions of arms and head alone, while walking
+    fall_tilt: Annotated[float, Field(gt=0, le=3.1)]  #: Base tilt that counts as a fall [rad]
+    state_timeout: Annotated[float, Field(gt=0, le=2.0)]  #: Oldest usable state estimate [s]
+    coasting_max: Annotated[float, Field(gt=0, le=1.0)]  #: Longest drop-out of the IMU or the joints [s]
+    controller_timeout: Annotated[float, Field(gt=0, le=2.0)]  #: Oldest usable command [s]
+    heartbeat_timeout: Annotated[float, Field(gt=0.3, le=60)]  #: Longest silence of a node's diagnostics [s]
+    overruns_max: Annotated[int, Field(gt=0, le=10000)]  #: Ticks in a row over their budget that damp [1]
+    plan_timeout: Annotated[float, Field(gt=0, le=120)]  #: Longest wait for a motion to start [s]
+    text_length_max: Annotated[int, Field(ge=16, le=4096)]  #: Longest text command read [characters]
+    rate_tolerance: Annotated[float, Field(gt=0, lt=1)]  #: Accepted relative deviation of a rate [-]
+    mass_tolerance: Annotated[float, Field(gt=0, lt=1)]  #: Accepted relative deviation of the mass [-]
+    limit_margin: Annotated[float, Field(ge=0, le=1)]  #: Accepted excess over a joint limit [rad]
+    filler_words: tuple[str, ...]  #: Words that may stand beside a text command
+    walk_on_velocity: bool  #: Whether a velocity begins a walk of a standing robot
+    text_speed: Annotated[float, Field(ge=0, le=3)]  #: Speed of 'forward' and 'backward' [m/s]
+    text_side_speed: Annotated[float, Field(ge=0, le=3)]  #: Speed of 'left' and 'right' [m/s]
+    text_turn: Annotated[float, Field(ge=0, le=6)]  #: Turning speed of 'turn' [rad/s]
+    text_spin: Annotated[float, Field(ge=0, le=6)]  #: Turning speed of 'spin' [rad/s]
+    preflight_tilt: Annotated[float, Field(gt=0, le=1.6)]  #: Largest base tilt at arming [rad]
 
 
 class Severity(IntEnum):
     """Effect of a fault; the most severe one wins."""
 
     HOLD = 1  # no velocity and no new motion; ends with its cause
-    STAND = 2  # a walk ends with its step, a motion where it is; no other begins before ``reset_faults``
+    STAND = 2  # a walk ends with its step, a motion where it is; no other begins before the cause has gone
     DAMP = 3  # damped until ``reset_faults``; removing all torque is left to people
 
 
@@ -51,9 +53,9 @@ class Problem(NamedTuple):
     reason: str  # one sentence with the figure that broke the limit, or the culprit's name
 
 
-def second_publisher(topic: str) -> str:
-    """The sentence about a topic with a second publisher."""
-    return f"'{topic}' has a second publisher"
+def second_publisher(topic: str, who: str) -> str:
+    """The sentence about a topic with a second publisher, which is named."""
+    return f"'{topic}' has a second publisher: {who}; end it, and stand or call reset_faults"
 
 
 def tilt(quaternion: Vector) -> float:
@@ -61,6 +63,11 @@ def tilt(quaternion: Vector) -> float:
     x, y, z, w = quaternion
     cosine = (z * z + w * w - x * x - y * y) / (x * x + y * y + z * z + w * w)
     return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def fallen(config: SupervisorConfig, angle: float) -> bool:
+    """Whether a tilt of the base [rad], NaN when unknown, is that of a fall."""
+    return not angle < config.fall_tilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,19 +84,19 @@ class Health:
     gait_active: bool = False  # the robot walks, or has not yet come to a standstill
     coasting: float = 0.0  # time without samples of the IMU or the joints [s]
     silent: tuple[str, ...] = ()  # nodes without a sign of life, apart from those that the stamps cover
-    intruders: tuple[str, ...] = ()  # sensor topics with a second publisher
+    intruders: tuple[str, ...] = ()  # sentences on sensor topics with a second publisher
     joint_fault: str = ""  # of a motor or an encoder; empty without one
 
     def problems(self, config: SupervisorConfig, t: float) -> list[Problem]:
         """Problems at time t [s], most severe first; empty when healthy."""
         found = [Problem(Severity.DAMP, reason) for reason in self._damping(config, t)]
-        found += [Problem(Severity.STAND, second_publisher(topic)) for topic in self.intruders]
+        found += [Problem(Severity.STAND, reason) for reason in self.intruders]
         return found + [Problem(Severity.HOLD, f"node '{node}' gives no sign of life") for node in self.silent]
 
     def _damping(self, config: SupervisorConfig, t: float) -> list[str]:
         """Faults that end standing, the most informative first."""
         found = []
-        if not self.tilt < config.fall_tilt:
+        if fallen(config, self.tilt):
             found.append(f"fallen: base tilt {self.tilt:.2f} rad exceeds {config.fall_tilt:.2f} rad")
         if t - self.state_stamp > config.state_timeout:
             found.append(f"state estimate older than {config.state_timeout:.3f} s")

@@ -42,13 +42,7 @@ class JointMonitor:
     have not changed in the last bit for ``window``: the noise of the velocities of the profile changes them at every
     sample.
 
-    Args:
-        model: The robot, with the gains of its drivers.
-        period: Between two ticks [s].
-        config: The packaged default when None.
-
-    Attributes:
-        fault: One sentence that names joint and figures, kept until ``reset``; empty without one.
+    ``period`` is that of the tick [s]; ``fault``, kept until ``reset``, names joint and figures in one sentence.
     """
 
     def __init__(self, model: RobotModel, period: float = 0.001, config: JointMonitorConfig | None = None) -> None:

@@ -27,10 +27,7 @@ class Evidence:
 def preflight(
     model: RobotModel, config: SupervisorConfig, evidence: Evidence, nominal_rates: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """Findings that forbid arming, one sentence each; empty when the robot may be armed.
-
-    ``nominal_rates`` are the expected rates by topic [Hz]; other topics are not checked.
-    """
+    """Findings that forbid arming, one sentence each; only topics with ``nominal_rates`` [Hz] are checked."""
     return (
         *(f"{topic}: {reason}" for topic, reason in evidence.refusals.items()),
         *(f"'{topic}' has incompatible QoS: {who}" for topic, who in evidence.incompatible.items()),

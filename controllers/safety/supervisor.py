@@ -1,11 +1,12 @@
-"""Mode machine of the robot: mode requests, text commands, faults and refusals with their reason.
+"""Mode machine of the robot: mode requests, text commands, velocities, faults and refusals with their reason.
 
 The law:
 
     off -> damp -> stand <-> motion        stand <-> walk where there is a gait planner; some motions while walking
 
     fault of severity hold                 no velocity and no new motion, while the cause lasts
-                      stand                walk, motion -> stand, latched until ``reset_faults``
+                      stand                walk, motion -> stand, latched until the robot stands without the cause, or
+                                           ``reset_faults``
                       damp                 any but off -> damp, latched until ``reset_faults``
 
 Arming requires preflight checks that passed since the robot was last active: it may have been moved since.
@@ -14,14 +15,19 @@ It has no clock and no I/O: time is an argument of ``update``. The node around i
 from ``take_motion`` to the motion planner, and answers services with the ``CommandReply`` of this class.
 """
 
+import re
+
 from controllers.commands.arbitration import Velocity
 from controllers.safety.health import Health, Severity, SupervisorConfig
 from models.config import default_config
+from models.errors import did_you_mean
 from models.robot_model import RobotModel
+from models.status import GET_UP
 from models.types import CommandReply, Mode
 
 #: Text commands that need a gait planner; answered with the reason while there is none
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
+_SENTENCE = re.compile(r"[\w ,.!?]+")  #: Text that may hold a command among other words
 #: Modes in which the whole-body controller moves the joints
 ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 
@@ -29,17 +35,10 @@ ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 class Supervisor:
     """Guarded mode transitions, text commands and the fault latch.
 
-    Args:
-        model: Robot to supervise.
-        config: Limits and vocabulary; the packaged ``controllers/config/supervisor.yaml`` when None.
-        gait: Whether there is a gait planner; without one every request to walk is refused.
-
-    Attributes:
-        mode: Present mode.
-        faults: Reasons of the latched faults.
-        holds: Reasons of the present faults of severity hold.
-        motion: Name of the motion requested or under way; None without one.
-        ignored: Number of text commands ignored so far.
+    ``gait`` is whether there is a gait planner; without one every request to walk is refused. ``faults`` are the
+    reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the motion
+    requested or under way; ``ignored`` counts text commands; ``fallen``, set by the caller, is whether the robot
+    lies: it does not stand up by itself.
     """
 
     def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
@@ -47,6 +46,7 @@ class Supervisor:
         self.gait = gait
         self.config = default_config(SupervisorConfig, "controllers", "supervisor") if config is None else config
         self.ignored = 0
+        self.fallen = False
         self.reset()
 
     def reset(self, mode: Mode = Mode.OFF) -> None:
@@ -54,18 +54,16 @@ class Supervisor:
         self.mode = mode
         self.faults: tuple[str, ...] = ()
         self.holds: tuple[str, ...] = ()
+        self._passing: set[str] = set()  # faults that end with their cause
         self.motion: str | None = None
-        self._preflight: tuple[str, ...] = ("preflight checks have not run yet",)
+        #: Findings of the last preflight check; empty when it passed
+        self.preflight: tuple[str, ...] = ("preflight checks have not run yet",)
         self._pending: str | None = None
         self._velocity: Velocity | None = None
-        self._halting = False
+        self._halting = self._by_velocity = False
+        self._barred = mode is not Mode.OFF  # a velocity that goes on after a stop begins no walk
         self._motion_seen = False
         self._motion_since: float | None = None
-
-    @property
-    def preflight(self) -> tuple[str, ...]:
-        """Findings of the last preflight check; empty when it passed."""
-        return self._preflight
 
     @property
     def still(self) -> bool:
@@ -74,11 +72,12 @@ class Supervisor:
 
     def set_preflight(self, findings: tuple[str, ...]) -> None:
         """Store the findings of ``controllers.safety.preflight``; arming is refused until they are empty."""
-        self._preflight = findings
+        self.preflight = findings
 
     def request(self, mode: Mode) -> CommandReply:
         """Request a mode; the reply has the reason of a refusal. ``stand`` from ``off`` passes through ``damp``."""
         if mode is self.mode and not self._halting:
+            self._by_velocity = False
             return CommandReply(True, f"already in mode '{mode.value}'")
         if mode is Mode.DAMP:
             return self._enter(Mode.DAMP, "joints are damped")
@@ -92,23 +91,22 @@ class Supervisor:
             return self._refuse(mode, f"name a motion instead: {', '.join(self.config.motions)}")
         if self.mode in (Mode.MOTION, Mode.WALK):
             return self._stop()
+        if self.fallen:
+            return self._refuse(mode, "; ".join(("the robot has fallen", GET_UP, *self.faults, *self.preflight)))
         if self.faults:
             return self._refuse(mode, f"latched faults: {'; '.join(self.faults)}; call reset_faults first")
-        if self._preflight:
-            return self._refuse(mode, f"preflight: {'; '.join(self._preflight)}")
+        if self.preflight:
+            return self._refuse(mode, f"preflight: {'; '.join(self.preflight)}")
         return self._enter(Mode.STAND, "standing")
 
     def text(self, command: str) -> CommandReply:
-        """Execute a text command such as ``"wave"``, or reply with the reason of the refusal.
-
-        Case and surrounding blanks do not matter. Unknown and oversized text is ignored and counted.
-        """
+        """Execute a text command such as ``"wave"`` or ``"Please wave."``, or reply with the reason of the refusal."""
         if len(command) > self.config.text_length_max:
             self.ignored += 1
             return CommandReply(
                 False, f"command of {len(command)} characters ignored: limit is {self.config.text_length_max}"
             )
-        word = command.strip().lower()
+        word = self._word_of(command.strip().lower())
         if word == "stop":
             return self._stop()
         if word == "stand":
@@ -118,8 +116,51 @@ class Supervisor:
         if word in GAIT_WORDS:
             return self._gait_word(word)
         self.ignored += 1
-        known = ", ".join((*self.config.motions, "stand", "stop", *GAIT_WORDS))
-        return CommandReply(False, f"unknown command {word[:32]!r} ignored; known: {known}")
+        near = did_you_mean(word, self._known)
+        return CommandReply(
+            False, f"unknown command {word[:32]!r} ignored{near or ';'} known: {', '.join(self._known)}"
+        )
+
+    @property
+    def _known(self) -> tuple[str, ...]:
+        return *self.config.motions, "stand", "stop", *GAIT_WORDS
+
+    def _word_of(self, text: str) -> str:
+        """The command in a sentence; the text itself where there is none, more than one, or a word of other meaning."""
+        words = set(re.findall(r"\w+", text))
+        if "stop" in words:
+            return "stop"
+        others = words.difference(self._known, self.config.filler_words)
+        found = words.intersection(self._known)
+        found = found - {"walk"} or found  # "walk forward" is forward
+        return found.pop() if len(found) == 1 and not others and _SENTENCE.fullmatch(text) else text
+
+    def drive(self, moving: bool, *, fresh: bool) -> CommandReply:
+        """Accept a velocity in mode ``walk``, or have it begin a walk of a standing robot.
+
+        ``moving`` is whether it is not zero, ``fresh`` whether it is zero, or the first one after a pause: one that
+        goes on after ``stop`` begins no walk.
+        """
+        self._barred = self._barred and not fresh
+        if self.mode is Mode.WALK and (self._barred or not moving or not self.still):
+            return CommandReply(True, "velocity accepted")
+        if self.mode not in (Mode.STAND, Mode.WALK):
+            return self._refuse(Mode.WALK, "send 'stop' first" if self.mode is Mode.MOTION else "request 'stand' first")
+        if not self.config.walk_on_velocity and self.mode is Mode.STAND:
+            return self._refuse(Mode.WALK, "request mode/walk first")
+        if not moving:
+            return CommandReply(True, "zero velocity: standing")
+        if self._barred:
+            return self._refuse(Mode.WALK, "the robot was stopped; a velocity walks again after a zero or a pause")
+        reply = self._walk()
+        self._by_velocity |= reply.accepted
+        return reply
+
+    def rest(self) -> None:
+        """The robot stands still in mode ``walk`` at zero velocity: a walk that a velocity began ends in a stand."""
+        if self._by_velocity and not self._halting and self.motion is None:
+            self._stop()
+            self._barred = False
 
     def take_motion(self) -> str | None:
         """Name of a motion to plan and follow, returned once; ``"stop"`` means hold the present posture."""
@@ -144,15 +185,15 @@ class Supervisor:
         return self.fault("emergency stop")
 
     def fault(self, reason: str, severity: Severity = Severity.DAMP) -> CommandReply:
-        """Damp or come to a stand, and latch until ``reset_faults``; ``off`` stays off. Always accepted.
+        """Damp or, for a severity ``STAND``, come to a stand, and latch ``reason`` (see the law above).
 
-        Args:
-            reason: Named in ``faults`` and in later refusals.
-            severity: ``DAMP``, or ``STAND``, which leaves a robot that does not move its feet as it is.
+        ``off`` stays off, and ``STAND`` leaves a robot that does not move its feet as it is.
         """
         new = reason not in self.faults
         if new:
             self.faults = (*self.faults, reason)
+        if severity is Severity.STAND:
+            self._passing.add(reason)
         if severity is Severity.DAMP and self.mode is not Mode.OFF:
             self._enter(Mode.DAMP, reason)
         elif severity is Severity.STAND and new and self.mode in (Mode.WALK, Mode.MOTION):
@@ -175,6 +216,9 @@ class Supervisor:
         for severity, reason in problems:
             if severity is not Severity.HOLD:
                 self.fault(reason, severity)
+        if self.mode is Mode.STAND:
+            over = self._passing.difference(reason for _, reason in problems)
+            self.faults = tuple(reason for reason in self.faults if reason not in over)
         if self.motion is not None:
             self._follow_motion(health.motion_active, t)
         if self._halting and not health.gait_active:
@@ -245,6 +289,7 @@ class Supervisor:
         return CommandReply(True, f"walk: {velocity[0]:g} m/s forward, {velocity[1]:g} m/s left, {velocity[2]:g} rad/s")
 
     def _stop(self) -> CommandReply:
+        self._barred = True
         if self.mode is Mode.WALK:
             self._velocity, self._halting = (0.0, 0.0, 0.0), True
             if self.motion is not None:
@@ -262,10 +307,11 @@ class Supervisor:
 
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
         if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
-            self._preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
+            self.preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
         self.mode = mode
+        self._barred |= mode not in ACTIVE_MODES
         self.motion = self._pending = None
-        self._velocity, self._halting = None, False
+        self._velocity, self._halting, self._by_velocity = None, False, False
         self._motion_seen = False
         self._motion_since = None
         return CommandReply(True, f"{mode.value}: {reason}")

@@ -1,5 +1,7 @@
 """Head angles that point the camera at a target in its picture."""
 
+from collections import deque
+
 import numpy as np
 import pinocchio as pin
 
@@ -20,10 +22,8 @@ class Gaze:
         \min_q \| e_3 \times R(q)^T R(q_0)\, b \|, \quad q = (\mathrm{pan}, \mathrm{tilt})
 
     by Gauss-Newton steps on the robot's kinematics, whatever the order and the mounting of the joints. Only directions
-    are turned: the camera sits beside the axes of the head, so a near target is met only after some pictures.
-
-    Raises:
-        ConfigError: The robot has no head, or no camera on it.
+    are turned: the camera sits beside the axes of the head, so a near target is met only after some pictures. Raises
+    ``ConfigError`` when the robot has no head, or no camera on it.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -43,11 +43,7 @@ class Gaze:
         self._low, self._high = model.q_lower[joints], model.q_upper[joints]
 
     def aim(self, pan: float, tilt: float, bearing: Vector) -> tuple[float, float]:
-        """Angles within the joints' limits that point the camera at a target, or as near to it as they allow.
-
-        ``pan`` and ``tilt`` [rad] are those of the picture, ``bearing`` is the target's direction in the optical frame
-        (3,).
-        """
+        """Angles that point the camera best from ``pan`` and ``tilt`` [rad] to a bearing in the optical frame (3,)."""
         angles = np.array([pan, tilt])
         target = self._axes(angles) @ bearing
         for _ in range(STEPS):
@@ -69,3 +65,27 @@ class Gaze:
         pin.framesForwardKinematics(self._model, self._data, self._q)
         rotation: Vector = self._data.oMf[self._frame].rotation.copy()
         return rotation
+
+
+class AngleHistory:
+    """Keeps the newest ``size`` stamped angles and interpolates between them."""
+
+    def __init__(self, size: int = 100) -> None:
+        self._samples: deque[tuple[int, float, float]] = deque(maxlen=size)
+
+    def add(self, stamp: int, pan: float, tilt: float) -> None:
+        """Store pan and tilt [rad] at a stamp [ns]; a stamp older than the newest clears the history."""
+        if self._samples and stamp <= self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((stamp, pan, tilt))
+
+    def at(self, stamp: int, tolerance: int) -> Vector | None:
+        """Pan and tilt (2,) [rad] at a stamp [ns]; None where no sample is within a tolerance [ns] of it."""
+        if not self._samples:
+            return None
+        stamps = [sample[0] for sample in self._samples]
+        if not stamps[0] - tolerance <= stamp <= stamps[-1] + tolerance:
+            return None
+        since = [float(each - stamps[0]) for each in stamps]
+        angles = [np.interp(float(stamp - stamps[0]), since, column) for column in zip(*self._samples, strict=True)]
+        return np.array(angles[1:])

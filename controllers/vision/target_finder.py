@@ -15,7 +15,6 @@ from models.types import Vector
 _DEGREES_PER_HUE = 2.0  #: OpenCV counts hues of 8 bits in steps of two degrees
 _NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not hold a square of this size are noise [pixel]
 
-
 Degrees = Annotated[float, Field(ge=0.0, le=360.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
@@ -24,14 +23,11 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 class TargetConfig:
     """Schema of ``controllers/config/vision.yaml``: colour and size of the target."""
 
-    hue_from: Annotated[
-        Degrees,
-        Field(description="First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg]"),
-    ]
-    hue_to: Annotated[Degrees, Field(description="Last hue; less than the first for a range that goes through 0 [deg]")]
-    saturation_min: Annotated[Share, Field(description="Least saturation: 0 is grey, 1 is pure colour [-]")]
-    value_min: Annotated[Share, Field(description="Least value: 0 is black, 1 is bright [-]")]
-    pixels_min: Annotated[int, Field(ge=1, description="Least size of the target [pixel]")]
+    hue_from: Degrees  #: First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg]
+    hue_to: Degrees  #: Last hue; less than the first for a range that goes through 0 [deg]
+    saturation_min: Share  #: Least saturation: 0 is grey, 1 is pure colour [-]
+    value_min: Share  #: Least value: 0 is black, 1 is bright [-]
+    pixels_min: Annotated[int, Field(ge=1)]  #: Least size of the target [pixel]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -44,14 +40,7 @@ class Sighting:
 
 
 class TargetFinder:
-    """Finds the largest patch of a colour; the packaged one when ``config`` is None.
-
-    Hue, saturation and value of each pixel are compared with their ranges, single pixels are removed, and the largest
-    patch of connected pixels is the target; its middle is the mean of its pixels.
-
-    Raises:
-        ConfigError: OpenCV is not installed.
-    """
+    """Finds the largest connected patch of a colour, without single pixels; ``ConfigError`` without OpenCV."""
 
     def __init__(self, config: TargetConfig | None = None) -> None:
         try:

@@ -52,28 +52,10 @@ class WholeBodyController:
 
     Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
 
-    Args:
-        model: The robot.
-        config: Gains and limits; the packaged default when None.
-        extra_tasks: Further tasks for the stack, beside those of ``config.tasks``.
-        extra_limits: Further limits.
-
-    Attributes:
-        terms: Model terms of the last state.
-        tasks: The stack by name.
-        limits: The limits by name.
-        body_limits: Those of joints, wrench cones and torques.
-        com_task: CoM task, whose desired acceleration the balance law sets.
-        acceleration: Last solution (nv,) [m/s^2, rad/s^2].
-        wrenches: Last solution, in the sole frames (2, 6) [N, N.m].
-        torque: Last solution (nj,) [N.m].
-        areas: x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m].
-        wrench_target: Target wrench of each sole, in its frame (2, 6) [N, N.m].
-        hold_ticks: Ticks without a solution for which the last command is repeated.
-        builder: Builds the QP.
-        solver: Solves it.
-        problem: Last QP, overwritten by the next tick; None before the first.
-        solution: Last result of the solver.
+    ``config`` is the packaged default when None; ``extra_tasks`` and ``extra_limits`` extend the stack. ``areas`` are
+    x_min, x_max, y_min, y_max of the part of each sole that counts as support, in its frame (2, 4) [m];
+    ``wrench_target`` is in the sole frames (2, 6); the balance law sets the desired acceleration of ``com_task``.
+    ``acceleration`` (nv,), ``wrenches`` (2, 6), ``torque`` (nj,), ``problem`` and ``solution`` are of the last tick.
 
     References:
         Del Prete et al.: Prioritized motion-force control of constrained fully-actuated robots (2015);
@@ -153,15 +135,7 @@ class WholeBodyController:
         self.torque = np.zeros(self.model.nj)
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
-        """One tick; ``terms`` must have been updated with the same state (the balance law does).
-
-        Args:
-            state: Estimated state.
-            reference: Reference of the tick.
-
-        Returns:
-            Set-point for the drivers, and the status of the solve.
-        """
+        """One tick from the estimated state; ``terms`` must have been updated with it (the balance law does)."""
         self.set_support_areas(reference.sole_areas)
         if (reference.contacts, reference.load) != self._contacts:
             self._change_contacts(reference.contacts, reference.load)

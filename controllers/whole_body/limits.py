@@ -19,25 +19,15 @@ CONE_ROWS = 17  #: Rows of a wrench cone
 
 
 class Rows(NamedTuple):
-    """Rows ``lower <= matrix z <= upper`` of the reduced QP: views of its memory.
+    """Rows ``lower <= matrix z <= upper`` of the reduced QP: views of its memory."""
 
-    Attributes:
-        matrix: (k, nz).
-        lower, upper: (k,).
-    """
-
-    matrix: Array
-    lower: Array
-    upper: Array
+    matrix: Array  #: (k, nz)
+    lower: Array  #: (k,)
+    upper: Array  #: (k,)
 
 
 class Limit(ABC):
-    """Rows that every solution of the QP satisfies.
-
-    Attributes:
-        name: Unique name.
-        soft: Whether a relaxed solve may violate the rows, at a cost.
-    """
+    """Rows that every solution of the QP satisfies, unless ``soft``: a relaxed solve may violate those at a cost."""
 
     name: str
     soft = False
@@ -58,17 +48,9 @@ class RowLimit(Limit):
 class AccelerationLimit(RowLimit):
     """``lower <= G a <= upper`` on the generalised acceleration.
 
-    A new limit is a class with ``bound``, handed to ``WholeBodyController(extra_limits=...)``.
-
-    Args:
-        name: Unique name.
-        rows: Number of rows, k.
-        nv: Size of the velocity.
-        soft: Whether a relaxed solve may violate the rows.
-
-    Attributes:
-        matrix: G (k, nv); rows of order one, where the unit allows it.
-        lower, upper: (k,).
+    G, ``matrix``, has rows of order one where the unit allows it. A new limit is a class with ``bound`` and a unique
+    ``name``, handed to ``WholeBodyController(extra_limits=...)``. A relaxed solve may violate the rows of a ``soft``
+    one.
     """
 
     def __init__(self, name: str, rows: int, nv: int, soft: bool = True) -> None:
@@ -81,7 +63,6 @@ class AccelerationLimit(RowLimit):
         """Write ``matrix``, ``lower`` and ``upper`` in place."""
 
     def size(self, contacts: int) -> int:
-        """k, with any contacts."""
         return len(self.lower)
 
     def update(self, terms: Terms, reference: Reference, reduction: Reduction, rows: Rows) -> None:
@@ -99,17 +80,12 @@ def _acceleration_rows(matrix: Array, lower: Array, upper: Array, reduction: Red
 
 
 class CoMHeightLimit(AccelerationLimit):
-    r"""Keep the CoM's height above the lowest sole in contact between bounds.
+    r"""Keep the CoM's height above the lowest sole in contact between bounds ``minimum`` and ``maximum`` [m].
 
-    .. math:: k (\underline v - \dot z) \le \ddot z \le k (\overline v - \dot z), \qquad
-        \overline v = g (z_{max} - z), \quad \underline v = g (z_{min} - z)
+    .. math:: k (\underline v - \dot z) \le \ddot z \le k (\overline v - \dot z), \qquad \overline v = g (z_{max} - z),
+        \quad \underline v = g (z_{min} - z)
 
-    Args:
-        minimum: z_min [m].
-        maximum: z_max [m].
-        position_gain: g, fastest approach to a bound per distance to it [1/s].
-        velocity_gain: k [1/s].
-        nv: Size of the velocity.
+    g is ``position_gain``, fastest approach to a bound per distance to it [1/s], k ``velocity_gain`` [1/s].
     """
 
     def __init__(self, minimum: float, maximum: float, position_gain: float, velocity_gain: float, nv: int) -> None:
@@ -145,13 +121,7 @@ class JointLimit(Limit):
     .. math:: \ddot q \le \mathrm{clip}(k (\overline v - \dot q), \pm \ddot q_{max}), \qquad
         \overline v = \mathrm{clip}(g (\overline q - q), \pm v_{max})
 
-    and the lower bounds likewise.
-
-    Args:
-        bounds: The limits without their margins; the arrays may change between ticks.
-
-    Attributes:
-        lower, upper: Bounds of the last tick (nj,) [rad/s^2].
+    and the lower bounds likewise. ``bounds`` are without margins; their arrays may change between ticks.
     """
 
     name, soft = "joints", True
@@ -159,10 +129,9 @@ class JointLimit(Limit):
     def __init__(self, bounds: JointBounds) -> None:
         self.bounds = bounds
         nj = len(bounds.q_low)
-        self.lower, self.upper = np.zeros(nj), np.zeros(nj)
+        self.lower, self.upper = np.zeros(nj), np.zeros(nj)  #: Bounds of the last tick (nj,) [rad/s^2]
 
     def size(self, contacts: int) -> int:
-        """One row a joint, in the order of the joints."""
         return len(self.lower)
 
 
@@ -187,11 +156,7 @@ def _joint_rows(
 
 
 class TorqueLimit(Limit):
-    r""":math:`|M_j a + h_j - \sum_i J_{ij}^T w_i| \le \tau_{max}`, divided by the limit.
-
-    Args:
-        largest: tau_max (nj,) [N.m].
-    """
+    r""":math:`|M_j a + h_j - \sum_i J_{ij}^T w_i| \le \tau_{max}` (nj,) [N.m], divided by the limit."""
 
     name = "torque"
 
@@ -199,7 +164,6 @@ class TorqueLimit(Limit):
         self.largest = largest
 
     def size(self, contacts: int) -> int:
-        """One row a joint, in the order of the joints."""
         return len(self.largest)
 
 
@@ -244,19 +208,11 @@ def _torque_rows(terms: Dynamics, reduction: Reduction, largest: Array, rows: Ro
 
 
 class WrenchConeLimit(Limit):
-    """Wrenches that flat rectangular contacts can bear without moving.
+    """Wrenches that flat rectangular contacts can bear without moving, with a Coulomb coefficient of each contact [-].
 
-    Args:
-        frictions: Coulomb coefficient of each contact [-].
-        margin: Taken off every side of the contact rectangles [m].
-        force_min: Least normal force of an active contact [N].
-        force_max: Largest normal force of a contact [N].
-        scale: Force by which rows and bounds are divided, so that absolute tolerances of the solvers suit every
-            robot [N].
-
-    Attributes:
-        matrix: Rows of every contact's wrench in its frame (contacts, ``CONE_ROWS``, 6).
-        lower, upper: (contacts, ``CONE_ROWS``).
+    ``margin`` is taken off every side of the rectangles [m]; an active contact bears from ``force_min`` to
+    ``force_max`` [N] of normal force. Rows and bounds are divided by the force ``scale`` [N], so that absolute
+    tolerances of the solvers suit every robot.
     """
 
     name = "wrench_cone"
@@ -324,21 +280,10 @@ def fill_cone(
     """Rows ``lower <= G w <= upper`` for a wrench that a flat rectangular contact can bear without moving.
 
     For a rectangle centred on the contact's origin this is Caron's closed form: friction (4 rows), CoP (4 rows), yaw
-    moment (8 rows) and unilaterality (1 row). A rectangle off the origin is reduced to it by moving the moment to its
-    centre.
+    moment (8 rows) and unilaterality (1 row); a rectangle (4,) [m] off the origin is reduced to it by moving the
+    moment. The friction pyramid is inscribed, mu / sqrt(2) along each axis; ``scale`` [N] divides rows and bounds.
 
-    Args:
-        rectangle: x_min, x_max, y_min, y_max in the contact frame (4,) [m].
-        friction: Coulomb coefficient; the pyramid is inscribed, mu / sqrt(2) along each axis.
-        force_min: Least normal force [N].
-        force_max: Largest normal force [N].
-        scale: Force that the rows and their bounds are divided by [N].
-        matrix: Out: G (CONE_ROWS, 6).
-        lower: Out: (CONE_ROWS,).
-        upper: Out: (CONE_ROWS,).
-
-    References:
-        Caron, Pham, Nakamura: Stability of surface contacts for humanoid robots (ICRA 2015), eq. 19-28.
+    Source: Caron, Pham, Nakamura: Stability of surface contacts for humanoid robots (ICRA 2015), eq. 19-28.
     """
     centre_x, centre_y = 0.5 * (rectangle[0] + rectangle[1]), 0.5 * (rectangle[2] + rectangle[3])
     half_x, half_y = 0.5 * (rectangle[1] - rectangle[0]), 0.5 * (rectangle[3] - rectangle[2])

@@ -22,23 +22,15 @@ Array = NDArray[np.float64]
 
 
 class Stack(NamedTuple):
-    """All tasks of one tick: ``sum weight (jacobian a - target)^2 / 2``, the posture apart.
+    """All tasks of one tick: ``sum weight (jacobian a - target)^2 / 2``, the posture apart."""
 
-    Attributes:
-        jacobian: (m, nv).
-        target: (m,).
-        weight: In force, zero for the rows of inactive tasks (m,).
-        posture_target, posture_weight: (nj,).
-        wrench_target, wrench_weight: Of the contact wrenches, in their frames (contacts, 6).
-    """
-
-    jacobian: Array
-    target: Array
-    weight: Array
-    posture_target: Array
-    posture_weight: Array
-    wrench_target: Array
-    wrench_weight: Array
+    jacobian: Array  #: (m, nv)
+    target: Array  #: (m,)
+    weight: Array  #: In force, zero for the rows of inactive tasks (m,)
+    posture_target: Array  #: (nj,)
+    posture_weight: Array  #: (nj,)
+    wrench_target: Array  #: Of the contact wrenches, in their frames (contacts, 6)
+    wrench_weight: Array  #: Of the contact wrenches, in their frames (contacts, 6)
 
 
 class SetPoint(NamedTuple):
@@ -87,24 +79,11 @@ class QPBuilder:
     Only ``Reference``, with the poses of two soles, restricts it to robots with two feet. A contact is rigid and
     six-dimensional; the loops formed with the other contacts must be independent.
 
-    Args:
-        model: The robot; its feet are the contacts.
-        tasks: Tasks of every robot.
-        limits: Limits of every robot; their rows come first, in this order.
-        extra_tasks: Further tasks.
-        extra_limits: Further limits; their rows follow in this order.
-        contacts: Gains of the contacts; the arrays may change between ticks.
-        wrench_weight: Weight of each wrench component (6,).
-        regularisation: Added to the Hessian's diagonal.
-        lookahead: Time over which accelerations are integrated to the set-point [s].
-
-    Attributes:
-        contact_acceleration: Desired acceleration of each contact in its frame (contacts, 6) [m/s^2, rad/s^2].
-        stack: Rows of all tasks on the last tick; ``wrench_target`` is set from outside.
-
-    Raises:
-        ConfigError: Two tasks or two limits share a name, or a contact has fewer than six joints between it and the
-            base.
+    Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
+    ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
+    integrated to the set-point [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
+    6); ``stack.wrench_target`` is set from outside. Raises ``ConfigError`` when two tasks or limits share a name, or a
+    contact has fewer than six joints between it and the base.
     """
 
     def __init__(
@@ -163,15 +142,7 @@ class QPBuilder:
         return [mode.qp for mode in self._modes.values()]
 
     def build(self, terms: Terms, reference: Reference) -> QP:
-        """Fill this tick's QP.
-
-        Args:
-            terms: Model terms of the measured state.
-            reference: Reference of the tick; its ``contacts`` are the active ones.
-
-        Returns:
-            The QP, in arrays that the next call with the same contacts overwrites.
-        """
+        """Fill this tick's QP, in arrays that the next call with the same contacts overwrites."""
         for task in self._extra_tasks:
             if task.active:
                 task.update(terms, reference)
@@ -202,12 +173,7 @@ class QPBuilder:
         return mode.qp
 
     def recover(self, z: Vector) -> tuple[Matrix, Vector, Matrix]:
-        """Set-point, acceleration and wrenches of a solution (nz,) of the last QP.
-
-        Returns:
-            Joint positions, velocities and torques of the set-point (3, nj) [rad, rad/s, N.m], acceleration (nv,)
-            [m/s^2, rad/s^2], and wrenches in the contact frames (contacts, 6) [N, N.m].
-        """
+        """Set-point (3, nj), acceleration (nv,) and contact wrenches (contacts, 6) of a solution (nz,)."""
         command, acceleration = np.empty(self._shape), np.empty(self._shape[1] + 6)
         wrenches: Matrix = np.empty(self.contact_acceleration.shape)
         _recover(self._terms, self._setup, self._active.unboxed, z, acceleration, wrenches, command)

@@ -32,28 +32,19 @@ class TaskArrays(NamedTuple):
 class Task(ABC):
     r"""An acceleration-level objective, one weighted least-squares term of the QP.
 
-    .. math:: \min_a \tfrac12 \|J a - b\|_W^2, \qquad
-        b = a_{ff} + k_p\,\mathrm{error} + k_d\,\mathrm{error\ rate} - \dot J v
+    .. math:: \min_a \tfrac12 \|J a - b\|_W^2, \qquad b = a_{ff} + k_p\,\mathrm{error} + k_d\,\mathrm{error\ rate} -
+        \dot J v
 
-    A new task is a class with ``update``, handed to ``WholeBodyController(extra_tasks=...)``.
-
-    Args:
-        name: Unique name, used in configuration and reports.
-        weight: W, one entry per row (k,); zero switches a row off.
-        nv: Size of the velocity.
-        frames: Frames of profile or URDF that the task needs in ``Terms.frames``.
-
-    Attributes:
-        error: Desired minus measured, in the space of the task (k,).
-        jacobian: J (k, nv).
-        target: b, the desired task acceleration less the drift (k,).
-        weight_in_force: W of the last tick, zero while the task was inactive (k,).
+    A new task is a class with ``update``, handed to ``WholeBodyController(extra_tasks=...)``, with a unique ``name``.
+    ``weight`` has one entry per row (k,); zero switches a row off. ``frames`` are those that the task needs in
+    ``Terms.frames``.
     """
 
     def __init__(self, name: str, weight: Vector, nv: int, frames: tuple[str, ...] = ()) -> None:
         self.name, self.weight, self.frames = name, weight, frames
         rows = len(weight)
         self._active: Flags = np.array([weight.any()])
+        #: Desired less measured; b, the desired acceleration less the drift; W of the last tick, zero while inactive
         self.error, self.target, self.weight_in_force = np.zeros(rows), np.zeros(rows), np.zeros(rows)
         self.jacobian: Matrix = np.zeros((rows, nv))
 
@@ -77,11 +68,7 @@ class Task(ABC):
 
 
 class GainTask(Task):
-    """A task with feedback gains.
-
-    Attributes:
-        kp, kd: Gains by row (k,) [1/s^2, 1/s].
-    """
+    """A task with feedback gains ``kp`` and ``kd`` by row (k,) [1/s^2, 1/s]."""
 
     def __init__(
         self, name: str, kp: Vector, kd: Vector, weight: Vector, nv: int, frames: tuple[str, ...] = ()
@@ -109,8 +96,7 @@ class CoMTask(GainTask):
 
     .. math:: \ddot c^* = \ddot c_{ref} + k_p (c_{ref} - c) + k_d (\dot c_{ref} - \dot c)
 
-    Attributes:
-        override: The desired acceleration itself, from a balance law (3,) [m/s^2]; disabled when None.
+    ``override`` is the desired acceleration itself, from a balance law (3,) [m/s^2]; disabled when None.
     """
 
     def __init__(self, kp: Vector, kd: Vector, weight: Vector, nv: int) -> None:
@@ -233,14 +219,8 @@ class FrameOrientationTask(GainTask):
 
     .. math:: \dot\omega^* = k_p \log(R^T R_{ref}) + k_d (R^T \omega_{ref} - \omega)
 
-    with the desired angular velocity about the vertical only (the heading rate of a walk).
-
-    Args:
-        name: Name of the task.
-        frame: F.
-        kp, kd, weight: (3,) [1/s^2, 1/s, -].
-        nv: Size of the velocity.
-        desired: R_ref of a reference; its heading rate applies.
+    with the desired angular velocity about the vertical only (the heading rate of a walk). ``desired`` gives R_ref of a
+    reference, whose heading rate applies.
     """
 
     def __init__(
@@ -343,11 +323,7 @@ class Desired(NamedTuple):
 
 
 class BodyTasks:
-    """The tasks that every robot has; one compiled call updates all of them.
-
-    Args:
-        com, momentum, base, torso, feet, posture: The tasks; base and torso have these frames.
-    """
+    """The tasks that every robot has, base and torso with these frames; one compiled call updates all of them."""
 
     def __init__(
         self,

@@ -1,5 +1,6 @@
 """Base of every node: lifecycle with reasons, counted refusals, diagnostics, status, real-time set-up."""
 
+import re
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -14,14 +15,17 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from models.errors import MessageError, PoiseError
 from models.nodes import realtime, topics
 from models.nodes.parameters import describe
-from models.nodes.qos import EVENT, QosWatch
+from models.nodes.qos import EVENT, LATCHED, QosWatch
 from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
 from models.status import NodeStatus, Status
 
 T = TypeVar("T", bound=Status)
 
-LOG_PERIOD = 1.0  #: Shortest time between two log lines about the same kind of refusal [s]
+LOG_PERIOD = 0.2  #: Shortest time between two reports of refusals of the same topic or service [s]
+QUIET = 5.0  #: Time without a cause of refusals after which it is reported as a new one [s]
+CAUSES_MAX = 100  #: Causes remembered: those of the newest refusals
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")  #: In a reason; reasons that differ in numbers alone are one cause
 ALARM_PERIOD = 0.05  #: Shortest time between two alarms on ``/diagnostics`` [s]
 
 
@@ -69,11 +73,13 @@ class PoiseNode(LifecycleNode):
         self.message = "unconfigured"
         self.values: dict[str, str] = {}
         self._refused_before = 0
-        self._last_log: dict[str, float] = {}
+        self._last_report: dict[str, float] = {}
+        self._causes: dict[tuple[str, str], tuple[int, int, float]] = {}  # refusals, next report at, last time [s]
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._qos = QosWatch(self)
         watched = self._qos.publisher("/diagnostics", EVENT)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT, event_callbacks=watched)
+        self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED)
         self._node_status = self.create_publisher(StatusMessage, topics.NODE_STATUS, EVENT)
         self._last_alarm = -ALARM_PERIOD
         self.every(float(period.value), self._on_diagnostics_due)
@@ -175,13 +181,28 @@ class PoiseNode(LifecycleNode):
         return self.create_timer(period, callback, clock=self._steady)
 
     def refuse(self, source: str, error: Exception | str) -> None:
-        """Count a refused input of a topic or service; log the reason at most once per ``LOG_PERIOD`` and source."""
+        """Count a refused input of a topic or service, and report its cause once, then its 10th, 100th, ... repetition.
+
+        Reports go to the log, that is to the terminal and ``/rosout``, and to the latched topic ``refusals``.
+        """
         self.counters[f"refused {source}"] += 1
         self.values["last refusal"] = f"{source}: {error}"
-        now = time.monotonic()
-        if now - self._last_log.get(source, -LOG_PERIOD) >= LOG_PERIOD:
-            self._last_log[source] = now
-            self.get_logger().warning(f"{source} refused: {error}")
+        now, cause = time.monotonic(), (source, _NUMBER.sub("#", str(error)))
+        count, due, last = self._causes.pop(cause, (0, 1, now))
+        count, due = (1, 1) if now - last > QUIET else (count + 1, due)
+        if count >= due and now - self._last_report.get(source, -LOG_PERIOD) >= LOG_PERIOD:
+            self._last_report[source] = now
+            due = 10 * count
+            text = f"{source} refused: {error}" + (f" ({count} times)" if count > 1 else "")
+            self.get_logger().warning(text)
+            status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
+            status.hardware_id = self.robot
+            items = {"source": source, "reason": str(error), "count": str(count)}
+            status.values = [KeyValue(key=key, value=value) for key, value in items.items()]
+            self._refusals.publish(status)
+        self._causes[cause] = count, due, now
+        if len(self._causes) > CAUSES_MAX:
+            del self._causes[next(iter(self._causes))]
 
     def publish_diagnostics(self) -> None:
         """Publish the state of this node on ``/diagnostics`` (REP-107)."""

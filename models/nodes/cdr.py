@@ -53,12 +53,8 @@ def _fill(message: Any, path: str, markers: list[float]) -> None:
 class Template:
     """Layout of one stamped message whose strings and sizes do not change.
 
-    Args:
-        message: Message whose arrays have their sizes; markers are written into its slots.
-        fields: Paths of the slots in the order in which ``pack`` takes their values; see ``field_of``.
-
-    Raises:
-        MessageError: The numbers of a field are not contiguous in the bytes.
+    ``fields`` are paths of the slots in the order in which ``pack`` takes their values; see ``field_of``. Raises
+    ``MessageError`` when the numbers of a field are not contiguous in the bytes.
     """
 
     def __init__(self, message: Any, fields: Sequence[str]) -> None:
@@ -91,11 +87,7 @@ class Template:
         return bytes(self._buffer)
 
     def matches(self, data: bytes) -> bool:
-        """Whether everything but the stamp and the slots means the same as in the template.
-
-        Bytes like those of the last message that matched do. Serialisers leave padding undefined, so other bytes are
-        decoded, which takes longer; a sender mostly repeats itself.
-        """
+        """Whether all but stamp and slots means the same; bytes that differ from the last match are decoded."""
         if len(data) != self.size:
             return False
         found = [data[gap] for gap in self._gaps]

@@ -71,12 +71,10 @@ class CsvImuLog:
         seconds, nanoseconds = divmod(stamp, NANOSECONDS)
         self._writer.writerow([f"{seconds}.{nanoseconds:09d}", *(f"{number:.9g}" for number in numbers)])
 
-    def close(self) -> None:
-        """Complete the file and move it to its path."""
+    def close(self, *, keep: bool = True) -> None:
+        """Complete the file and move it to its path, or delete it."""
         self._file.close()
-        self._part.replace(self._path)
-
-    def discard(self) -> None:
-        """Delete the incomplete file."""
-        self._file.close()
-        self._part.unlink()
+        if keep:
+            self._part.replace(self._path)
+        else:
+            self._part.unlink()

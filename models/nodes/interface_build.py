@@ -30,6 +30,7 @@ PACKAGES = {
     "poise_interfaces": ("geometry_msgs", "trajectory_msgs"),
     "control_msgs": ("trajectory_msgs", "geometry_msgs"),
     "tf2_msgs": ("geometry_msgs",),
+    "example_interfaces": (),
 }
 #: Packages that every service or action refers to
 ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_interfaces", "std_msgs")
@@ -180,10 +181,9 @@ def require_tools() -> None:
 
 
 def build_interfaces(into: Path, say: Callable[[str], object] = print, share: Path | None = None) -> bool:
-    """Build each package that cannot be imported, or that was built here from other definitions.
+    """Build into a folder on Python's path what cannot be imported or is outdated; whether all is there.
 
-    ``into`` is a folder on Python's path; ``ros2 interface`` looks in ``share``, that of this environment when None.
-    ``say`` takes a line about each package. Returns whether all packages are importable.
+    ``ros2 interface`` looks in ``share``, that of this environment when None; ``say`` takes a line a package.
     """
     there = True
     for package in PACKAGES:
@@ -231,11 +231,7 @@ LIBRARIES = (
 
 
 def generate(package: str, source: Path, files: Sequence[Path], work: Path, share: Path) -> None:
-    """Definitions to IDL, type hashes, C and Python in ``work``; each generator has a separate folder.
-
-    ``source`` holds the definitions of ``package``, ``share`` those of other packages. Raises ``PoiseError`` when a
-    generator refuses a definition.
-    """
+    """Definitions to IDL, type hashes, C and Python in ``work``; ``share`` holds other packages' definitions."""
     from rosidl_adapter.action import convert_action_to_idl
     from rosidl_adapter.msg import convert_msg_to_idl
     from rosidl_adapter.srv import convert_srv_to_idl

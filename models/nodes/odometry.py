@@ -12,7 +12,7 @@ from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 
 from models.errors import MessageError
 from models.nodes.messages import Codec, require_finite
-from models.nodes.topics import BASE_FRAME
+from models.nodes.topics import BASE_FRAME, ODOM_FRAME
 from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
 
 QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1 [-]
@@ -21,9 +21,9 @@ QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1
 class OdometryCodec:
     """Pose of the base in ``odom`` and its twist in ``base_link`` (REP-105): ``q[:7]`` and ``v[:6]`` of a state."""
 
-    def __init__(self, frame_id: str = "odom", child_frame_id: str = "base_link") -> None:
-        message = Odometry(child_frame_id=child_frame_id)
-        message.header.frame_id = frame_id
+    def __init__(self) -> None:
+        message = Odometry(child_frame_id=BASE_FRAME)
+        message.header.frame_id = ODOM_FRAME
         fields = ("pose.pose", "pose.covariance", "twist.twist", "twist.covariance")
         fixed = ("header.frame_id", "child_frame_id")
         self._codec = Codec[tuple[int, Vector, Vector, Vector, Vector]](message, fields, fixed)
@@ -39,10 +39,7 @@ class OdometryCodec:
         return self._codec.encode(stamp, state.q[:7], pose, state.v[:6], twist)
 
     def decode(self, data: bytes) -> tuple[int, Vector, Vector]:
-        """Stamp [ns], pose (7,) (position, quaternion xyzw) and twist in the base frame (6,).
-
-        Raises ``MessageError`` for wrong frames, NaN, infinity, or a quaternion that is not of unit length.
-        """
+        """Stamp [ns], pose (7,) and twist in the base frame (6,); ``MessageError`` if they are unusable."""
         stamp, pose, _, twist, _ = self._codec.read(data)
         require_finite("pose", pose)
         require_finite("twist", twist)

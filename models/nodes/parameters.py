@@ -3,17 +3,15 @@
 import dataclasses
 import inspect
 import math
-import re
 import sys
 import types
 import typing
-from collections.abc import Callable, Collection
-from typing import Annotated, Any, TypeVar
+from collections.abc import Collection
+from typing import Any, TypeVar
 
-from pydantic import Field
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from models.config import parse_config
+from models.config import descriptions, parse_config
 from models.constants import NANOSECONDS
 
 T = TypeVar("T")
@@ -25,14 +23,8 @@ _SCALARS = (bool, int, float, str)
 def declare_config(node: Any, default: T, prefix: str = "", live: Collection[str] = ()) -> T:
     """Declare every field of a configuration as a parameter and return the configuration after overrides.
 
-    Args:
-        node: rclpy node.
-        default: Configuration with the default values; nested dataclasses become dotted names.
-        prefix: Put before every name, with its dot.
-        live: Parameters, with their prefix, that may be changed while the node runs; the others are read-only.
-
-    Raises:
-        ConfigError: A value is out of range; the parameter is named.
+    Nested dataclasses become dotted names, after ``prefix``; parameters in ``live`` may be changed while the node runs.
+    Raises ``ConfigError`` that names a parameter out of range.
     """
     values = _declare(node, default, prefix, live)
     return parse_config(type(default), values, f"parameters of {node.get_name()}")
@@ -76,57 +68,41 @@ def declare_period(node: Any, name: str, default: float, of: str, *, high: float
     return round(NANOSECONDS / declare(node, name, default, f"Rate of {of} [Hz]", low=1.0, high=high))
 
 
-def declare_lockstep(node: Any) -> bool:
-    """Declare the parameter ``lockstep`` that all nodes of the tick share."""
-    text = "The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)"
-    return declare(node, "lockstep", False, text)
+def declare_lockstep(node: Any) -> tuple[bool, bool]:
+    """Declare the parameters ``lockstep`` and ``waits`` of the nodes of the tick; the first implies the other."""
+    text = "The plant waits for the command of each tick (for deterministic tests)"
+    lockstep: bool = declare(node, "lockstep", False, text)
+    text = (
+        "The plant waits for late commands: no sample may be lost, none is late, and a repeated one is answered again"
+    )
+    return lockstep, declare(node, "waits", False, text) or lockstep
 
 
 def _declare(node: Any, default: Any, prefix: str, live: Collection[str]) -> dict[str, Any]:
-    """Declare the fields of one dataclass; returns their values by field name."""
-    hints = typing.get_type_hints(type(default), include_extras=True)
-    texts = _texts(type(default))
+    """Declare the fields of one dataclass, described by their comments; returns their values by field name."""
+    schema: Any = type(default)
+    hints, texts = typing.get_type_hints(schema, include_extras=True), descriptions(schema)
+    summary = inspect.cleandoc(schema.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
     values: dict[str, Any] = {}
     for field in dataclasses.fields(default):
-        value = getattr(default, field.name)
-        name = prefix + field.name
-        if dataclasses.is_dataclass(value):
-            values[field.name] = _declare(node, value, f"{name}.", live)
-        elif isinstance(value, dict):
-            hint = _descriptor_source(hints[field.name], texts(field.name))
-            values[field.name] = {k: _declare_item(node, f"{name}.{k}", v, hint, live) for k, v in value.items()}
+        value, name, hint = getattr(default, field.name), prefix + field.name, hints[field.name]
+        text = texts.get(field.name, f"{field.name}: {summary}")
+        if isinstance(value, dict):
+            items = {key: _declare_item(node, f"{name}.{key}", item, hint, text, live) for key, item in value.items()}
+            values[field.name] = items
         else:
-            hint = _descriptor_source(hints[field.name], texts(field.name))
-            values[field.name] = _declare_item(node, name, value, hint, live)
+            values[field.name] = _declare_item(node, name, value, hint, text, live)
     return values
 
 
-def _texts(schema: type) -> Callable[[str], str]:
-    """Description of a field from the schema's docstring: its entry under ``Attributes``, or the first sentence."""
-    entries: dict[str, str] = {}
-    head = ""
-    for kind in reversed(schema.__mro__):  # inherited fields are described where they are written
-        head, _, attributes = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:")
-        entries |= re.findall(r"^    (\w+): (.+(?:\n        .+)*)", attributes, re.MULTILINE)
-    summary = head.strip().split("\n\n")[0].replace("\n", " ")
-    return lambda name: re.sub(r"\s+", " ", entries.get(name, f"{name}: {summary}"))
-
-
-def _descriptor_source(hint: Any, text: str) -> Any:
-    """The type hint, with a description where it has none."""
-    if any(getattr(info, "description", None) for info in _metadata(hint)):
-        return hint
-    return Annotated[hint, Field(description=text)]
-
-
-def _declare_item(node: Any, name: str, value: Any, hint: Any, live: Collection[str]) -> Any:
+def _declare_item(node: Any, name: str, value: Any, hint: Any, text: str, live: Collection[str]) -> Any:
     """Declare one value if ROS has a type for it, otherwise leave it at its default."""
     if dataclasses.is_dataclass(value):
         return _declare(node, value, f"{name}.", live)
     if isinstance(value, tuple | list) and value and all(type(item) in (float, str) for item in value):
-        return list(node.declare_parameter(name, list(value), _descriptor(hint, None, name not in live)).value)
+        return list(node.declare_parameter(name, list(value), describe(text, read_only=name not in live)).value)
     if type(value) in _SCALARS:
-        return node.declare_parameter(name, value, _descriptor(hint, type(value), name not in live)).value
+        return node.declare_parameter(name, value, _descriptor(hint, text, type(value), name not in live)).value
     return _plain(value)
 
 
@@ -141,26 +117,23 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _descriptor(hint: Any, kind: type | None, read_only: bool) -> Any:
-    """Descriptor from ``Annotated[..., Field(...)]``. ROS ranges include their ends; the schema checks open ones."""
-    description, low, high = "", -math.inf, math.inf
+def _descriptor(hint: Any, text: str, kind: type, read_only: bool) -> Any:
+    """Descriptor with the bounds of ``Annotated``. ROS ranges include their ends; the schema checks open ones."""
+    low, high = -math.inf, math.inf
     for info in _metadata(hint):
-        description = getattr(info, "description", None) or description
+        text = getattr(info, "description", None) or text
         for bound in getattr(info, "metadata", []):
             low = max(low, getattr(bound, "gt", -math.inf), getattr(bound, "ge", -math.inf))
             high = min(high, getattr(bound, "lt", math.inf), getattr(bound, "le", math.inf))
-    descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if (low, high) == (-math.inf, math.inf):
-        return descriptor
-    if kind is float:
-        most = sys.float_info.max
-        descriptor.floating_point_range = [FloatingPointRange(from_value=max(low, -most), to_value=min(high, most))]
-    elif kind is int:
+        return describe(text, read_only=read_only)
+    if kind is int:
         most = 2**63 - 1
-        descriptor.integer_range = [
-            IntegerRange(from_value=int(max(low, -most)), to_value=int(high) if high < most else most)
-        ]
-    return descriptor
+        return describe(text, read_only=read_only, integer=(int(max(low, -most)), int(high) if high < most else most))
+    if kind is float:
+        most_float = sys.float_info.max
+        return describe(text, read_only=read_only, low=max(low, -most_float), high=min(high, most_float))
+    return describe(text, read_only=read_only)
 
 
 def _metadata(hint: Any) -> tuple[Any, ...]:

@@ -26,7 +26,10 @@ def _keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s:
     )
 
 
-#: Sensors and states: only the newest sample matters
+#: Publishers of sensors and states: reliable, so that a subscriber with default QoS matches. With keep last a publisher
+#: never waits for a subscriber: the oldest message makes room, acknowledged or not
+STATE = _keep_last(10, reliable=True)
+#: Subscribers of the graph to sensors and states: only the newest sample matters
 SENSOR = _keep_last(1, reliable=False)
 #: Sensors for a subscriber that counts or logs: deep enough for a busy one
 SENSOR_QUEUE = _keep_last(100, reliable=False)
@@ -36,13 +39,11 @@ LATCHED = _keep_last(1, reliable=True, latched=True)
 EVENT = _keep_last(10, reliable=True)
 #: Joint commands without an offered or requested deadline, for commanders slower than the controller
 COMMAND = _keep_last(1, reliable=True)
-#: Sensors in lockstep: the plant waits for the answer, so no sample may be lost
-SENSOR_RELIABLE = _keep_last(10, reliable=True)
 
 
-def sensor(*, reliable: bool) -> QoSProfile:
-    """Profile of the sensor topics: best effort, or reliable in lockstep."""
-    return SENSOR_RELIABLE if reliable else SENSOR
+def sensor(*, lockstep: bool, waits: bool) -> QoSProfile:
+    """Profile of a subscriber to sensors: the newest; where the plant waits every sample, in lockstep none lost."""
+    return STATE if lockstep else SENSOR_QUEUE if waits else SENSOR
 
 
 def command(deadline_s: float | None = None) -> QoSProfile:

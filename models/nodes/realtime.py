@@ -32,10 +32,7 @@ def collect() -> None:
 
 
 def release() -> None:
-    """Collect frozen objects too: the ROS context, and with it the middleware's graph thread.
-
-    That thread must end before the process, which destroys what the thread reads.
-    """
+    """Collect frozen objects too: ROS's context and its thread, which must end before the process."""
     gc.unfreeze()
     gc.collect()
 
@@ -44,10 +41,7 @@ _done: set[str] = set()  #: Completed steps of this process; nodes that share it
 
 
 def use_fifo(priority: int, log: Callable[[str], object]) -> bool:
-    """Schedule every thread of this process first-in first-out, at priority 1 (lowest) to 99; 0: no change.
-
-    ``log`` takes the outcome; returns whether it is in force.
-    """
+    """Schedule all threads first-in first-out, at priority 1 to 99; 0: no change. Logs and returns the outcome."""
     if priority <= 0 or f"fifo {priority}" in _done:
         return priority > 0
     try:
@@ -115,11 +109,7 @@ def take_core(log: Callable[[str], object]) -> bool:
 
 
 def best_first(cores: Iterable[int]) -> list[int]:
-    """Cores in the order in which they suit a tick.
-
-    First threads of a core before second ones, fast before slow ones, then last before first: interrupts mostly go to
-    the first.
-    """
+    """First threads of a core before second ones, fast before slow, last before first, which gets interrupts."""
 
     def rank(core: int) -> tuple[bool, int, int]:
         siblings = re.match(r"\d+", _about(core, "topology/thread_siblings_list"))
@@ -165,6 +155,36 @@ def die_with_parent() -> None:
     """Have the kernel end this process when the one that started it dies; no effect where the kernel cannot."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+class _SigEvent(ctypes.Structure):
+    """``struct sigevent`` of glibc: at its time, a timer calls ``function`` with ``value`` in a thread."""
+
+    _fields_ = (
+        ("value", ctypes.c_void_p),
+        ("signo", ctypes.c_int),
+        ("notify", ctypes.c_int),
+        ("function", ctypes.c_void_p),
+        ("padding", ctypes.c_byte * 40),
+    )
+
+
+_SIGEV_THREAD, _CLOCK_MONOTONIC = 2, 1
+
+
+def end_within(seconds: int, code: int) -> Callable[[], object]:
+    """Have this process end with an exit code after a time [s], whatever blocks it then; returns what cancels that.
+
+    Threads of Fast DDS 2.14 have waited for each other while a writer was removed, with Python's interpreter lock held:
+    so the timer and the thread that ends the process are those of the C library.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    event = _SigEvent(value=code, notify=_SIGEV_THREAD, function=ctypes.cast(libc._exit, ctypes.c_void_p).value)
+    timer, times = ctypes.c_void_p(), (ctypes.c_long * 4)(0, 0, seconds, 0)
+    if libc.timer_create(_CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
+        raise OSError(ctypes.get_errno(), "timer_create")
+    libc.timer_settime(timer, 0, times, None)
+    return lambda: libc.timer_delete(timer)
 
 
 WINDOW = 4096  #: Ticks in the statistics: about four seconds at 1 kHz

@@ -18,6 +18,7 @@ from models.errors import PoiseError
 from models.nodes import realtime
 
 SUPERVISED = "POISE_SUPERVISED"  #: Set by the launcher for the processes that are to end with it
+END_TIME = 3  #: Longest time for which the middleware may delay the end of a process [s]
 SPIN_TIMEOUT = 0.1  #: Longest time between two checks of the stop flag [s]
 
 
@@ -108,11 +109,15 @@ def run(
         traceback.print_exc()
         code = 1
     finally:
+        _shut_down(nodes)
+        sys.stdout.flush()
+        cancel = realtime.end_within(END_TIME, code)
         while nodes:
             _end(executor, nodes.pop(0))
         try_shutdown()
     del executor
     realtime.release()
+    cancel()
     return code
 
 
@@ -125,7 +130,11 @@ def program(*nodes: Callable[[], Any]) -> Callable[..., None]:
     return main
 
 
+def _shut_down(nodes: Sequence[Any]) -> None:
+    for node in nodes:
+        node.trigger_shutdown()
+
+
 def _end(executor: Any, node: Any) -> None:
-    node.trigger_shutdown()
     executor.remove_node(node)
     node.destroy_node()

@@ -20,7 +20,8 @@ ODOM = "odom"
 CONTACTS = "contacts"
 EXTERNAL_WRENCH = "external_wrench"
 MOTOR_COMMANDS, MOTOR_STATE = "motor_commands", "motor_controller/state"
-JOINT_COMMAND = "joint_trajectory_controller/joint_trajectory"
+JOINT_SETPOINTS = "joint_setpoints"  #: Of the balance controller for the drivers: one point, every tick
+JOINT_TRAJECTORY = "joint_trajectory_controller/joint_trajectory"  #: Of a user, executed while balancing
 APPLIED = "control/applied"
 MODE = "mode"
 DRIVER_STATE = "driver_state"
@@ -36,7 +37,7 @@ SCAN = "scan"
 CAMERA_IMAGE, CAMERA_INFO, CAMERA_TARGET = "camera/image_raw", "camera/camera_info", "camera/target"
 VISION_BEARING, VISION_DETECTED = "vision/bearing", "vision/detected"
 HEAD_COMMAND, HEAD_STATE = "head/pan_tilt", "head/state"
-HUMANOID_COMMANDS = "humanoid_commands"
+HUMANOID_COMMANDS, TEXT_COMMAND = "humanoid_commands", "text_command"  #: Two names of the same topic of words
 MOTION_REQUEST = "motion/request"
 MOTION_PLAN_STATE = "motion/plan_state"
 MOTION_TRAJECTORY = "motion/joint_trajectory"
@@ -66,6 +67,8 @@ GAIT_ABSENT, GAIT_SETTLED = "absent", "settled"
 CONTROL_STATUS, ESTIMATOR_STATUS = "balance_controller/status", "state_estimator/status"
 GAIT_STATUS, ROUTE_STATUS, MOTION_STATUS = "gait/status", "gait/route_status", "motion/status"
 SUPERVISOR_STATUS, NODE_STATUS = "supervisor/status", "node_status"  #: Records of ``models/status.py``, for programs
+SUPERVISOR_TIME = "supervisor/time"  #: Time up to which the supervisor has judged the state
+REFUSALS = "refusals"  #: What each node refused last, with the reason
 STOP_MOTION = "stop"  #: ``motion/request`` that asks the controller to hold the present posture
 
 
@@ -87,4 +90,4 @@ def sensor_topics(model: RobotModel) -> tuple[str, ...]:
 def needed_topics(model: RobotModel) -> tuple[str, ...]:
     """Topics without which a robot cannot stand: sensors, states, descriptions and commands."""
     states = (ODOM, POSTURE, MODE, DRIVER_STATE, ENCODER_OFFSETS, CLOCK)
-    return (*sensor_topics(model), *states, ROBOT_DESCRIPTION, JOINT_COMMAND)
+    return (*sensor_topics(model), *states, ROBOT_DESCRIPTION, JOINT_SETPOINTS)

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from models.constants import GRAVITY
 from models.proposal.config import PostureConfig
-from models.proposal.shapes import Finding, named
+from models.proposal.shapes import Finding, found, named
 from models.proposal.skeleton import BASE, Legs, Skeleton
 from models.proposal.soles import SoleShape
 from models.types import Vector
@@ -49,10 +49,8 @@ def weak_knees(skeleton: Skeleton, legs: tuple[tuple[int, ...], ...], knees: lis
         torque = abs(float(gravity[v] - jacobian[:, v] @ wrench))
         if torque > _RESERVE * model.effortLimit[v]:
             weak[skeleton.name(knee)] = f"{torque:.0f} of {model.effortLimit[v]:g} N.m"
-    if not weak:
-        return []
     text = f"little torque to walk: standing on one leg takes {', '.join(weak.values())}"
-    return [Finding("note", named("joint", weak), text, "kept: it may stand and not walk")]
+    return found("note", "joint", weak, text, "kept: it may stand and not walk")
 
 
 _HABIT = 1e-3  #: Weight of staying at zero against the tasks
@@ -130,10 +128,7 @@ class PostureSolver:
         return places
 
     def _knee(self, leg: tuple[int, ...]) -> tuple[int, float, float]:
-        """Knee joint, its angle with the leg stretched, and how far to bend it [rad].
-
-        The knee is the joint that shortens the leg most: hip and ankle turn a leg and leave its length.
-        """
+        """Knee, the joint that shortens the leg most; its angle with the leg stretched, and its bend [rad]."""
         best = (0.0, leg[0], 0.0, 0.0)
         for joint in leg[1:-1]:
             i = int(self._model.joints[joint].idx_q)

@@ -1,14 +1,14 @@
 """A proposed profile as commented YAML, and the files that it needs."""
 
 import xml.etree.ElementTree as ET
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from textwrap import fill
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Any
 
 import yaml
-from pydantic.fields import FieldInfo
 
+from models.config import descriptions
 from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
 
@@ -117,15 +117,6 @@ def _rows(entries: dict[str, Any]) -> str:
 
 def _described(values: dict[str, Any], schema: type) -> str:
     """One line a key, with the description of the schema behind it."""
-    hints = get_type_hints(schema, include_extras=True)
-    lines = []
-    for item in fields(schema):
-        value = values[item.name]
-        if value is not None:
-            lines.append(f"    {item.name}: {_flow(value)}  # {_description(hints[item.name])}\n")
+    texts = descriptions(schema)
+    lines = (f"    {key}: {_flow(value)}  # {texts[key]}\n" for key, value in values.items() if value is not None)
     return "".join(lines)
-
-
-def _description(hint: Any) -> str:
-    extras = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-    return next((extra.description or "" for extra in extras if isinstance(extra, FieldInfo)), "")

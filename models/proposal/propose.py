@@ -25,7 +25,7 @@ from models.profile import Feet, Joint, Motor, Profile, Sensors, Sole, load_prof
 from models.proposal.config import DriveConfig, ProposalConfig
 from models.proposal.posture import PostureSolver
 from models.proposal.repair import BASE_LINK, placeholders, rename_links, repair_inertias, repair_joints
-from models.proposal.shapes import Finding, end, named, repair_meshes
+from models.proposal.shapes import Finding, end, found, repair_meshes
 from models.proposal.skeleton import BASE, Legs, Skeleton, asymmetries, find_legs, find_limbs, named_left
 from models.proposal.soles import SoleShape, find_sole, foot_points, propose_hulls
 from models.types import Vector
@@ -35,10 +35,7 @@ from models.urdf import parse_urdf, pinocchio_from_element
 def propose_drives(
     skeleton: Skeleton, height: float, config: DriveConfig
 ) -> tuple[dict[str, Motor], dict[str, Joint], list[Finding]]:
-    """Motors by name and joints by name, for a CoM height above the soles [m]; partners share a motor.
-
-    The findings name joints whose friction in the URDF is implausible for a drive.
-    """
+    """Motors and joints by name for a CoM height [m]; findings name implausible friction in the URDF."""
     model = skeleton.model
     mass = float(pin.computeTotalMass(model))
     bare = _felt_inertia(skeleton)
@@ -77,11 +74,8 @@ def propose_drives(
             kd=_rounded(damping),
         )
         joints[skeleton.name(j)] = Joint(motor=_filed(motors, motor, torque))
-    findings = []
-    if sticky:
-        text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: no figure of a drive"
-        findings.append(Finding("note", named("joint", sticky), text, "cut down to that"))
-    return motors, joints, findings
+    text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: no figure of a drive"
+    return motors, joints, found("note", "joint", sticky, text, "cut down to that")
 
 
 def _felt_inertia(skeleton: Skeleton) -> Vector:
@@ -131,15 +125,7 @@ class Proposal:
 
 
 def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | None = None) -> Proposal:
-    """Propose a profile for a robot of which only the URDF is given.
-
-    ``packages`` are folders searched first for ``package://``; ``config`` holds the assumptions, the packaged ones when
-    None.
-
-    Raises:
-        RobotModelError: The URDF is unusable: not XML, a mesh is missing, a moving body has no mass, it has no feet;
-            file, joint or link, and cause are named.
-    """
+    """Propose a profile for a robot of which only the URDF is given; ``RobotModelError`` when that is unusable."""
     urdf = urdf.expanduser().resolve()
     config = config or default_config(ProposalConfig, "models", "proposal")
     robot = parse_urdf(urdf)

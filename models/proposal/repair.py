@@ -11,12 +11,12 @@ from models.proposal.shapes import (
     Finding,
     child,
     end,
+    found,
     link_points,
     links_below,
     links_by_name,
     longest_chain,
     masses,
-    named,
     numbers,
     origin_of,
 )
@@ -57,10 +57,7 @@ def repair_joints(robot: ET.Element, config: RepairConfig) -> list[Finding]:
 
 
 def rename_links(robot: ET.Element) -> list[Finding]:
-    """Rename in place links with the name of a frame that the profile defines; a root may be base_link.
-
-    /tf would have two frames of one name, and MuJoCo two bodies.
-    """
+    """Rename links that are named like a frame of the profile: /tf and MuJoCo need unique names."""
     children = {end(joint, "child") for joint in robot.findall("joint")}
     links = links_by_name(robot)
     renamed = {}
@@ -76,17 +73,15 @@ def rename_links(robot: ET.Element) -> list[Finding]:
             element = joint.find(role)
             if element is not None and element.get("link") in renamed:
                 element.set("link", renamed[element.get("link", "")])
-    if not renamed:
-        return []
-    return [Finding("note", named("link", renamed), "named like a frame of the profile", "renamed: _link is appended")]
+    return found("note", "link", renamed, "named like a frame of the profile", "renamed: _link is appended")
 
 
 def _moving(robot: ET.Element) -> list[ET.Element]:
     return [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
 
 
-def _names(joints: list[ET.Element]) -> str:
-    return named("joint", [joint.get("name", "") for joint in joints])
+def _names(joints: list[ET.Element]) -> list[str]:
+    return [joint.get("name", "") for joint in joints]
 
 
 def _value(joint: ET.Element, key: str) -> float:
@@ -95,7 +90,7 @@ def _value(joint: ET.Element, key: str) -> float:
 
 
 def _unfloat(robot: ET.Element) -> list[Finding]:
-    findings = []
+    findings: list[Finding] = []
     weights = masses(robot)
     for joint in robot.findall("joint"):
         parent = end(joint, "parent")
@@ -105,19 +100,17 @@ def _unfloat(robot: ET.Element) -> list[Finding]:
         robot.remove(joint)
         for link in [link for link in robot.findall("link") if link.get("name") == parent]:
             robot.remove(link)
-        findings.append(Finding("note", _names([joint]), "is floating", f"removed with link '{parent}'"))
+        findings += found("note", "joint", _names([joint]), "is floating", f"removed with link '{parent}'")
     return findings
 
 
 def _fix(joints: list[ET.Element], fault: str) -> list[Finding]:
-    if not joints:
-        return []
     for joint in joints:
         joint.set("type", "fixed")
         for tag in ("mimic", "limit", "dynamics", "axis", "safety_controller", "calibration"):
             for element in joint.findall(tag):
                 joint.remove(element)
-    return [Finding("note", _names(joints), fault, "fixed at zero")]
+    return found("note", "joint", _names(joints), fault, "fixed at zero")
 
 
 def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
@@ -134,11 +127,10 @@ def _fill_torque(robot: ET.Element, config: RepairConfig) -> list[Finding]:
 
 
 def _assume(joints: list[ET.Element], limits: dict[str, float], fault: str, remedy: str) -> list[Finding]:
-    """Set limits of joints that have none."""
     for joint in joints:
         for key, value in limits.items():
             child(joint, "limit").set(key, f"{value:g}")
-    return [Finding("wrong", _names(joints), fault, remedy)] if joints else []
+    return found("wrong", "joint", _names(joints), fault, remedy)
 
 
 _MIRROR = np.diag([1.0, -1.0, 1.0])
@@ -151,10 +143,7 @@ _SPREAD = 0.5
 
 
 def repair_inertias(robot: ET.Element, skeleton: Skeleton) -> list[Finding]:
-    """Replace in place the inertia of links that no body can have, and report it; mass and centre of mass stay.
-
-    MuJoCo requires a possible inertia of every link with mass, also of one that is welded to others.
-    """
+    """Replace inertias that no body can have, which MuJoCo refuses, and report it; masses and CoM stay."""
     elements = links_by_name(robot)
     weights = masses(robot)
     findings = []
@@ -190,10 +179,8 @@ def placeholders(skeleton: Skeleton, length: float) -> list[Finding]:
         radius = float(np.sqrt(np.linalg.eigvalsh(inertia.inertia)[0] / inertia.mass))
         if radius > _SPREAD * length:
             wide.append(skeleton.links(j)[0])
-    if not wide:
-        return []
     text = f"inertia of a body more than {1e3 * length:.0f} mm across: a placeholder"
-    return [Finding("wrong", named("link", wide), text, "kept: the robot is slower to turn than it looks")]
+    return found("wrong", "link", wide, text, "kept: the robot is slower to turn than it looks")
 
 
 def _inertia(link: ET.Element) -> Matrix:

@@ -36,6 +36,12 @@ def named(kind: str, names: Iterable[str]) -> str:
     return f"{kind}{'s' if len(listed) > 1 else ''} " + ", ".join(f"'{name}'" for name in listed)
 
 
+def found(severity: Severity, kind: str, names: Iterable[str], fault: str, remedy: str) -> list[Finding]:
+    """One finding about several joints or links; none without names."""
+    listed = list(dict.fromkeys(names))
+    return [Finding(severity, named(kind, listed), fault, remedy)] if listed else []
+
+
 def numbers(text: str | None, default: tuple[float, ...]) -> Vector:
     """The numbers of an attribute; the default where it is absent or malformed."""
     try:
@@ -122,12 +128,8 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
     quarter turn. A visual that MuJoCo has no decoder for becomes the box of its bounds, and so does a textual STL
     anywhere, since a collision shape is drawn where there is no visual. Any other collision shape stays as long as
     Pinocchio reads it. Relative references start from ``urdf``; ``package://`` is searched in ``packages`` first.
-
-    Returns:
-        The findings, and whether a shape was replaced or dropped.
-
-    Raises:
-        RobotModelError: A mesh file does not exist; link and file are named.
+    Returns the findings, and whether a shape was replaced or dropped. Raises ``RobotModelError`` when a mesh file does
+    not exist, link and file are named.
     """
     boxed: dict[str, list[str]] = {}
     dropped: dict[str, list[str]] = {}
@@ -157,21 +159,15 @@ def repair_meshes(robot: ET.Element, urdf: Path, packages: Sequence[Path]) -> tu
                 boxed.setdefault(suffix, []).append(name)
             elif shape.tag == "visual" and volume < _FLAT:
                 shells.append(name)
-    findings = [
-        Finding("note", named("link", names), f"{suffix} meshes cannot be read", "dropped")
-        for suffix, names in dropped.items()
-    ]
-    findings += [
-        Finding(
-            "note", named("link", names), f"{suffix} meshes that MuJoCo cannot read", "drawn as boxes of their bounds"
-        )
-        for suffix, names in boxed.items()
-    ]
-    if lying:
-        names = named("link", dict.fromkeys(lying))
-        findings.append(Finding("note", names, "Collada meshes with y up, which Pinocchio leaves lying", "turned up"))
-    if shells:
-        findings.append(Finding("note", named("link", shells), "meshes without volume", "drawn as shells"))
+    findings: list[Finding] = []
+    for suffix, names in dropped.items():
+        findings += found("note", "link", names, f"{suffix} meshes cannot be read", "dropped")
+    for suffix, names in boxed.items():
+        text = f"{suffix} meshes that MuJoCo cannot read"
+        findings += found("note", "link", names, text, "drawn as boxes of their bounds")
+    text = "Collada meshes with y up, which Pinocchio leaves lying"
+    findings += found("note", "link", lying, text, "turned up")
+    findings += found("note", "link", shells, "meshes without volume", "drawn as shells")
     return findings, bool(boxed or dropped or lying)
 
 
@@ -251,7 +247,6 @@ def _raise(shape: ET.Element) -> None:
 
 
 def _box(shape: ET.Element, vertices: Matrix) -> None:
-    """Put the box of the bounds of a mesh in its place."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     xyz, rotation = origin_of(shape.find("origin"))
     centre = xyz + rotation @ (0.5 * (low + high))

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from models.errors import RobotModelError
 from models.profile import Frame
-from models.proposal.shapes import Finding, link_points, links_by_name, named
+from models.proposal.shapes import Finding, found, link_points, links_by_name, named
 from models.types import Matrix, Vector
 
 BASE = 1  #: Pinocchio's index of the free flyer; the joints of the URDF follow
@@ -23,13 +23,6 @@ class Skeleton:
 
     Reflected at the plane y = 0, a rotation by angle a about an axis u becomes one by -a about M u, M = diag(1, -1, 1).
     So partners satisfy p' = M p (within ``tolerance`` [m]) and u' = -s M u, and mirrored motions q' = s q.
-
-    Attributes:
-        origins: Origin of each joint in the base (njoints, 3) [m].
-        axes: Axis of each joint in the base (njoints, 3).
-        children: Child joints of each joint.
-        partners: Joint that mirrors each joint; itself on the middle plane; joints without a partner are absent.
-        signs: s of each joint in ``partners``.
     """
 
     def __init__(self, model: pin.Model, tolerance: float) -> None:
@@ -37,15 +30,17 @@ class Skeleton:
         q = pin.neutral(model)
         pin.computeJointJacobians(model, self.data, q)
         pin.framesForwardKinematics(model, self.data, q)
+        #: Origin of each joint in the base (njoints, 3) [m]
         self.origins: Matrix = np.array([place.translation for place in self.data.oMi])
-        self.axes: Matrix = np.zeros_like(self.origins)
-        self.children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
+        self.axes: Matrix = np.zeros_like(self.origins)  #: Axis of each joint in the base (njoints, 3)
+        self.children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}  #: Child joints of each joint
         for j in range(BASE + 1, model.njoints):
             jacobian = pin.getJointJacobian(model, self.data, j, pin.LOCAL_WORLD_ALIGNED)
             self.axes[j] = jacobian[3:, model.joints[j].idx_v]
             self.children[int(model.parents[j])].append(j)
+        #: Joint that mirrors each joint; itself on the middle plane; joints without a partner are absent
         self.partners: dict[int, int] = {BASE: BASE}
-        self.signs: dict[int, float] = {}
+        self.signs: dict[int, float] = {}  #: s of each joint in ``partners``
         self._pair(BASE, BASE, tolerance)
 
     def _pair(self, first: int, second: int, tolerance: float) -> None:
@@ -121,11 +116,7 @@ class Legs:
 
 
 def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
-    """The two mirrored chains from the base that reach lowest; left is on the side of +y.
-
-    Raises:
-        RobotModelError: There is no such pair (the robot has no feet), or a leg has too few joints.
-    """
+    """The two mirrored chains from the base that reach lowest, left at +y; ``RobotModelError`` if there are none."""
     base = skeleton.links(BASE)[0]
     leaves = [
         j
@@ -172,15 +163,10 @@ def named_left(skeleton: Skeleton, legs: Legs) -> bool | None:
 
 
 def asymmetries(skeleton: Skeleton, tolerance: float) -> list[Finding]:
-    """Joints without a mirror image, and partners whose limits differ.
-
-    ``tolerance`` bounds differences that count as equal: positions [rad], other limits relative to the value [-].
-    """
+    """Joints without a mirror image, and partners whose limits differ by more than ``tolerance`` [rad], [-]."""
     model = skeleton.model
-    findings = []
     alone = [skeleton.name(j) for j in range(BASE + 1, model.njoints) if j not in skeleton.partners]
-    if alone:
-        findings.append(Finding("note", named("joint", alone), "no mirror image on the other side", "kept as it is"))
+    findings = found("note", "joint", alone, "no mirror image on the other side", "kept as it is")
     for joint, other in skeleton.partners.items():
         if joint == other or skeleton.origins[joint][1] < skeleton.origins[other][1]:
             continue
@@ -196,9 +182,8 @@ def asymmetries(skeleton: Skeleton, tolerance: float) -> list[Finding]:
         for kind, unit, values in (("torque", "N.m", model.effortLimit), ("velocity", "rad/s", model.velocityLimit)):
             if abs(values[v] - values[w]) > tolerance * max(values[v], values[w]):
                 faults.append(f"{kind} limits differ: {values[v]:g} and {values[w]:g} {unit}")
-        if faults:
-            names = named("joint", [skeleton.name(joint), skeleton.name(other)])
-            findings.append(Finding("wrong", names, "; ".join(faults), "kept: check the URDF"))
+        names = [skeleton.name(joint), skeleton.name(other)] if faults else []
+        findings += found("wrong", "joint", names, "; ".join(faults), "kept: check the URDF")
     return findings
 
 

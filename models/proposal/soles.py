@@ -40,13 +40,10 @@ def foot_points(robot: ET.Element, skeleton: Skeleton, joint: int) -> Matrix:
 
 
 def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], config: SoleConfig, urdf: Path) -> SoleShape:
-    """Find the largest rectangle in the face that a foot stands on.
+    """Find the largest rectangle in the face that a foot stands on; ``RobotModelError`` if it is too small.
 
     The face is that of the hull's facets which together are largest among those that look down; the sole's outline is
     the hull of the points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
-
-    Raises:
-        RobotModelError: The foot has no flat part that is large enough to stand on; the link is named.
     """
     ankle = leg[-1]
     link = skeleton.links(ankle)[0]

@@ -61,20 +61,13 @@ class Weights(NamedTuple):
 
 
 class StepQP(NamedTuple):
-    r"""QP in :math:`(u, \tau, \delta)`, overwritten by every problem.
+    r"""QP in :math:`(u, \tau, \delta)`, overwritten by every problem."""
 
-    Attributes:
-        hessian: (5, 5).
-        gradient: (5,).
-        rows: For the speed of the swing foot (4, 5).
-        lower, upper: Of the unknowns, then of the rows (9,).
-    """
-
-    hessian: Matrix
-    gradient: Vector
-    rows: Matrix
-    lower: Vector
-    upper: Vector
+    hessian: Matrix  #: (5, 5)
+    gradient: Vector  #: (5,)
+    rows: Matrix  #: For the speed of the swing foot (4, 5)
+    lower: Vector  #: Of the unknowns, then of the rows (9,)
+    upper: Vector  #: Of the unknowns, then of the rows (9,)
 
 
 class AdjustedStep(Struct, frozen=True):
@@ -202,14 +195,7 @@ class _Setup(NamedTuple):
 
 
 class StepPlanner:
-    """Plans the step under way and the next ones.
-
-    Args:
-        config: Gait.
-        soles: Soles of the robot.
-        shape: Shape of the swing.
-        lever: Lever of a swinging leg on the angular momentum.
-    """
+    """Plans the step under way and the next ones."""
 
     def __init__(self, config: GaitConfig, soles: Soles, shape: SwingShape, lever: LegLever) -> None:
         self._config = config

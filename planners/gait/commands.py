@@ -119,11 +119,7 @@ class Commands:
         foot: int | None,
         current: Footstep | None = None,
     ) -> CommandState:
-        """Begin a route to a pose of the middle between the soles; see ``plan_to_pose`` for refusals.
-
-        ``soles`` are the present ones, or the target of the swing foot. ``foot`` steps next, None for either;
-        ``current`` is the step under way.
-        """
+        """Begin a route from ``soles`` to a pose of their middle; ``foot`` steps next, None for either."""
         steps = plan_to_pose(goal, soles, self._config, foot)
         if current is not None:
             steps.insert(0, current)

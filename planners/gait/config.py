@@ -21,181 +21,130 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 class TimingConfig:
     """When feet lift and land [s]."""
 
-    single: Annotated[Positive, Field(description="Nominal single support")]
-    single_min: Annotated[Positive, Field(description="Shortest single support")]
-    single_urgent: Annotated[
-        Positive, Field(description="Shortest single support when the DCM is far from its reference")
-    ]
-    single_max: Annotated[Positive, Field(description="Longest single support")]
-    double: Annotated[Positive, Field(description="Double support between two steps")]
-    start: Annotated[Positive, Field(description="First shift of the weight, from standing")]
-    finish: Annotated[Positive, Field(description="Return of the weight to the middle after the last step")]
-    adjust_period: Annotated[Positive, Field(description="Between two step adjustments")]
-    landing_from: Annotated[
-        Share, Field(description="Share of the single support after which a measured contact ends it [-]")
-    ]
+    single: Positive  #: Nominal single support
+    single_min: Positive  #: Shortest single support
+    single_urgent: Positive  #: Shortest single support when the DCM is far from its reference
+    single_max: Positive  #: Longest single support
+    double: Positive  #: Double support between two steps
+    start: Positive  #: First shift of the weight, from standing
+    finish: Positive  #: Return of the weight to the middle after the last step
+    adjust_period: Positive  #: Between two step adjustments
+    landing_from: Share  #: Share of the single support after which a measured contact ends it [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class ReachConfig:
     """Where feet may be put."""
 
-    width: Annotated[Positive, Field(description="Nominal lateral distance of the soles [m]")]
-    width_min: Annotated[Positive, Field(description="Least lateral distance of the soles [m]")]
-    width_max: Annotated[Positive, Field(description="Largest lateral distance of the soles [m]")]
-    width_urgent: Annotated[Positive, Field(description="The same for an urgent step [m]")]
-    forward: Annotated[Positive, Field(description="Largest step ahead of the stance foot [m]")]
-    backward: Annotated[Positive, Field(description="Largest step behind the stance foot [m]")]
-    turn_out: Annotated[Positive, Field(description="Largest turn of a sole outwards from the stance sole [rad]")]
-    turn_in: Annotated[NonNegative, Field(description="Largest turn of a sole inwards [rad]")]
+    width: Positive  #: Nominal lateral distance of the soles [m]
+    width_min: Positive  #: Least lateral distance of the soles [m]
+    width_max: Positive  #: Largest lateral distance of the soles [m]
+    width_urgent: Positive  #: The same for an urgent step [m]
+    forward: Positive  #: Largest step ahead of the stance foot [m]
+    backward: Positive  #: Largest step behind the stance foot [m]
+    turn_out: Positive  #: Largest turn of a sole outwards from the stance sole [rad]
+    turn_in: NonNegative  #: Largest turn of a sole inwards [rad]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class VelocityConfig:
     """Limits of the command."""
 
-    forward: Annotated[Positive, Field(description="Largest velocity forward [m/s]")]
-    backward: Annotated[Positive, Field(description="Largest velocity backward [m/s]")]
-    lateral: Annotated[Positive, Field(description="Largest velocity to either side [m/s]")]
-    turn: Annotated[Positive, Field(description="Largest turning speed [rad/s]")]
-    acceleration: Annotated[Positive, Field(description="Of the linear velocities [m/s^2]")]
-    turn_acceleration: Annotated[Positive, Field(description="Of the turning speed [rad/s^2]")]
+    forward: Positive  #: Largest velocity forward [m/s]
+    backward: Positive  #: Largest velocity backward [m/s]
+    lateral: Positive  #: Largest velocity to either side [m/s]
+    turn: Positive  #: Largest turning speed [rad/s]
+    acceleration: Positive  #: Of the linear velocities [m/s^2]
+    turn_acceleration: Positive  #: Of the turning speed [rad/s^2]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class SwingConfig:
     """Swing foot."""
 
-    clearance: Annotated[Positive, Field(description="Height of the sole at mid-swing [m]")]
-    apex: Annotated[Share, Field(description="Share of the swing at which it is reached [-]")]
-    landing_velocity: Annotated[
-        NonNegative, Field(description="Downward speed of the sole at the planned touchdown [m/s]")
-    ]
-    late_velocity: Annotated[Positive, Field(description="Downward speed of a foot that is late [m/s]")]
-    late_time: Annotated[Positive, Field(description="Time constant of a late foot's way to its target sideways [s]")]
-    depth_max: Annotated[Positive, Field(description="How far below its target a late foot is lowered [m]")]
-    speed_max: Annotated[Positive, Field(description="Largest mean horizontal speed by a step adjustment [m/s]")]
-    speed_share: Annotated[
-        Positive, Field(description="The same as a share of what the limits of the joints give the foot [-]")
-    ]
-    urgent_lead: Annotated[NonNegative, Field(description="By how much earlier an urgent step aims to touch down [s]")]
-    freeze: Annotated[Positive, Field(description="Time before touchdown at which the target is frozen [s]")]
-    rise_step: Annotated[
-        NonNegative, Field(description="Largest change between landings of the expected landing height [m]")
-    ]
-    rise_max: Annotated[NonNegative, Field(description="Largest expected height over the stance sole's plane [m]")]
-    tilt_time: Annotated[Positive, Field(description="Time constant of its turn to the slope expected at landing [s]")]
-    trip_lag: Annotated[
-        Positive, Field(description="Distance behind its reference from which a foot may have tripped [m]")
-    ]
-    trip_speed: Annotated[Share, Field(description="Share of the reference's speed below which it then has [-]")]
-    trip_filter: Annotated[Positive, Field(description="Time constant of the measured speed [s]")]
-    trip_time: Annotated[Positive, Field(description="Time for which a foot that tripped only rises [s]")]
+    clearance: Positive  #: Height of the sole at mid-swing [m]
+    apex: Share  #: Share of the swing at which it is reached [-]
+    landing_velocity: NonNegative  #: Downward speed of the sole at the planned touchdown [m/s]
+    late_velocity: Positive  #: Downward speed of a foot that is late [m/s]
+    late_time: Positive  #: Time constant of a late foot's way to its target sideways [s]
+    depth_max: Positive  #: How far below its target a late foot is lowered [m]
+    speed_max: Positive  #: Largest mean horizontal speed by a step adjustment [m/s]
+    speed_share: Positive  #: The same as a share of what the limits of the joints give the foot [-]
+    urgent_lead: NonNegative  #: By how much earlier an urgent step aims to touch down [s]
+    freeze: Positive  #: Time before touchdown at which the target is frozen [s]
+    rise_step: NonNegative  #: Largest change between landings of the expected landing height [m]
+    rise_max: NonNegative  #: Largest expected height over the stance sole's plane [m]
+    tilt_time: Positive  #: Time constant of its turn to the slope expected at landing [s]
+    trip_lag: Positive  #: Distance behind its reference from which a foot may have tripped [m]
+    trip_speed: Share  #: Share of the reference's speed below which it then has [-]
+    trip_filter: Positive  #: Time constant of the measured speed [s]
+    trip_time: Positive  #: Time for which a foot that tripped only rises [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class AdjustmentConfig:
     """Step adjustment."""
 
-    position: Annotated[Positive, Field(description="Weight of the foothold's distance from the nominal one [1/m^2]")]
-    time: Annotated[
-        Positive,
-        Field(description="Weight of ``exp(omega T)``'s distance from the nominal one, of a walk that goes on [-]"),
-    ]
-    time_ending: Annotated[
-        Positive, Field(description="The same of one that comes to an end, as when a standing robot catches itself [-]")
-    ]
-    offset: Annotated[Positive, Field(description="Weight of the DCM offset's distance from the nominal one [1/m^2]")]
-    cop: Annotated[Positive, Field(description="Weight of the CoP offset over the rest of the step [1/m^2]")]
-    cop_share: Annotated[NonNegative, Field(description="Share of the sole that the CoP offset may use [-]")]
-    urgent: Annotated[
-        Positive,
-        Field(description="Distance of the DCM from its reference at which steps are as quick as they can be [m]"),
-    ]
+    position: Positive  #: Weight of the foothold's distance from the nominal one [1/m^2]
+    time: Positive  #: Weight of ``exp(omega T)``'s distance from the nominal one, of a walk that goes on [-]
+    time_ending: Positive  #: The same of one that comes to an end, as when a standing robot catches itself [-]
+    offset: Positive  #: Weight of the DCM offset's distance from the nominal one [1/m^2]
+    cop: Positive  #: Weight of the CoP offset over the rest of the step [1/m^2]
+    cop_share: NonNegative  #: Share of the sole that the CoP offset may use [-]
+    urgent: Positive  #: Distance of the DCM from its reference at which steps are as quick as they can be [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class RouteConfig:
     """Footsteps to a pose, and lists of footsteps."""
 
-    forward: Annotated[Positive, Field(description="Speed along [m/s]")]
-    lateral: Annotated[Positive, Field(description="Speed sideways [m/s]")]
-    turn: Annotated[Positive, Field(description="Turning speed [rad/s]")]
-    position_tolerance: Annotated[Positive, Field(description="Position error at the goal [m]")]
-    turn_tolerance: Annotated[Positive, Field(description="Heading error at the goal [rad]")]
-    offset_max: Annotated[
-        Positive, Field(description="Landing error beyond which the route to the goal is planned anew [m]")
-    ]
-    range: Annotated[Positive, Field(description="Farthest goal [m]")]
-    steps_max: Annotated[int, Field(ge=1, le=1000, description="Most footsteps in a route")]
+    forward: Positive  #: Speed along [m/s]
+    lateral: Positive  #: Speed sideways [m/s]
+    turn: Positive  #: Turning speed [rad/s]
+    position_tolerance: Positive  #: Position error at the goal [m]
+    turn_tolerance: Positive  #: Heading error at the goal [rad]
+    offset_max: Positive  #: Landing error beyond which the route to the goal is planned anew [m]
+    range: Positive  #: Farthest goal [m]
+    steps_max: Annotated[int, Field(ge=1, le=1000)]  #: Most footsteps in a route
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GroundConfig:
     """Inclination of the ground, measured by the soles."""
 
-    settle_time: Annotated[
-        Positive,
-        Field(
-            description="Time constant with which the tilt of a sole that has just landed is taken as the ground's [s]"
-        ),
-    ]
-    anchor_time: Annotated[
-        Positive, Field(description="The same of a sole that bears: one that tips is drawn back to where it stood [s]")
-    ]
-    slope_steps: Annotated[
-        int,
-        Field(ge=1, le=9, description="Steps over whose soles the slope expected at the next landing is the median"),
-    ]
-    slope_max: Annotated[Positive, Field(description="Steepest expected slope [-]")]
+    #: Time constant with which the tilt of a sole that has just landed is taken as the ground's [s]
+    settle_time: Positive
+    anchor_time: Positive  #: The same of a sole that bears: one that tips is drawn back to where it stood [s]
+    #: Steps over whose soles the slope expected at the next landing is the median
+    slope_steps: Annotated[int, Field(ge=1, le=9)]
+    slope_max: Positive  #: Steepest expected slope [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class FootingConfig:
     """A sole that turns over an edge."""
 
-    load: Annotated[Share, Field(description="Least share of the weight on a sole for its rotation to count [-]")]
-    turning: Annotated[
-        Positive, Field(description="Angular velocity about its length or width above which it turns [rad/s]")
-    ]
-    turned: Annotated[Positive, Field(description="Least recent rotation of a sole that turns over an edge [rad]")]
-    forget_time: Annotated[Positive, Field(description="Time constant of the recent rotation [s]")]
-    edge: Annotated[
-        Positive,
-        Field(
-            description="Largest motion of its CoP meanwhile: a sole that rolls as it lands has no edge under it [m]"
-        ),
-    ]
-    still: Annotated[Positive, Field(description="Angular velocity below which it lies still [rad/s]")]
-    rest: Annotated[Positive, Field(description="Time at rest after which its orientation counts [s]")]
-    fallen: Annotated[
-        Positive,
-        Field(description="Least rotation of a sole at rest that has found ground on the other side of the edge [rad]"),
-    ]
-    regain: Annotated[
-        Positive, Field(description="Speed at which the area of a sole at rest that has turned less grows again [m/s]")
-    ]
-    strip: Annotated[Positive, Field(description="Least width of the area [m]")]
-    grain: Annotated[
-        Positive, Field(description="Resolution of the areas: each change costs the QP a new wrench cone [m]")
-    ]
+    load: Share  #: Least share of the weight on a sole for its rotation to count [-]
+    turning: Positive  #: Angular velocity about its length or width above which it turns [rad/s]
+    turned: Positive  #: Least recent rotation of a sole that turns over an edge [rad]
+    forget_time: Positive  #: Time constant of the recent rotation [s]
+    edge: Positive  #: Largest motion of its CoP meanwhile: a sole that rolls as it lands has no edge under it [m]
+    still: Positive  #: Angular velocity below which it lies still [rad/s]
+    rest: Positive  #: Time at rest after which its orientation counts [s]
+    fallen: Positive  #: Least rotation of a sole at rest that has found ground on the other side of the edge [rad]
+    regain: Positive  #: Speed at which the area of a sole at rest that has turned less grows again [m/s]
+    strip: Positive  #: Least width of the area [m]
+    grain: Positive  #: Resolution of the areas: each change costs the QP a new wrench cone [m]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LiftConfig:
     """A robot that is lifted off the floor."""
 
-    float_time: Annotated[
-        Positive,
-        Field(description="Without load on both feet, the posture is held and the gait waits after this time [s]"),
-    ]
-    up_time: Annotated[Positive, Field(description="The robot counts as lifted and the walk ends after this time [s]")]
-    level_time: Annotated[
-        Positive, Field(description="Duration of the return to the standing posture, in which it can be put down [s]")
-    ]
-    down_time: Annotated[
-        Positive, Field(description="With load on both feet, it counts as put down after this time [s]")
-    ]
+    float_time: Positive  #: Without load on both feet, the posture is held and the gait waits after this time [s]
+    up_time: Positive  #: The robot counts as lifted and the walk ends after this time [s]
+    level_time: Positive  #: Duration of the return to the standing posture, in which it can be put down [s]
+    down_time: Positive  #: With load on both feet, it counts as put down after this time [s]
 
 
 Part = TypeVar("Part", TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
@@ -203,44 +152,28 @@ Part = TypeVar("Part", TimingConfig, ReachConfig, VelocityConfig, SwingConfig, R
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class GaitConfig:
-    """The gait.
+    """The gait."""
 
-    Attributes:
-        leg: Hip height above the sole of the robot that the lengths are written for [m].
-        crouch: Walking lowers the CoM below that of standing by this [m].
-        height_rate: Fastest rise of the CoM height reference [m/s].
-        drop_rate: Fastest descent of the CoM height reference [m/s].
-        preview: Steps that the DCM recursion looks ahead.
-        settle_dcm: DCM distance from the middle at which a finished walk counts as standing [m].
-        settle_speed: Speed of the CoM below which it does, too [m/s].
-        settle_time: For this long [s].
-        step_share: Share of the way from the middle to the edge of both soles at which a standing robot steps [-].
-        lean_urgent: Share of the way between the feet at which the body is when the foot of an urgent step lands [-].
-        push_horizon: Time for which a push that makes a standing robot step is expected to go on [s].
-        push_filter: Time constant of the DCM's measured rate [s].
-        astride: Distance of a sole from its place in the nominal stance beyond which the robot steps back after
-            a recovery step [m].
-        astride_max: Distance beyond which it does not come to rest [m]; greater than ``astride``.
-        anchor_time: Time constant with which planted footholds follow the soles that bear load [s].
-        anchor_load: Share of the weight that a foot must bear for its foothold to follow it [-].
-    """
-
-    leg: Positive
-    crouch: NonNegative
-    height_rate: Positive
-    drop_rate: Positive
-    preview: Annotated[int, Field(ge=1, le=12)]
-    settle_dcm: Positive
-    settle_speed: Positive
-    settle_time: NonNegative
+    leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
+    crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
+    height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
+    drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
+    preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead
+    settle_dcm: Positive  #: DCM distance from the middle at which a finished walk counts as standing [m]
+    settle_speed: Positive  #: Speed of the CoM below which it does, too [m/s]
+    settle_time: NonNegative  #: For this long [s]
+    #: Share of the way from the middle to the edge of both soles at which a standing robot steps [-]
     step_share: Share
+    #: Share of the way between the feet at which the body is when the foot of an urgent step lands [-]
     lean_urgent: Share
-    push_horizon: NonNegative
-    push_filter: Positive
+    push_horizon: NonNegative  #: Time for which a push that makes a standing robot step is expected to go on [s]
+    push_filter: Positive  #: Time constant of the DCM's measured rate [s]
+    #: Distance of a sole from its place in the nominal stance beyond which the robot steps back after a recovery step
+    #: [m]
     astride: Positive
-    astride_max: Positive
-    anchor_time: Positive
-    anchor_load: Share
+    astride_max: Positive  #: Distance beyond which it does not come to rest [m]; greater than ``astride``
+    anchor_time: Positive  #: Time constant with which planted footholds follow the soles that bear load [s]
+    anchor_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]
     timing: TimingConfig
     reach: ReachConfig
     velocity: VelocityConfig
@@ -294,10 +227,7 @@ def leg_length(model: RobotModel) -> float:
 
 
 def scaled(config: GaitConfig, leg: float) -> GaitConfig:
-    """The gait for legs of another length: lengths scale with it, times and speeds with its root.
-
-    Widths stay: hips and soles set them, not the length of the legs.
-    """
+    """The gait for legs of another length: lengths but widths scale with it, times and speeds with its root."""
     length = leg / config.leg
     time = length**0.5
     return replace(

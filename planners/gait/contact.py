@@ -105,10 +105,7 @@ def _read_soles(
     turning: Matrix,
     cops: Matrix,
 ) -> tuple[Place, Place, Point]:
-    """Pose of each sole, and its load as a share of the weight [N]; sets the fields of ``Measurement``.
-
-    ``left`` and ``right`` are the wrenches of the soles (6,) [N, N.m].
-    """
+    """Pose of each sole and its load as a share of the weight [N]: fields of ``Measurement``."""
     for foot in range(2):
         sole, wrench = soles.record[foot], left if foot == 0 else right
         upright = max(sole.rotation[2, 2], _UPRIGHT_MIN)
@@ -143,12 +140,7 @@ class SoleState(Struct, frozen=True):
 
 
 class Soles:
-    """Geometry of the soles, and how planted footholds and the expected ground follow the measurement.
-
-    Attributes:
-        centres: Middle of each sole in the frame of the sole (2, 2) [m].
-        half: Half length and half width of each sole (2, 2) [m].
-    """
+    """Geometry of the soles (``centres`` and ``half`` sizes), and how footholds and ground follow the measurement."""
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
@@ -256,11 +248,7 @@ class Soles:
         )
 
     def drift(self, soles: SoleState, measured: Measurement, swinging: int | None) -> Vector:
-        """Motion of the loaded soles since the last tick, weighted by their loads (2,) [m].
-
-        A planted sole does not move: its apparent motion is the drift of the estimate. ``swinging`` is None in double
-        support.
-        """
+        """Motion of the loaded soles since the last tick, weighted by load (2,) [m]: the drift of the estimate."""
         x, y, total = 0.0, 0.0, 0.0
         for foot, (old, new) in enumerate(zip(soles.measured, measured.soles, strict=True)):
             load = measured.loads[foot]
@@ -345,10 +333,7 @@ class AirborneDetector:
     def update(
         self, airborne: AirborneState, bearing: tuple[bool, bool], joints: Vector, dt: float
     ) -> tuple[AirborneState, bool]:
-        """One tick: the new state, and whether the robot has just been put down.
-
-        ``bearing`` is the contact of each foot, ``joints`` are the measured joint positions (nj,) [rad].
-        """
+        """One tick: the new state, and whether the robot has just been put down."""
         config, posture, active = self._config, airborne.posture, airborne.active
         counts = all(bearing) if airborne.confirmed else not any(bearing)
         time, since = airborne.time + dt if counts else 0.0, airborne.since + dt

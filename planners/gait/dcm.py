@@ -51,21 +51,12 @@ def touchdown_offset(
 ) -> Point:
     r"""DCM offset ``b = xi - p_1`` at the coming touchdown, by backward recursion over the previewed footholds [m].
 
-    .. math::
-        b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1})
-              + e^{-\omega T_d} d_i
+    .. math:: b_i = e^{-\omega T} (b_{i+1} + p_{i+1} - p_i) - (1 - \alpha) (p_i - p_{i-1}) + e^{-\omega T_d} d_i
 
-    with ``d_i`` the reaction of the leg that swings from p_{i-1} to p_{i+1} (``reaction.py``). The recursion contracts
-    by ``exp(omega T)`` a step, so the end of a preview of three or four steps hardly matters; there the DCM is over
-    the last foothold (capturable), or over the middle of the stance where the walk ends.
-
-    Args:
-        points: ZMP points p_0 (present stance), p_1 (coming touchdown), p_2, ... (1 + steps, 2) [m].
-        swings: d_1, d_2, ..., one less than the coming touchdowns (steps - 1, 2) [m].
-        omega: Of the pendulum [1/s].
-        single: Single support T_s [s].
-        double: Double support T_d [s].
-        final: DCM at the last touchdown (2,) [m].
+    with ``d_i`` the reaction of the leg that swings from p_{i-1} to p_{i+1} (``reaction.py``), ``swings`` (steps - 1,
+    2). The recursion contracts by ``exp(omega T)`` a step, so the end of a preview of three or four steps hardly
+    matters; there the DCM ``final`` is over the last foothold (capturable), or over the middle of the stance where the
+    walk ends. ``points`` are p_0 (stance), p_1, ... (1 + steps, 2) [m]; ``single`` and ``double`` are T_s and T_d [s].
     """
     share = 1.0 - transfer_share(omega, double)
     decay = math.exp(-omega * (single + double))
@@ -81,10 +72,9 @@ def touchdown_offset(
 
 @njit(cache=True)
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: StepModel) -> Point:
-    """DCM offset at the coming touchdown, from the ZMP point of the next foothold, in W [m].
+    """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
-    ``poses`` are the present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3);
-    ``foot`` swings first (0 left, 1 right). With ``ends``, the last step ends the walk over the middle of the stance.
+    ``poses`` are the stance and the coming footholds (1 + steps, 3); with ``ends``, the last step ends the walk.
     """
     count = poses.shape[0]
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
@@ -102,10 +92,7 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: S
 
 @register_jitable
 def offset_coupling(omega: float, step: StepModel) -> float:
-    """Change of the DCM offset at touchdown per change of the foothold [-]; see ``touchdown_offset``.
-
-    A longer step moves the ZMP farther in the double support, and has a longer swing after it.
-    """
+    """Change of the DCM offset at touchdown per change of the foothold [-]; see ``touchdown_offset``."""
     fade = math.exp(-omega * step.double)
     return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.lever)
 
@@ -136,11 +123,7 @@ def single_support(
 def double_support(
     old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
-    """DCM and its rate, both (2,), while the ZMP moves from ``old`` to ``new`` (2,) [m].
-
-    ``elapsed`` counts from touchdown and ``duration`` is T_d [s]; ``end`` is the DCM at the end of the double support
-    (2,) [m].
-    """
+    """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the DCM then."""
     dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * (duration - elapsed))
     for i in range(2):
         speed = (new[i] - old[i]) / duration

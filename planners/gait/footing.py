@@ -76,10 +76,7 @@ class Footing:
     def update(
         self, footing: FootingState, measured: Measurement, swinging: int | None, dt: float, *, urgent: bool = False
     ) -> FootingState:
-        """One tick; ``swinging``, which will land on its whole sole, is None in double support.
-
-        While a push is caught (``urgent``), soles that have ground under them tip: both count as whole.
-        """
+        """One tick; ``swinging`` (None in double support) lands on a whole sole, as do both while ``urgent``."""
         if urgent:
             return self.whole(footing.edges)
         return FootingState(
@@ -111,10 +108,7 @@ def _cut(
     fallen: float,
     limits: FootingLimits,
 ) -> tuple[float, float]:
-    """Remove the side that goes down: that of low coordinates where the speed is positive.
-
-    Nothing is removed while the sole falls back to its last orientation at rest, or while the other side is removed.
-    """
+    """Remove the side that goes down, except while the sole falls back or the other side is removed."""
     if speed > limits.turning and min(angle, fallen) > limits.turned and high == whole_high:
         low = max(low, min(edge, high - limits.strip))
     elif speed < -limits.turning and max(angle, fallen) < -limits.turned and low == whole_low:

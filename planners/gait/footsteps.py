@@ -194,10 +194,7 @@ def preview_footholds(
     count: int,
     stop_after: int | None = None,
 ) -> list[Foothold]:
-    """The next ``count`` footholds, at least one, alternating feet, ``foot`` first, each of a ``period`` [s].
-
-    With ``stop_after``, the walk ends after this number of steps, which are taken on the spot.
-    """
+    """The next ``count`` footholds, ``foot`` first; with ``stop_after``, that many steps on the spot."""
     poses = preview_poses(stance, foot, velocity, period, limits_of(reach), count, stop_after)
     return [Foothold(x, y, yaw, stance.z) for x, y, yaw in poses[1:].tolist()]
 

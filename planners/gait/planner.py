@@ -38,13 +38,6 @@ class GaitPlanner:
 
     ``state`` holds everything that the next tick depends on, beside its inputs. The laws of the other modules take its
     parts and return new ones; only this class stores them. Construction compiles all kernels.
-
-    Args:
-        model: The robot.
-        config: Gait; that of the robot when None.
-
-    Attributes:
-        state: State between two ticks.
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig | None = None) -> None:
@@ -84,11 +77,6 @@ class GaitPlanner:
         return self.state.soles.holds
 
     @property
-    def step_time(self) -> float:
-        """Planned single support of the step under way [s]."""
-        return self.state.step.time
-
-    @property
     def route(self) -> Route:
         """Footsteps that replace those of a velocity."""
         return self.state.command.route
@@ -113,23 +101,8 @@ class GaitPlanner:
     @property
     def view(self) -> GaitView:
         """Record for observers."""
-        state, omega = self.state, self._omega()
-        return GaitView(
-            phase=state.phase.value,
-            swinging=state.phase is GaitPhase.SINGLE,
-            stance=state.stance,
-            steps=state.steps,
-            elapsed=state.elapsed,
-            step_time=state.step.time,
-            steps_left=state.command.steps_left,
-            velocity=state.command.velocity,
-            dcm=state.measured.dcm(omega),
-            omega=omega,
-            footholds=state.soles.holds,
-            soles=self._soles,
-            unsolved=state.step.unsolved,
-            route=state.command.route,
-        )
+        omega = self._omega()
+        return GaitView(self.state, self.state.measured.dcm(omega), omega, self._soles)
 
     def reset(self, state: RobotState) -> None:
         """Start over from a robot that stands on both feet."""
@@ -137,13 +110,10 @@ class GaitPlanner:
         self.state.steps = 0
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
-        """Command a velocity of the body in its frame [m/s, m/s, rad/s], clipped to the limits.
+        """Command a velocity of the body [m/s, m/s, rad/s], clipped to the limits; ``CommandError`` if not finite.
 
         Zero stands still, but does not affect a route; any other velocity ends it. After the robot was lifted,
         velocities are ignored until zero is commanded once.
-
-        Raises:
-            CommandError: A value is not finite.
         """
         self.state.command = self._commands.set_velocity(self.state.command, (forward, left, turn))
 
@@ -166,11 +136,7 @@ class GaitPlanner:
         self.state.command = self._commands.walk_to(self.state.command, goal, self.footholds, foot, current)
 
     def take_steps(self, steps: Sequence[Footstep]) -> None:
-        """Take footsteps, from standing, and stand there; see ``check_footsteps`` for further refusals.
-
-        Raises:
-            CommandError: The robot is walking.
-        """
+        """Take footsteps from standing, and stand there; ``CommandError`` while walking, else as their check."""
         if self.walking:
             raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
         self.state.command = self._commands.take_steps(self.state.command, steps, self.footholds)
@@ -432,10 +398,7 @@ class GaitPlanner:
         self._enter(GaitPhase.START)
 
     def _recover(self) -> None:
-        """Step at once, without a weight shift, with the foot that comes nearer to the predicted DCM.
-
-        The push is expected to last for ``push_horizon``. If both feet reach it, the one farther from the DCM swings.
-        """
+        """Step at once with the foot that comes nearer to the DCM after ``push_horizon``, else the farther one."""
         gait, omega = self.state, self._omega()
         dcm, holds = gait.measured.dcm(omega), gait.soles.holds
         ahead, gait.stance = dcm + self.config.push_horizon * gait.dcm_rate, self._soles.nearest(holds, dcm)

@@ -65,17 +65,11 @@ class LegLever(NamedTuple):
 def _allowance(
     omega: float, left: float, rise: float, foot: Vector, ahead: float, drift: float, lever: LegLever
 ) -> tuple[float, float]:
-    """``d`` along the heading and sideways [m].
+    """``d`` along the heading and sideways [m], ``left`` and ``rise`` [s] before touchdown and apex of the swing.
 
-    Args:
-        omega: Of the pendulum [1/s].
-        left: R [s].
-        rise: Time to the apex of the swing; not positive after it [s].
-        foot: Position, velocity, acceleration along the heading, sideways, up, then way to go along the heading and
-            sideways, heights of apex and landing, velocity at landing (14,).
-        ahead: Of the foot, from the CoM along the heading [m].
-        drift: Velocity of the CoM along the heading [m/s].
-        lever: Of the legs.
+    ``foot`` (14,) is position, velocity, acceleration along the heading, sideways, up; way to go along the heading and
+    sideways; heights of apex and landing; velocity at landing. ``ahead`` is the foot from the CoM along the heading
+    [m], ``drift`` the velocity of the CoM along it [m/s].
     """
     x, y, z = foot[0:3], foot[3:6], foot[6:9]
     x_end, y_end, top, floor, v_end = foot[9], foot[10], foot[11], foot[12], foot[13]
@@ -113,10 +107,7 @@ def _allowance(
 def whole_swing(
     omega: float, duration: float, period: float, way: Point, yaw: float, shape: SwingShape, lever: LegLever
 ) -> Point:
-    """``d`` at the lift-off of a step of a steady walk, in W [m].
-
-    ``duration`` is that of the swing and ``period`` that of a step [s]; ``way`` is the foot's displacement in W [m].
-    """
+    """``d`` at the lift-off of a step of a steady walk, in W [m]; ``way`` is the foot's displacement [m]."""
     c, s = math.cos(yaw), math.sin(yaw)
     foot = np.zeros(14)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
@@ -140,19 +131,10 @@ def rest_of_swing(
     shape: SwingShape,
     lever: LegLever,
 ) -> Point:
-    """``d``: DCM that the rest of the swing uses up, in W [m].
+    """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m].
 
-    Args:
-        omega: Of the pendulum [1/s].
-        left: Time to touchdown [s].
-        motion: Position, velocity and acceleration of the foot: x, y, z, yaw in W (3, 4).
-        floor: Height at lift-off [m].
-        duration: Of the swing [s].
-        target: Foothold in W [m].
-        com: In W (3,) [m].
-        com_velocity: In W (3,) [m/s].
-        shape: Of the swing.
-        lever: Of the legs.
+    ``motion`` (3, 4) is position, velocity and acceleration of x, y, z, yaw of the foot in W, ``floor`` its height at
+    lift-off [m], ``duration`` that of the swing [s].
     """
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shape.apex) * duration
@@ -223,11 +205,7 @@ def swing_reaction(
 
 
 def leg_lever(model: RobotModel) -> LegLever:
-    """The levers of a robot whose legs are bent as in a swing, mean of both.
-
-    Raises:
-        RobotModelError: A foot cannot reach the positions of a swing.
-    """
+    """The levers of a robot whose legs are bent as in a swing, mean of both; ``RobotModelError`` if it cannot swing."""
     data, q = model.data(), model.standing_configuration()
     length = leg_length(model)
     ahead, forward, lift, side = [], [], [], []

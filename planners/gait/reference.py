@@ -20,9 +20,7 @@ Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 class ReferenceBuilder:
     """Reference of one tick: base and torso upright at the mean heading of the feet, constant CoM height.
 
-    Attributes:
-        standing_height: CoM height above the soles in the 'stand' posture [m].
-        under: Each sole from the CoM in that posture (2, 2) [m].
+    ``under`` is each sole from the CoM in the 'stand' posture (2, 2) [m].
     """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:

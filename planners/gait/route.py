@@ -47,19 +47,15 @@ def plan_to_pose(
     """Footsteps from the present soles to soles side by side at a pose; empty when already there.
 
     Each step follows the quickest of three ways: translate and then turn, turn and then translate, or face the goal,
-    walk there and turn. ``goal`` is the pose of the middle between the soles at the end. ``foot`` steps first; None
-    chooses the one on the side of the motion.
-
-    Raises:
-        CommandError: The goal is not finite.
-        UnreachableError: It would take too many steps.
+    walk there and turn. ``foot`` steps first; None chooses the one on the side of the motion. Raises ``CommandError``
+    when the goal is not finite, ``UnreachableError`` when it would take too many steps.
     """
     if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):
         raise CommandError(f"goal ({goal.x}, {goal.y}, {goal.yaw}) refused: not finite")
     here = middle(soles)
     far = math.hypot(goal.x - here.x, goal.y - here.y)
     if far > config.route.range:
-        raise UnreachableError(f"goal refused: {far:.1f} m away, at most {config.route.range:g} m")
+        raise UnreachableError(f"the goal is {far:.1f} m away, at most {config.route.range:g} m")
     if foot is None:
         _, left, turn = velocity_towards(goal, here, 1.0, config)
         lean = left if abs(left) > SLACK else turn
@@ -82,11 +78,10 @@ def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: 
         feet[foot] = _step_towards(goal, ends[foot], feet[1 - foot], foot, config)
         yield Footstep(foot, feet[foot])
         foot = 1 - foot
-    raise UnreachableError(f"goal refused: more than {config.route.steps_max} steps away")
+    raise UnreachableError(f"the goal is more than {config.route.steps_max} steps away")
 
 
 def _arrived(soles: Sequence[Foothold], goal: Foothold, config: GaitConfig) -> bool:
-    """Whether the robot stands at the goal, soles side by side."""
     route, here = config.route, middle(soles)
     (x, left), (other_x, right) = (here.relative(sole.x, sole.y) for sole in soles)  # mirrored like the soles
     ahead, out = x - other_x, left - right
@@ -153,12 +148,7 @@ def _signed(angle: float, side: float) -> float:
 
 
 def check_footsteps(steps: Sequence[Footstep], soles: Sequence[Foothold], config: GaitConfig) -> None:
-    """Refuse footsteps that cannot be taken from the left and right sole.
-
-    Raises:
-        CommandError: There are none or too many, a value is not finite, or a foot steps twice in a row.
-        UnreachableError: A step is out of reach, crosses the other leg, or moves the body too fast.
-    """
+    """``CommandError`` or ``UnreachableError`` for footsteps that cannot be taken from the left and right sole."""
     if not 0 < len(steps) <= config.route.steps_max:
         raise CommandError(f"{len(steps)} footsteps refused: 1 to {config.route.steps_max} can be taken")
     feet = list(soles)

@@ -15,8 +15,7 @@ from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState, Measurement, Soles, SoleState
 from planners.gait.dcm import DcmState
 from planners.gait.footing import FootingState
-from planners.gait.footsteps import LEFT, Feet, Foothold, Velocity, limits_of, preview_footholds
-from planners.gait.route import Route
+from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
 from planners.gait.swing import AT_REST, SwingState
 
 TIMES = 5  #: Touchdown times that the capturability margin tries
@@ -80,10 +79,7 @@ class BodyState(Struct, frozen=True):
 
 @dataclass(slots=True)
 class GaitState:
-    """Everything that a gait keeps from one tick to the next.
-
-    The parts are values: their arrays are never written to, so a copy shares them.
-    """
+    """Everything that a gait keeps between ticks; parts are values, never written to, so a copy shares them."""
 
     measured: Measurement
     dcm_rate: Vector  #: Rate of the measured DCM, low-passed (2,) [m/s]
@@ -111,41 +107,37 @@ class GaitState:
 
 @dataclass(frozen=True, slots=True)
 class GaitView:
-    """State of a gait for observers."""
+    """A gait and what it measures, for observers."""
 
-    phase: str
-    swinging: bool
-    stance: int  #: The present or coming stance foot (0 left, 1 right)
-    steps: int  #: Touchdowns so far
-    elapsed: float  #: In this phase [s]
-    step_time: float  #: Planned single support of the step under way [s]
-    steps_left: int | None  #: Touchdowns until the walk ends; None to walk on
-    velocity: Velocity  #: Of the present step, within the limits
+    state: GaitState
     dcm: Vector  #: Measured, in W (2,) [m]
     omega: float  #: Of the pendulum [1/s]
-    footholds: Feet  #: Planned pose of each sole, or the target of the swing foot
     soles: Soles
-    unsolved: int  #: Step adjustments that found no solution so far
-    route: Route  #: Footsteps that replace those of the velocity
+
+    @property
+    def swinging(self) -> bool:
+        """Whether a foot is in the air."""
+        return self.state.phase is GaitPhase.SINGLE
 
 
 def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
     """The next footholds, alternating feet; the first is the adjusted one of the foot in the air. Empty at rest."""
-    if view.phase in ("stand", "finish"):
+    gait, holds, command = view.state, view.state.soles.holds, view.state.command
+    if gait.phase.resting:
         return []
-    first, foot = view.footholds[view.stance], 1 - view.stance
-    taken, left = [], view.steps_left
+    first, foot = holds[gait.stance], 1 - gait.stance
+    taken, left = [], command.steps_left
     if view.swinging:
-        taken = [view.footholds[foot]]
-        first, foot = taken[0], view.stance
+        taken = [holds[foot]]
+        first, foot = taken[0], gait.stance
         left = None if left is None else left - 1
     if left is not None and left <= 0:
         return taken
-    if view.route.left:
-        ahead = view.route.ahead(view.footholds[view.stance], config.preview, limits_of(config.reach))
+    if command.route.left:
+        ahead = command.route.ahead(holds[gait.stance], config.preview, limits_of(config.reach))
         return [*taken, *ahead[len(taken) :]]
     count = config.preview - len(taken)
-    return taken + preview_footholds(first, foot, view.velocity, config.period, config.reach, max(count, 1), left)
+    return taken + preview_footholds(first, foot, command.velocity, config.period, config.reach, max(count, 1), left)
 
 
 def capture_margin(view: GaitView, config: GaitConfig) -> float:
@@ -163,10 +155,11 @@ def capture_margin(view: GaitView, config: GaitConfig) -> float:
     References:
         Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, section 5.
     """
+    gait = view.state
     if view.swinging:
-        return _one_step(view, config, view.stance, view.elapsed)
-    place, half = view.soles.standing_box(view.footholds, view.dcm)
-    stances = (0, 1) if view.phase in ("stand", "finish") else (view.stance,)
+        return _one_step(view, config, gait.stance, gait.elapsed)
+    place, half = view.soles.standing_box(gait.soles.holds, view.dcm)
+    stances = (0, 1) if gait.phase.resting else (gait.stance,)
     steps = [_one_step(view, config, stance, 0.0) for stance in stances]
     return max(min(half[0] - abs(place[0]), half[1] - abs(place[1])), *steps)
 
@@ -182,5 +175,5 @@ def _one_step(view: GaitView, config: GaitConfig, stance: int, elapsed: float) -
     more = soles.half[foot] + (growth - 1.0) * soles.half[stance]  # (TIMES, 2)
     lower = (np.array([-reach.backward, width[0]]) + shift - more) / growth
     upper = (np.array([reach.forward, width[1]]) + shift + more) / growth
-    place = np.array(view.footholds[stance].relative(*view.dcm)) - soles.centres[stance]
+    place = np.array(view.state.soles.holds[stance].relative(*view.dcm)) - soles.centres[stance]
     return float(np.minimum(place - lower, upper - place).min(axis=1).max())

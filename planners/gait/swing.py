@@ -85,10 +85,7 @@ class SwingFoot:
     def detect_trip(
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
     ) -> SwingState:
-        """Compare with the measured place x, y of the sole in W [m], and return to it when the foot has tripped.
-
-        ``elapsed`` counts from lift-off [s]; ``duration`` is planned from lift-off to touchdown [s].
-        """
+        """Return to the measured place x, y of the sole in W [m] when the foot has tripped; times in [s]."""
         config, (last_x, last_y) = self._config, swing.place or (x, y)
         share = min(dt / config.trip_filter, 1.0)
         vx, vy = swing.speed
@@ -109,11 +106,7 @@ class SwingFoot:
     def step(
         self, swing: SwingState, target: Vector, slope: Vector, elapsed: float, duration: float, dt: float
     ) -> SwingState:
-        """Advance the reference by ``dt`` [s] towards a target pose x, y, z [m], yaw [rad] (4,) on a slope (2,) [-].
-
-        ``elapsed`` counts from lift-off to the end of this step [s]; ``duration`` is planned from lift-off to touchdown
-        [s].
-        """
+        """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s]."""
         config = self._config
         tilt = swing.tilt + min(dt / config.tilt_time, 1.0) * (slope - swing.tilt)
         left = duration - elapsed + dt

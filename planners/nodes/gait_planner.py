@@ -1,24 +1,123 @@
 """Node ``gait_planner``: velocities and goals in; footsteps and phase out; the reference is passed as an object."""
 
+import math
+from collections import deque
 from typing import Any
 
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from std_msgs.msg import Empty, Float64, String
 
 from models.config import default_config
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
-from models.nodes.parameters import declare, declare_config
+from models.nodes.cdr import NANOSECONDS
+from models.nodes.odometry import velocity_from_twist
+from models.nodes.parameters import declare, declare_config, declare_period
+from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.realtime import TickTimer
-from models.types import RobotState
-from planners.gait.commands import STILL, VelocityCommand
+from models.status import GaitStatus
+from models.types import FOOT_NAMES, Mode, RobotState
+from planners.gait.commands import STILL, VelocityCommand, limited
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import GaitMeasurement
-from planners.gait.footsteps import Feet
-from planners.nodes.gait_stage import GaitStage
-from planners.nodes.gait_topics import GaitTopics, declare_rates
-from planners.nodes.route_topics import RouteTopics
-from planners.nodes.velocity_topics import VelocityTopics
+from planners.gait.footsteps import Feet, Velocity
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep
+from planners.gait.state import GaitView, capture_margin, coming_steps
+from planners.nodes.footstep_messages import path_from_steps
+from planners.nodes.gait_commands import GaitStage, RouteTopics
+
+TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
+
+
+def declare_rates(node: PoiseNode) -> tuple[int, int]:
+    """Declare the rates of footsteps and margin; returns the times between [ns]."""
+    footsteps = declare_period(node, "footstep_rate", 10.0, "the planned footsteps while walking", high=100.0)
+    return footsteps, declare_period(node, "margin_rate", 50.0, "the capturability margin in mode walk", high=100.0)
+
+
+class GaitTopics:
+    """Publishes changes after a tick, at the periods of ``declare_rates``; ``margin``: capturability margin [m]."""
+
+    def __init__(self, node: PoiseNode, law: GaitPlanner, periods: tuple[int, int]) -> None:
+        self._law, self._periods = law, periods
+        self._phase = node.announce(String, topics.GAIT_PHASE, LATCHED)
+        self._publish_status = node.announce_status(topics.GAIT_STATUS, LATCHED)
+        self._margin = node.announce(Float64, topics.GAIT_CAPTURE_MARGIN, STATE)
+        self._planned = node.announce(Path, topics.FOOTSTEPS, EVENT)
+        self._taken = node.announce(Path, topics.FOOTSTEPS_TAKEN, EVENT)
+        self._history: deque[Any] = deque(maxlen=TAKEN_MAX)
+        self._log, self._limited, self._exceeded = node.get_logger(), "", list[str]()
+        self.reset()
+
+    def reset(self) -> None:
+        """A walk begins: publish everything again."""
+        self._word, self._steps = "", 0
+        self._last_planned = self._last_margin = 0
+        self._history.clear()
+        self.margin = math.nan
+
+    def publish_phase(self, word: str) -> None:
+        """Publish a new word of ``gait/phase``."""
+        if word != self._word:
+            self._word = word
+            self._report()
+            self._phase.publish(String(data=word))
+
+    def report_limit(self, velocity: Velocity) -> None:
+        """Report how a commanded velocity exceeds the limits, once for each set of components beyond them."""
+        allowed, names = limited(velocity, self._law.config.velocity), ("forward", "left", "turn")
+        parts = list(zip(names, ("m/s", "m/s", "rad/s"), velocity, allowed, strict=True))
+        exceeded = [name for name, _, given, kept in parts if given != kept]
+        if exceeded == self._exceeded:
+            return
+        self._exceeded = exceeded
+        self._limited = ", ".join(
+            f"{name} {v:.3g} limited to {kept:.3g} {u}" for name, u, v, kept in parts if v != kept
+        )
+        if self._limited:
+            self._log.warning(f"velocity: {self._limited}")
+        self._report()
+
+    def _report(self) -> None:
+        present, still = self._word != topics.GAIT_ABSENT, self._word in (topics.GAIT_SETTLED, topics.GAIT_ABSENT)
+        self._publish_status(GaitStatus(present, still, self._limited))
+
+    def publish(self, stamp: int) -> None:
+        """Publish what is due at a stamp [ns]."""
+        law = self._law
+        if law.settled:
+            word = topics.GAIT_SETTLED
+        else:
+            word = law.phase.value + (f" {FOOT_NAMES[1 - law.stance]}" if law.phase.value == "single" else "")
+        view = None
+        if stamp - self._last_margin >= self._periods[1]:
+            self._last_margin, view = stamp, law.view
+            self.margin = capture_margin(view, law.config)
+            self._margin.publish(Float64(data=self.margin))
+        if law.steps != self._steps:
+            self._steps, view = law.steps, view or law.view
+            self._history.append((Footstep(law.stance, law.footholds[law.stance]), stamp))
+            steps, stamps = zip(*self._history, strict=True)
+            self._taken.publish(path_from_steps(stamp, steps, stamps))
+        if law.walking and (word != self._word or stamp - self._last_planned >= self._periods[0]):
+            self._last_planned = stamp
+            self._planned.publish(self._plan(stamp, view or law.view, law.config))
+        self.publish_phase(word)
+
+    @staticmethod
+    def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
+        """Coming footsteps with the times of their touchdown."""
+        gait = view.state
+        wait = gait.step.time if view.swinging else config.period
+        t = stamp + round(max(wait - gait.elapsed, 0.0) * NANOSECONDS)
+        period = round(config.period * NANOSECONDS)
+        feet = (1 - gait.stance, gait.stance)
+        steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
+        return path_from_steps(stamp, steps, [t + i * period for i in range(len(steps))])
 
 
 class GaitPlannerNode(PoiseNode):
@@ -49,20 +148,41 @@ class GaitPlannerNode(PoiseNode):
         self._law = self._stack.build_gait(self.model, self._config, self._timer)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
-        self._velocities = VelocityTopics(self, self._command, now, self._stack.stop, self._leave)
+        self._mode = ""  # none was received
+        self.listen(Twist, topics.GAIT_VELOCITY, self._on_velocity, COMMAND, while_active=True)
+        self.listen(Empty, topics.GAIT_STOP, lambda message: self._stack.stop(), EVENT)
+        self.listen(String, topics.MODE, self._on_mode, LATCHED)
         self._routes = RouteTopics(self, self._law, self._stack, self._command, self._not_walking, self._soles, now)
 
+    @property
+    def _walking(self) -> bool:
+        """Whether the robot is in mode ``walk``."""
+        return self._mode == Mode.WALK.value
+
+    def _on_velocity(self, message: Any) -> None:
+        """Store a velocity of the supervisor, which arbitrates the sources; it may come just before its mode."""
+        velocity = velocity_from_twist(message)
+        self._gait.report_limit(velocity)
+        self._command.repeat(velocity, self._stamp / NANOSECONDS)
+
+    def _on_mode(self, message: Any) -> None:
+        if self._walking and message.data != self._mode:
+            self._leave()
+        self._mode = message.data
+
     def _leave(self) -> None:
-        """Mode walk has ended: the soles' poses are unknown until the next walk."""
+        """Mode walk has ended: the command is discarded, the soles' poses are unknown until the next walk."""
+        self._command.forget()
         self._begun = False
+        self._gait.report_limit(STILL)
         self._stack.hold_velocity(*STILL)
         self._law.end_route("mode walk was left")
         self._routes.publish_end()
 
     def _not_walking(self) -> str:
         """Why no footsteps can be taken now; empty when they can."""
-        if not self._velocities.walking:
-            return f"no walking in mode '{self._velocities.mode}': request mode/walk first"
+        if not self._walking:
+            return f"no walking in mode '{self._mode}': request mode/walk first"
         return "" if self._begun else "mode 'walk' has just been entered: try again"
 
     def _soles(self) -> Feet:
@@ -93,7 +213,7 @@ class GaitPlannerNode(PoiseNode):
 
     def before_tick(self, t: float) -> None:
         """Before each tick of the process: apply the commanded velocity, which must be repeated, at a stamp [s]."""
-        if not self._velocities.walking:
+        if not self._walking:
             return
         if self._command.lapsed(t):
             self._stack.stop()
@@ -102,10 +222,10 @@ class GaitPlannerNode(PoiseNode):
     def publish(self, stamp: int, state: RobotState | None = None) -> None:
         """After each tick of the process, in mode walk: publish what is due for its stamp [ns] and state."""
         self._stamp, self._state = stamp, state
-        if self._stack.walking and self._velocities.walking and not self._begun:
+        if self._stack.walking and self._walking and not self._begun:
             self._gait.reset()
             self._begun = True
-        if self.active and self._begun and self._velocities.walking:
+        if self.active and self._begun and self._walking:
             self._gait.publish(stamp)
             self._routes.publish_end()
 
@@ -113,18 +233,18 @@ class GaitPlannerNode(PoiseNode):
         """Report the gait and the outcome of the last step."""
         if not self.active:
             return
-        if not (self._begun and self._velocities.walking):
+        if not (self._begun and self._walking):
             self.message = "ready"
             return
-        view = self._law.view
-        self.message = view.phase
-        target = view.footholds[1 - view.stance]
-        forward, left = view.footholds[view.stance].relative(target.x, target.y)
-        self.values["velocity"] = "({:.3f} m/s, {:.3f} m/s, {:.3f} rad/s)".format(*view.velocity)
-        self.values["steps"] = str(view.steps)
-        self.values["footsteps left"] = str(view.route.left)
-        self.values["step time [s]"] = f"{view.step_time:.3f}"
+        gait, holds = self._law.state, self._law.footholds
+        self.message = gait.phase.value
+        target = holds[1 - gait.stance]
+        forward, left = holds[gait.stance].relative(target.x, target.y)
+        self.values["velocity"] = "({:.3f} m/s, {:.3f} m/s, {:.3f} rad/s)".format(*gait.command.velocity)
+        self.values["steps"] = str(gait.steps)
+        self.values["footsteps left"] = str(gait.command.route.left)
+        self.values["step time [s]"] = f"{gait.step.time:.3f}"
         self.values["foothold from the stance sole [m]"] = f"({forward:.3f}, {left:.3f})"
-        self.values["adjustments unsolved"] = str(view.unsolved)
+        self.values["adjustments unsolved"] = str(gait.step.unsolved)
         self.values["capture margin [m]"] = f"{self._gait.margin:.4f}"
         self.values |= self._timer.values()

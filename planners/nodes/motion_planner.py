@@ -82,7 +82,8 @@ class MotionService:
         if not self._node.active:
             raise CommandError("the motion planner is not active")
         if self._mode != Mode.STAND.value:
-            raise CommandError(f"plans are made for a robot that stands, not in mode '{self._mode or 'unknown'}'")
+            mode = self._mode or "unknown"
+            raise CommandError(f"no plans in mode '{mode}', only while the robot stands: poise mode stand comes first")
         if self._owed is not None:
             raise CommandError("another plan is just beginning to be executed")
         frame, pose, joints = frame_named(request.frame), request.target.pose, self._posture()

@@ -55,7 +55,7 @@ def fallen(g1: RobotModel, tmp_path_factory: pytest.TempPathFactory) -> ClosedLo
     """A G1 that waves, walks, stands, waves as it walks again, and is pushed over; with more checkpoints than usual."""
     folder = tmp_path_factory.mktemp("boxes")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("controllers.recording.checkpoints.PERIOD", 0.45)
+        patch.setattr("controllers.recording.black_box.CHECKPOINT_PERIOD", 0.45)
         return _fall(ClosedLoop(robot=g1, seed=0, record=False, black_box=folder))
 
 

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 
 from bridge.closed_loop import ClosedLoop
-from bridge.plants.sensors import FootFault, SensorErrors
+from bridge.plants.fault_plan import START, Fault, FaultPlan
 from controllers.estimation.feet import FootSensorState
 from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Mode
 
 
-def loop_with(robot: RobotModel, *faults: FootFault, seed: int = 3) -> ClosedLoop:
-    return ClosedLoop(robot, seed=seed, record=False, sensor_errors=SensorErrors(foot_faults=faults))
+def loop_with(robot: RobotModel, *faults: Fault, seed: int = 3) -> ClosedLoop:
+    return ClosedLoop(robot, seed=seed, record=False, faults=FaultPlan(faults, since=START))
+
+
+def stuck(foot: str, wrench: float | list[float], **times: float) -> Fault:
+    return Fault(f"foot:{foot}", "stuck", value=wrench, **times)
 
 
 def half_weight(robot: RobotModel) -> tuple[float, ...]:
@@ -60,7 +64,7 @@ def test_known_pushes_are_felt_and_nothing_else(robot: RobotModel) -> None:
 def test_stands_squats_and_is_pushed_without_a_foot_sensor(robot: RobotModel, kind: str) -> None:
     wrench = {"on": half_weight(robot), "off": 0.0, "absent": np.nan}[kind]
     feet = ("left", "right") if kind == "absent" else ("left",)
-    loop = loop_with(robot, *(FootFault(foot, wrench) for foot in feet))
+    loop = loop_with(robot, *(stuck(foot, wrench) for foot in feet))
     assert loop.command("squat").accepted
     loop.run(1.2)
     loop.apply_push((0.15 * robot.mass / 0.1, 0.1 * robot.mass / 0.1, 0.0), duration=0.1)
@@ -80,7 +84,7 @@ def test_stands_squats_and_is_pushed_without_a_foot_sensor(robot: RobotModel, ki
 @pytest.mark.parametrize("kind", ["on", "off", "absent"])
 def test_walks_on_when_a_foot_sensor_fails(g1: RobotModel, kind: str) -> None:
     wrench = {"on": half_weight(g1), "off": 0.0, "absent": np.nan}[kind]
-    loop = loop_with(g1, FootFault("left", wrench, start=2.5))
+    loop = loop_with(g1, stuck("left", wrench, start=2.5))
     loop.command("walk")
     loop.set_velocity(0.3, 0.0, 0.0)
     start = loop.truth.q[0]
@@ -95,7 +99,7 @@ def test_walks_on_when_a_foot_sensor_fails(g1: RobotModel, kind: str) -> None:
 
 
 def test_a_sensor_that_speaks_again_is_taken_back(g1: RobotModel) -> None:
-    loop = loop_with(g1, FootFault("right", 0.0, start=1.5, end=1.8))
+    loop = loop_with(g1, stuck("right", 0.0, start=1.5, end=1.8))
     loop.run(0.6)
     assert loop.estimator.health.foot_sensors == (FootSensorState.SOUND, FootSensorState.CONTRADICTED)
     loop.run(1.0)

@@ -160,7 +160,7 @@ class Eyes:
         listen(String, topics.MOTION_STATE, lambda message: self.motion.append(message.data), EVENT)
         listen(String, topics.MOTION_PLAN_STATE, lambda message: self.motion.append(message.data), EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
-        self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+        self.commands = graph.node.create_publisher(JointTrajectory, topics.JOINT_SETPOINTS, COMMAND)
         self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
 
     def _on_truth(self, data: bytes) -> None:

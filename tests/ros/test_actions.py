@@ -201,7 +201,7 @@ def test_moveit_finds_its_action_and_is_told_what_is_wrong(user: User) -> None:
         and "waist_yaw_joint" in result.error_string
     )
     feedback: list[Any] = []
-    status, result = user.result(user.send(Follow, name, trajectory(user, "waist_yaw_joint", 0.2), feedback))
+    status, result = user.result(user.send(Follow, name, trajectory(user, "torso_yaw", 0.2), feedback))
     assert status == SUCCEEDED and result.error_code == Follow.Result.SUCCESSFUL, result
     assert feedback[-1].desired.positions[0] == pytest.approx(0.2, abs=0.02)
     back = trajectory(user, "waist_yaw_joint", -0.2)

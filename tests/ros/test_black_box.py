@@ -142,7 +142,6 @@ def test_a_fall_of_the_graph_is_run_again(tmp_path: Path) -> None:
     os.environ["ROS_LOG_DIR"] = str(tmp_path / "log")
     parameters: dict[str, dict[str, object]]
     parameters = {"balance_controller": {"black_box.folder": str(folder), "black_box.after": 0.3}}
-    parameters["supervisor"] = {"clock_timeout": 60.0}  # in lockstep a machine that halts for a while decides nothing
     with Graph(
         "g1", domain_id=free_domain(), lockstep=True, log=tmp_path / "graph.log", say=lambda _: None,
         parameters=parameters,

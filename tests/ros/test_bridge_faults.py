@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from bridge.nodes.robot_driver import RobotDriver
 from models.nodes import topics
 from models.nodes.cdr import stamp_of
-from models.nodes.qos import sensor
+from models.nodes.qos import STATE
 
 pytestmark = pytest.mark.ros
 
@@ -26,7 +26,7 @@ class World:
         hear = bench.world.create_subscription
         left, right = topics.FOOT_WRENCHES
         kinds = {topics.IMU_RAW: Imu, topics.JOINT_STATES: JointState, left: WrenchStamped, right: WrenchStamped}
-        qos = sensor(reliable=True)  # as in lockstep: none is lost but those that a fault keeps
+        qos = STATE  # as in lockstep: none is lost but those that a fault keeps
         for name, kind in kinds.items():
             hear(kind, name, lambda _, name=name: self.seen.update([name]), qos)
         hear(JointState, topics.JOINT_STATES, lambda data: self.stamps.append(stamp_of(data)), qos, raw=True)
@@ -118,7 +118,7 @@ def test_lockstep_does_not_wait_for_an_answer_that_nobody_can_give(bench: Any) -
 
 def test_a_scan_that_is_off_is_not_published(bench: Any) -> None:
     stamps: list[int] = []
-    qos = sensor(reliable=True)
+    qos = STATE
     bench.world.create_subscription(LaserScan, topics.SCAN, lambda data: stamps.append(stamp_of(data)), qos, raw=True)
     bridge = bench.add(RobotDriver, lockstep=True)
     bench.wait(lambda: bridge._scan._publisher.get_subscription_count() == 1)

@@ -48,7 +48,7 @@ def test_commands_that_answer_old_sensors_are_refused(bridge: RobotDriver, g1: R
     assert bridge.counters["commands too old"] == 1
     assert "79000000 ns is 21000000 ns old" in bridge.values["last refusal"]
     _send(bridge, g1, 80)  # 20 ms: just young enough
-    assert bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1
+    assert bridge.counters[f"refused {topics.JOINT_SETPOINTS}"] == 1
     assert bridge.commands.stamp == 80 * MS
 
 
@@ -141,7 +141,7 @@ def test_commands_over_the_graph(bench: Any, bridge: RobotDriver, g1: RobotModel
     """With stamps that are due: each is taken, or refused by name without a trace in the drivers."""
     _send(bridge, g1, 99)
     before = bridge.drivers.servo.setpoint
-    publisher = bench.world.create_publisher(JointTrajectory, topics.JOINT_COMMAND, COMMAND)
+    publisher = bench.world.create_publisher(JointTrajectory, topics.JOINT_SETPOINTS, COMMAND)
     bench.wait(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(_message(g1, how))
     if not culprit:
@@ -151,7 +151,7 @@ def test_commands_over_the_graph(bench: Any, bridge: RobotDriver, g1: RobotModel
         np.testing.assert_array_equal(setpoint.v, 0.01)
         np.testing.assert_array_equal(setpoint.tau, 0.1)
         return
-    bench.wait(lambda: bridge.counters[f"refused {topics.JOINT_COMMAND}"] == 1)
+    bench.wait(lambda: bridge.counters[f"refused {topics.JOINT_SETPOINTS}"] == 1)
     assert culprit in bridge.values["last refusal"]
     assert bridge.commands.stamp == 99 * MS
     np.testing.assert_array_equal(bridge.drivers.servo.setpoint.q, before.q)
@@ -240,16 +240,19 @@ def test_simulated_time_waits_for_late_commands_but_not_for_ever(
 ) -> None:
     node: RobotDriver = bench.add(RobotDriver, real_time="yield", yield_lag=0.005, yield_max=1.0)
     node.commands.on_mode(String(data="stand"))
-    for node.tick in range(1, 101):
+    for node.tick in range(1, 5):
         node.publish_tick(0.0)
-    assert not node.behind  # no command yet: it is held
-    _send(node, g1, 96)
     assert not node.behind
+    for node.tick in range(5, 101):
+        node.publish_tick(0.0)
     now = [10.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
+    assert node.behind  # no command since the mode began
+    _send(node, g1, 96)
+    assert not node.behind
     node.tick = 103
     node.publish_tick(0.0)
-    assert node.behind and node.counters["waits for commands"] == 1
+    assert node.behind and node.counters["waits for commands"] == 2
     now[0] += 1.1
     assert not node.behind  # the controller is dead: time goes on, and the drivers damp
     _send(node, g1, 103)
@@ -258,7 +261,24 @@ def test_simulated_time_waits_for_late_commands_but_not_for_ever(
     assert node.behind
 
 
-def test_strict_time_waits_for_no_command(bridge: RobotDriver, g1: RobotModel) -> None:
-    _send(bridge, g1, 90)
-    bridge.tick = 150
-    assert not bridge.behind
+def test_simulated_time_waits_for_a_supervisor_that_lags(bench: Any, g1: RobotModel) -> None:
+    node: RobotDriver = bench.add(RobotDriver, yield_supervisor=0.06)
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(1, 101):
+        node.publish_tick(0.0)
+    _send(node, g1, 100)
+    assert not node.behind  # it has not judged a state in this mode
+    node.commands.judged = 30_000_000
+    assert node.behind
+    node.commands.judged = 90_000_000
+    assert not node.behind
+
+
+def test_strict_time_waits_for_no_command(bench: Any, g1: RobotModel) -> None:
+    node: RobotDriver = bench.add(RobotDriver, real_time="strict")
+    node.commands.on_mode(String(data="stand"))
+    for node.tick in range(1, 101):
+        node.publish_tick(0.0)
+    _send(node, g1, 96)
+    node.tick = 150
+    assert not node.behind

@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from controllers.calibration.session import CalibrationJob, CalibrationProcedure, solve
-from controllers.nodes.calibration_run import CalibrationSolver
+from controllers.nodes.calibration_services import CalibrationSolver
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.calibration import Calibration, apply_calibration
 from models.constants import GRAVITY
@@ -60,7 +60,7 @@ class Services:
 
     def hang(self) -> None:
         self.state.publish(String(data=topics.HANGING))
-        self.bench.wait(lambda: self.calibration._run._situation == topics.HANGING)
+        self.bench.wait(lambda: self.calibration._situation == topics.HANGING)
 
     def correct(self, sensors: SensorData) -> SensorData:
         """One tick of the node: the running calibration gets the sample as measured, the estimator a corrected one."""
@@ -94,7 +94,7 @@ def test_a_calibration_is_answered_kept_and_in_effect_at_the_next_start(
     services.tell(np.zeros(g1.nj))
     services.hang()
     first = services.ask("imu")
-    bench.wait(lambda: services.calibration._run.what == "imu")
+    bench.wait(lambda: services.calibration._what == "imu")
     accepted, reason = services.answer(services.ask("feet"))
     assert not accepted and "'imu' is being calibrated" in reason
     accepted, reason = services.answer(first)
@@ -130,7 +130,7 @@ def test_a_calibration_is_given_up_when_the_node_is_deactivated(bench: Any, g1: 
     services.tell(np.zeros(g1.nj))
     services.hang()
     future = services.ask("imu")
-    bench.wait(lambda: services.calibration._run.what == "imu")
+    bench.wait(lambda: services.calibration._what == "imu")
     services.node.trigger_deactivate()
     bench.wait(future.done)
     assert "not active" in future.result().message
@@ -149,7 +149,7 @@ def test_a_calibration_is_given_up_when_its_solver_does_not_start(
     accepted, text = services.answer(services.ask("imu"))
     assert not accepted
     assert "does not start: No space left on device" in text
-    assert services.calibration._run.what == ""
+    assert services.calibration._what == ""
 
 
 def test_without_a_folder_nothing_is_calibrated(bench: Any, g1: RobotModel) -> None:
@@ -176,8 +176,8 @@ def test_the_calibration_sees_the_encoders_as_they_are(
     offsets = np.linspace(-0.03, 0.03, g1.nj)
     services.tell(offsets)
     seen: list[SensorData] = []
-    monkeypatch.setattr(services.calibration._run._procedure, "add", seen.append)
-    monkeypatch.setattr(services.calibration._run, "what", "joints")
+    monkeypatch.setattr(services.calibration._procedure, "add", seen.append)
+    monkeypatch.setattr(services.calibration, "_what", "joints")
     corrected = sample(g1, 1.0)
     estimated = services.correct(corrected)
     np.testing.assert_allclose(seen[0].q, corrected.q + offsets)

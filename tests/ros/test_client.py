@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import WrenchStamped
+from msgspec.structs import replace
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -19,7 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.record.observer import Observer
-from bridge.ros.client import Client
+from bridge.ros.client import Client, next_step, overview
 from bridge.ros.environment import join_graph
 from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
@@ -41,7 +42,7 @@ class FakeSupervisor(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("supervisor", context=context)
-        self.refused = 0
+        self.refused = self.answered = 0
         self.texts: list[str] = []
         self.create_subscription(String, topics.HUMANOID_COMMANDS, self.on_text, EVENT)
         self.states = StatusTopic(self, topics.MOTION_STATUS)
@@ -52,9 +53,10 @@ class FakeSupervisor(Node):
 
     def on_text(self, message: String) -> None:
         self.texts.append(message.data)
+        self.answered += 1
         if message.data == "wave":
             self.states.publish(MotionStatus(MotionState.RUNNING))
-        else:
+        elif message.data == "fly":
             self.refused += 1
 
     def on_damp(self, request: Any, response: Any) -> Any:
@@ -62,7 +64,8 @@ class FakeSupervisor(Node):
         return response
 
     def report(self) -> None:
-        self.status.publish(SupervisorStatus("g1", Mode.STAND, self.refused, "unknown command 'fly'", ()))
+        record = SupervisorStatus("g1", Mode.STAND, self.refused, "unknown command 'fly'", (), holds=("held",))
+        self.status.publish(replace(record, answered=self.answered, answer=f"done: {self.texts[-1:]}"))
 
 
 @pytest.fixture
@@ -99,11 +102,29 @@ def test_commands_are_answered(supervisor: FakeSupervisor) -> None:
         assert client.command("wave").accepted
         reply = client.command("fly")
         assert not reply.accepted and reply.reason == "unknown command 'fly'"
+        assert client.command("forward").reason == "done: ['forward']"  # without a wait for a motion
         assert client.mode == "stand"
         reply = client.trigger("mode/damp")
         assert not reply.accepted and reply.reason == "the robot would drop"
     with Client() as client:  # it opens again
         assert client.command("wave").accepted
+
+
+def test_the_overview_names_the_next_step(supervisor: FakeSupervisor) -> None:
+    with Client() as client:
+        found = overview(client)
+    assert found["robot"].startswith("g1, mode 'stand'") and found["faults"] == "held"
+    record = SupervisorStatus("g1", Mode.STAND, 0, "", ())
+    for changes, word in (
+        ({}, "poise walk"),
+        ({"mode": Mode.WALK}, "poise send stop"),
+        ({"faults": ("why",)}, "reset_faults"),
+        ({"mode": Mode.DAMP, "fallen": True, "faults": ("fallen",)}, "poise reset"),
+        ({"mode": Mode.DAMP, "faults": ("why",)}, "reset_faults; poise mode stand"),
+        ({"mode": Mode.OFF, "preflight": ("no joint states",)}, "no joint states"),
+        ({"mode": Mode.OFF}, "poise mode stand"),
+    ):
+        assert word in next_step(replace(record, **changes))
 
 
 def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
@@ -147,6 +168,10 @@ def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> Non
             odom.publish(odom_codec.encode(stamp, standing(g1, q=q)))
             threading.Event().wait(0.002)
             if k % 10 == 0:
+                observer.poll()
+            if k == 250:  # time waits: the same again, which is no reset
+                odom.publish(odom_codec.encode(stamp, standing(g1, q=q)))
+                threading.Event().wait(0.01)
                 observer.poll()
         assert observer.ready
         recording = observer.recording([(0.1, "wave")])

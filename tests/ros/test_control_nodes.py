@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from msgspec.structs import replace
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
@@ -19,7 +20,7 @@ from controllers.stack import ControlStack
 from models.nodes import realtime, topics
 from models.nodes.base import ALARM_PERIOD
 from models.nodes.messages import JointStateCodec, trajectory_to_message
-from models.nodes.qos import EVENT, LATCHED, SENSOR_RELIABLE
+from models.nodes.qos import EVENT, LATCHED, STATE
 from models.robot_model import RobotModel
 from models.types import ControlResult, RobotState, SolveStatus
 from models.types import JointTrajectory as Trajectory
@@ -36,7 +37,7 @@ def test_a_sample_before_activation_is_passed_over(bench: Any, g1: RobotModel) -
         return StateEstimatorNode(lambda state, stamp: states.append(state), **kwargs)
 
     node = bench.add(make, active=False, lockstep=True)
-    publisher = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR_RELIABLE)
+    publisher = bench.world.create_publisher(JointState, topics.JOINT_STATES, STATE)
     bench.wait(lambda: publisher.get_subscription_count() == 1)
     codec, zero = JointStateCodec(g1), np.zeros(g1.nj)
     publisher.publish(codec.encode(1_000_000, g1.posture("stand"), zero, zero))
@@ -187,5 +188,16 @@ def test_no_motion_is_followed_while_walking(bench: Any, g1: RobotModel) -> None
     robot = Controlled(bench, g1)
     robot.set_mode("walk")  # without a gait planner the robot goes on standing
     robot.tick()
-    assert "no motion in mode 'walk'" in robot.answer("")
+    assert "no trajectory in mode 'walk'" in robot.answer("")
     assert not robot.node._stack.law.motion_active
+
+
+def test_a_controller_that_holds_the_robot_is_deactivated_by_force_only(bench: Any, g1: RobotModel) -> None:
+    robot = Controlled(bench, g1)
+    robot.node.trigger_deactivate()
+    assert robot.node.active
+    assert "the robot would fall in mode 'stand'" in robot.node.values["last refusal"]
+    assert "force_deactivate true" in robot.node.values["last refusal"]
+    robot.node.set_parameters([Parameter("force_deactivate", value=True)])
+    robot.node.trigger_deactivate()
+    assert not robot.node.active

@@ -74,11 +74,11 @@ def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes)
     graph, module = eyes.graph, "bridge.nodes.control"
     before = graph.pids[module]
     os.kill(before, 9)
-    graph.wait_for(lambda: graph.driver_state == "damped", 2.0, "damped")
+    graph.wait_for(lambda: graph.driver_state == "damped", 20.0, "damped")
     graph.wait_for(lambda: graph.pids[module] != before, 60.0, "restarted")
     accepted, reason = eyes.ask("mode/stand")
     assert not accepted
-    assert "latched faults" in reason
+    assert "fell back to damping" in reason
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
     graph.wait_standing(90.0)

@@ -16,7 +16,9 @@ from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED
+from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
+from models.status import GaitStatus
 from models.types import RobotState
 from planners.gait.footsteps import Foothold, middle
 from planners.nodes.footstep_messages import pose_message
@@ -59,7 +61,7 @@ class Commanded:
     def enter(self, mode: str) -> None:
         """Change the mode; a walk begins as the controller begins it."""
         self.mode.publish(String(data=mode))
-        self.bench.wait(lambda: self.node._velocities.mode == mode)
+        self.bench.wait(lambda: self.node._mode == mode)
         if mode == "walk":
             self.stack.gait.reset(self.state)
             self.stack.walking = True
@@ -74,7 +76,7 @@ class Commanded:
         self.stamp += ms * MS
         self.node.before_tick(self.state.t)
         self.stack.set_state(self.state)
-        if (held := self.stack.memory.held) is not None:
+        if (held := self.stack.snapshot.held) is not None:
             self.stack.gait.set_velocity(*held)
         self.stack.gait.step(self.state, 1e-3 * ms)
         self.node.publish(self.stamp)
@@ -308,3 +310,16 @@ def test_timed_footsteps_start_where_the_soles_are_and_refusals_have_reasons(rob
     assert [step.side for step in answer.footsteps[:2]] == ["left", "right"]
     assert {step.pose.header.frame_id for step in answer.footsteps} == {"odom"}
     assert "30.0 m away" in plan(goal(30.0, 0.0, 0.0)).message
+
+
+def test_a_velocity_beyond_the_limits_is_reported_once(bench: Any, robot: Commanded) -> None:
+    limits: list[str] = []
+    subscribe_status(bench.world, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
+    robot.enter("walk")
+    most = robot.node._law.config.velocity.forward
+    for _ in range(5):
+        robot.send(robot.velocity, velocity_to_twist((9.0, 0.0, 0.1)))
+    bench.wait(lambda: limits[-1:] == [f"forward 9 limited to {most:.3g} m/s"])
+    assert limits.count(limits[-1]) <= 2  # again with a change of the phase
+    robot.send(robot.velocity, velocity_to_twist((0.2, 0.0, 0.1)))
+    bench.wait(lambda: limits[-1] == "")

@@ -10,6 +10,8 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from bridge.ros.client import Client
+from bridge.ros.walk import reset
 from models.nodes import topics
 from models.nodes.interfaces import missing_types
 from models.nodes.messages import (
@@ -37,7 +39,7 @@ TOPICS = (
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     *("cmd_vel", "cmd_vel_stamped", "gait/velocity_request", "gait/stop", "gait/phase", "gait/capture_margin"),
     *("gait/footsteps", "gait/footsteps_taken", "goal_pose", "gait/footsteps_command", "gait/route"),
-    "joint_trajectory_controller/joint_trajectory",
+    *("joint_setpoints", "joint_trajectory_controller/joint_trajectory"),
 )
 SERVICES = (
     *("pause", "reset", "push", "mode/off", "mode/damp", "mode/stand", "mode/walk", "estop", "reset_faults"),
@@ -153,7 +155,7 @@ def _command(g1: RobotModel, how: str) -> JointTrajectory:
 )
 def test_malformed_joint_commands(eyes: Eyes, undisturbed: None, g1: RobotModel, how: str, culprit: str) -> None:
     message = _command(g1, how)
-    eyes.refusal("robot_driver", topics.JOINT_COMMAND, lambda: eyes.commands.publish(message), culprit)
+    eyes.refusal("robot_driver", topics.JOINT_SETPOINTS, lambda: eyes.commands.publish(message), culprit)
 
 
 def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
@@ -260,3 +262,14 @@ def test_every_parameter_is_described(eyes: Eyes) -> None:
         assert len(names) > 3
         answer = call(DescribeParameters, f"{node}/describe_parameters", DescribeParameters.Request(names=names))
         assert [d.name for d in answer.descriptors if not d.description] == []
+
+
+def test_a_fallen_robot_is_put_back_on_its_feet(eyes: Eyes) -> None:
+    assert eyes.ask("mode/damp")[0]
+    eyes.graph.wait_for(lambda: eyes.truth[-1][2] < 0.4, 10.0, "fallen")
+    accepted, reason = eyes.ask("mode/stand")
+    assert not accepted
+    assert "the robot has fallen" in reason and "'poise reset'" in reason and "gantry" in reason
+    with Client() as client:
+        assert reset(client).accepted
+    eyes.graph.wait_standing(10.0)

@@ -143,5 +143,7 @@ def test_rows_that_are_finished_are_not_done_again(tmp_path: Path) -> None:
         report = BENCH.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
         BENCH.run(Options(scenarios=("planner_killed", "bridge_killed"), sweep=sweep))
     assert done == ["planner_killed", "bridge_killed"]
-    assert workers.rest.call_count == 2  # nothing else runs beside a graph, and a rerun without cases ends no worker
+    assert (
+        workers.stop_workers.call_count == 2
+    )  # nothing else runs beside a graph, and a rerun without cases ends no worker
     assert [case["row"] for case in report.cases] == done

@@ -18,12 +18,11 @@ from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.record.graph_recorder import ImuListener
-from bridge.record.mcap_log import McapLog
+from bridge.record.mcap_log import McapLog, message_text
 from models.constants import GRAVITY
 from models.errors import MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.imu import COLUMNS, CsvImuLog, ImuSample, OrientedImuCodec
-from models.nodes.message_text import message_text
 from models.nodes.qos import SENSOR
 
 pytestmark = pytest.mark.ros

@@ -14,8 +14,7 @@ from benchmarks.core.results import ResultsFile
 from benchmarks.core.timed_run import spread
 from benchmarks.graph.graph_run import Run, Scenario, latency_config
 from benchmarks.speed import latency
-from benchmarks.speed.latency import judge, summarise, verdict
-from benchmarks.speed.latency_stages import STAGES, split, tails
+from benchmarks.speed.latency import STAGES, judge, split, summarise, tails, verdict
 from bridge.driver.probes import LEFT, RIGHT, LatencyProbe
 from models.errors import PoiseError
 

@@ -55,7 +55,9 @@ class Motors:
 
     def command(self, q: np.ndarray, *, tau: float = 0.0, stamp: int | None = None) -> None:
         command = JointCommand(q, np.zeros(self.model.nj), np.full(self.model.nj, tau))
-        deliver(self.node, topics.JOINT_COMMAND, self._commands.encode(self.stamp if stamp is None else stamp, command))
+        deliver(
+            self.node, topics.JOINT_SETPOINTS, self._commands.encode(self.stamp if stamp is None else stamp, command)
+        )
 
     @property
     def last_refusal(self) -> str:
@@ -134,7 +136,7 @@ def test_stale_and_wrong_commands_are_refused(bench: Any, g1: RobotModel) -> Non
     jump = JointTrajectory(g1.joint_names, np.array([0.001]), motors.q[None].copy(), None, None)
     jump.positions[0, g1.joint_index("left_knee_joint")] += 0.5
     before = motors.node.law.servo.setpoint.q
-    deliver(motors.node, topics.JOINT_COMMAND, serialize_message(trajectory_to_message(jump)))
+    deliver(motors.node, topics.JOINT_SETPOINTS, serialize_message(trajectory_to_message(jump)))
     assert "start jump" in motors.last_refusal
     np.testing.assert_array_equal(motors.node.law.servo.setpoint.q, before)
 

@@ -19,7 +19,7 @@ from models.nodes.base import PoiseNode
 pytestmark = pytest.mark.ros
 
 LIVE = {
-    "balance_controller": set(TUNABLE),
+    "balance_controller": {*TUNABLE, "force_deactivate"},
     "robot_driver": {"push.force", "push.duration", "push.body", "obstacle.place", "faults.scenario"},
 }
 """Parameters that may be changed while a node runs; every other one is read-only."""

@@ -76,7 +76,7 @@ PLACE = (0.25, 0.25, 0.15)
 
 def test_refusals_name_their_reason(bench: Any, g1: RobotModel) -> None:
     world = World(bench, g1)
-    assert "not in mode 'unknown'" in world.answer(world.ask(PLACE)).message
+    assert "no plans in mode 'unknown'" in world.answer(world.ask(PLACE)).message
     world.mode.publish(String(data="stand"))
     bench.spin(0.2)
     assert "no posture" in world.answer(world.ask(PLACE)).message
@@ -91,7 +91,7 @@ def test_refusals_name_their_reason(bench: Any, g1: RobotModel) -> None:
     assert world.node.counters[f"refused {topics.PLAN_MOTION}"] == 7 and not world.published
     world.mode.publish(String(data="walk"))
     bench.spin(0.2)
-    assert "not in mode 'walk'" in world.answer(world.ask(PLACE)).message
+    assert "no plans in mode 'walk'" in world.answer(world.ask(PLACE)).message
 
 
 def test_a_plan_is_one_that_the_controller_takes(bench: Any, g1: RobotModel) -> None:

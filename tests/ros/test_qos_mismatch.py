@@ -174,4 +174,4 @@ def test_of_those_who_hear_nothing_only_drivers_count(bench: Any, damped: tuple[
     found = topics.needed_topics(damped[1].model)
     reports.publish(NodeStatus("bridge", found, ("subscriber",) * len(found), ("RELIABILITY",) * len(found)))
     bench.wait(lambda: law.preflight)
-    assert [f"'{topics.JOINT_COMMAND}' has incompatible QoS" in finding for finding in law.preflight] == [True]
+    assert [f"'{topics.JOINT_SETPOINTS}' has incompatible QoS" in finding for finding in law.preflight] == [True]

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 def test_the_robot_stands_waves_and_walks_with_a_driver_of_500_hz(tmp_path_factory: pytest.TempPathFactory) -> None:
     log = tmp_path_factory.mktemp("rate") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
-    parameters = {"robot_driver": {"rate": 500.0}, "supervisor": {"clock_timeout": 60.0}}
+    parameters = {"robot_driver": {"rate": 500.0}}
     places: list[float] = []
     with Graph(
         "g1", lockstep=True, domain_id=free_domain(), log=log, say=lambda text: None, parameters=parameters

@@ -3,10 +3,11 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from bridge.ros.environment import graph_environment
+from bridge.ros.environment import free_domain, graph_environment
 
 pytestmark = pytest.mark.ros
 
@@ -41,6 +42,55 @@ def test_exit_code(ros_domain_id: int, act: str, code: int) -> None:
     assert ended.returncode == code
     assert "shut down" in ended.stdout
     assert ("ValueError: a bug" in ended.stderr) == (code == 1)
+
+
+BLOCKED = """
+import ctypes
+Trouble.destroy_node = lambda self: ctypes.PyDLL(None).sleep(60)  # in C, with Python's lock held
+"""
+
+
+@pytest.mark.parametrize(
+    ("act", "code"), [("raise ValueError('a bug')", 1), ("os.kill(os.getpid(), signal.SIGTERM)", 0)]
+)
+def test_a_middleware_that_blocks_does_not_keep_a_process_from_its_end(ros_domain_id: int, act: str, code: int) -> None:
+    program, end = NODE.format(act=act).rsplit("sys.exit", 1)
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{program}{BLOCKED}sys.exit{end}"],
+        capture_output=True,
+        text=True,
+        timeout=50,
+        env={**os.environ, **graph_environment()},
+    )
+    assert ended.returncode == code
+    assert "shut down" in ended.stdout
+
+
+POISE = "from bridge.cli import app; app()"
+NEIGHBOUR = """
+import rclpy
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("neighbour")
+ends = [node.create_publisher(String, name, 10) for name in ("mode", "humanoid_commands")]
+ends += [node.create_subscription(String, "mode", print, 10)]
+print("there", flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.slow
+def test_a_graph_ends_beside_a_neighbour_that_was_killed(tmp_path: Path) -> None:
+    os.environ["ROS_LOG_DIR"] = str(tmp_path)
+    domain = free_domain()
+    environment = {**os.environ, **graph_environment(domain_id=domain)}
+    for turn in range(50):
+        with subprocess.Popen([sys.executable, "-c", NEIGHBOUR], stdout=subprocess.PIPE, env=environment) as neighbour:
+            assert neighbour.stdout is not None and neighbour.stdout.readline() == b"there\n"
+            command = [sys.executable, "-c", POISE, "up", "--duration", "0.1", "--no-actions"]
+            graph = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+            neighbour.kill()
+            assert graph.wait(timeout=120) == 0, turn
 
 
 def test_where_no_log_can_be_written_a_process_says_so_and_runs(ros_domain_id: int) -> None:

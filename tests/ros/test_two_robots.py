@@ -84,10 +84,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
     log = tmp_path_factory.mktemp("pair") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
     robots = {name: Inhabitant("g1") for name in NAMES}
-    parameters = {"supervisor": {"clock_timeout": 60.0}}  # in lockstep a machine that halts for a while decides nothing
-    with WorldGraph(
-        robots, lockstep=True, domain_id=free_domain(), log=log, say=lambda text: None, parameters=parameters
-    ) as world:
+    with WorldGraph(robots, lockstep=True, domain_id=free_domain(), log=log, say=lambda text: None) as world:
         world.wait_standing(120.0)
         yield Pair(world)
         pids = list(world.pids.values())

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,8 @@ from std_msgs.msg import String
 from bridge.launch import graph as launch
 from bridge.launch.graph import Graph
 from bridge.ros import environment
-from bridge.ros.environment import free_domain, graph_environment
-from bridge.ros.processes import ProcessSpec, ros_arguments
+from bridge.ros.environment import claim_graph, free_domain, graph_environment
+from bridge.ros.processes import ProcessSpec, node_parameters, process_specs, ros_arguments
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.odometry import OdometryCodec
@@ -66,6 +67,19 @@ def test_it_stays_on_loopback_and_ctrl_c_ends_everything(up: subprocess.Popen[by
     assert not {path for path in set(Path("/dev/shm").iterdir()) - before if "fastrtps" in path.name}
 
 
+def test_a_second_graph_in_the_domain_starts_nothing(tmp_path: Path) -> None:
+    domain = free_domain()
+    with closing(claim_graph("g1", domain, "")):
+        children = psutil.Process().children()
+        with pytest.raises(PoiseError, match=f"already running in ROS domain {domain}: g1, process {os.getpid()}"):
+            Graph("talos", domain_id=domain, log=tmp_path / "log").__enter__()
+        with pytest.raises(PoiseError, match="already running"):
+            launch.Graph("g1", domain_id=domain, namespace="/").open()
+        assert psutil.Process().children() == children and not (tmp_path / "log").exists()
+        claim_graph("g1", domain, "/robot_1").close()
+    claim_graph("g1", domain, "").close()
+
+
 @pytest.mark.slow
 def test_a_killed_launcher_takes_its_processes_along(up: subprocess.Popen[bytes]) -> None:
     children = psutil.Process(up.pid).children(recursive=True)
@@ -85,6 +99,23 @@ def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
 def test_parameters_for_unknown_nodes_are_refused() -> None:
     with pytest.raises(PoiseError, match="unknown nodes: nobody"):
         Graph("g1", parameters={"nobody": {}})
+
+
+@pytest.mark.parametrize(
+    ("driver", "lockstep", "priorities"),
+    [
+        ({}, False, (0, 0)),  # simulated time waits: every process gets its share of the cores
+        ({"real_time": "strict"}, False, (40, 30)),
+        ({"plant": "unitree"}, False, (40, 30)),  # the time of a real robot does not wait
+        ({"real_time": "strict"}, True, (0, 0)),
+    ],
+)
+def test_real_time_priority_is_for_time_that_does_not_wait(
+    driver: dict[str, object], lockstep: bool, priorities: tuple[int, int], tmp_path: Path
+) -> None:
+    given = node_parameters(process_specs(merged=True), "g1", lockstep, tmp_path, {"robot_driver": driver})
+    found = [given[name].get("realtime.priority", 0) for name in ("balance_controller", "supervisor")]
+    assert tuple(found) == priorities
 
 
 def test_what_cannot_be_built_is_said_and_the_signals_are_given_back(capfd: pytest.CaptureFixture[str]) -> None:

@@ -20,9 +20,9 @@ from bridge.launch.graph import Graph
 from bridge.nodes.camera_node import CameraNode
 from bridge.ros.environment import free_domain
 from bridge.ros.processes import ProcessSpec, process_specs
-from controllers.joints.angle_history import AngleHistory
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.vision_node import VisionNode
+from controllers.vision.gaze import AngleHistory
 from models.camera import Pinhole, azimuth_elevation
 from models.errors import MessageError, PoiseError
 from models.nodes import topics

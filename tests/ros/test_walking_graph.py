@@ -65,8 +65,7 @@ class WalkingGraph(Eyes):
 def walking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WalkingGraph]:
     log = tmp_path_factory.mktemp("walking") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
-    # In lockstep a machine that halts for a while decides nothing.
-    parameters = {"supervisor": {"auto_stand": False, "clock_timeout": 60.0}}
+    parameters = {"supervisor": {"auto_stand": False}}
     with Graph(
         "g1", lockstep=True, domain_id=free_domain(), log=log, say=lambda text: None, parameters=parameters
     ) as graph:
@@ -80,11 +79,21 @@ def test_walking_before_standing_is_refused(walking: WalkingGraph) -> None:
     accepted, reason = walking.ask("mode/walk")
     assert not accepted
     assert "request 'stand' first" in reason
+    send = lambda: walking.cmd_vel.publish(velocity_to_twist((0.3, 0.0, 0.0)))  # noqa: E731
+    walking.refusal("supervisor", topics.CMD_VEL, send, "request 'stand' first")
     walking.until(lambda: walking.ask("mode/stand")[0], "allowed to stand")
     walking.graph.wait_standing()
-    send = lambda: walking.cmd_vel.publish(velocity_to_twist((0.3, 0.0, 0.0)))  # noqa: E731
-    walking.refusal("supervisor", topics.CMD_VEL, send, "request mode/walk first")
-    assert walking.graph.mode == "stand"
+
+
+def test_a_velocity_while_standing_walks_and_zero_ends_in_a_stand(walking: WalkingGraph) -> None:
+    walking.graph.wait_standing()
+    start = walking.place.copy()
+    ahead, still = (velocity_to_twist((speed, 0.0, 0.0)) for speed in (0.3, 0.0))
+    walking.graph.spin(1.0)
+    walking.until(lambda: walking.place[0] - start[0] > 0.2, "ahead", lambda: walking.cmd_vel.publish(ahead))
+    assert walking.graph.mode == "walk"
+    walking.until(lambda: walking.graph.mode == "stand", "standing", lambda: walking.cmd_vel.publish(still))
+    assert walking.truth[-1][2] > 0.6
 
 
 def test_it_walks_on_cmd_vel_and_stops_when_that_falls_silent(walking: WalkingGraph) -> None:
@@ -147,6 +156,8 @@ def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
     assert "mode 'stand'" in output
     walking.until(lambda: walking.graph.mode == "stand" and bool(heard and walking.taken), "standing after some steps")
     assert set(heard) == {-0.2}
+    code, output = _poise("walk", "--seconds", "1.0", "9")
+    assert code == 0 and "forward 9 limited to" in " ".join(output.split()), output
     code, output = _poise("walk", "nan")
     assert code == 2
     assert "linear.x is nan" in output

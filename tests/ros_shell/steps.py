@@ -40,6 +40,7 @@ TOPICS = (
     ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"),
     ("/clock", "rosgraph_msgs/msg/Clock"),
     ("/cmd_vel", "geometry_msgs/msg/Twist"),
+    ("/joint_setpoints", "trajectory_msgs/msg/JointTrajectory"),
     ("/joint_trajectory_controller/joint_trajectory", "trajectory_msgs/msg/JointTrajectory"),
 )
 

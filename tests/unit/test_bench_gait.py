@@ -9,7 +9,7 @@ import pytest
 from benchmarks.core.benchmark import catalogue, settings
 from benchmarks.core.harness import Report
 from benchmarks.core.loops import advance
-from benchmarks.core.timed_run import QUANTILES, STATUSES
+from benchmarks.core.timed_run import STATUSES
 from benchmarks.speed.gait import (
     ADJUSTMENT,
     GAIT,
@@ -157,7 +157,8 @@ def test_every_limit_is_one_of_a_figure(model: RobotModel) -> None:
     assert bounded["p99_over_median"] == CONFIG.tail_ratio_max
 
 
-def test_the_plot_is_drawn(tmp_path: Path) -> None:
-    case = {"quantiles": {name: np.linspace(10.0, 90.0, len(QUANTILES)).tolist() for name in SUBJECTS}}
-    (file,) = catalogue()["gait"].load().plots(Report("gait", "g1", 1, {}, [case], True, {}), tmp_path)
-    assert file.stat().st_size > 10_000
+def test_figures_are_drawn_over_their_bounds(tmp_path: Path) -> None:
+    bench, figures = catalogue()["gait"].load(), {"gait_us_p99": 2.0 * CONFIG.gait_max, "p99_over_median": 1.0}
+    (file,) = bench.plots(Report("gait", "g1", 1, figures, [], False, {}), tmp_path)
+    assert file.name == "gait-g1.png" and file.stat().st_size > 5_000
+    assert bench.plots(Report("gait", "g1", 1, {}, [], True, {}), tmp_path) == []

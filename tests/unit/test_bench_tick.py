@@ -1,6 +1,7 @@
 """The tick benchmark: placo solves our problem, timing changes nothing, and every limit is one of a figure."""
 
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -69,7 +70,8 @@ def test_placo_solves_the_same_problem(model: RobotModel) -> None:
 
 
 def timed_controller(model: RobotModel, ticks: int) -> TimedController:
-    return TimedController(model, ticks=ticks, stage_period=3, active_tolerance=CONFIG.active_tolerance)
+    controller = BalanceController(model)
+    return TimedController(controller, ticks=ticks, stage_period=3, active_tolerance=CONFIG.active_tolerance)
 
 
 def test_timing_changes_nothing() -> None:
@@ -77,10 +79,11 @@ def test_timing_changes_nothing() -> None:
     plain, timed = BalanceController(model), timed_controller(model, 8)
     sequence = states(model, 8)
     plain.reset(sequence[0])
-    timed.reset(sequence[0])
-    timed.recording = True
+    timed.controller.reset(sequence[0])
     for state in sequence:
-        expected, result = plain.step(state, 0.001), timed.step(state, 0.001)
+        timing = timed.recording() if state is not sequence[0] else nullcontext()
+        with timing:
+            expected, result = plain.step(state, 0.001), timed.controller.step(state, 0.001)
         np.testing.assert_array_equal(result.command.tau, expected.command.tau)
         np.testing.assert_array_equal(result.command.q, expected.command.q)
     assert timed.count == 7  # the first tick has no reference that placo could get
@@ -117,10 +120,8 @@ def test_peers_that_are_not_installed_are_left_out(monkeypatch: pytest.MonkeyPat
 def test_the_probe_leaves_the_controller_as_it_was() -> None:
     whole_body = BalanceController(RobotModel.load("g1")).whole_body
     before = [whole_body.terms.update, whole_body.builder.build, whole_body.solver.solve, whole_body.builder.recover]
-    probe = StageProbe(whole_body)
-    probe.attach()
-    assert whole_body.solver.solve != before[2]
-    probe.detach()
+    with StageProbe(whole_body).attached():
+        assert whole_body.solver.solve != before[2]
     after = [whole_body.terms.update, whole_body.builder.build, whole_body.solver.solve, whole_body.builder.recover]
     assert after == before
 

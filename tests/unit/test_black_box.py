@@ -89,11 +89,11 @@ def test_a_tick_counts_once_and_stamps_may_begin_anew(g1: RobotModel) -> None:
 
 def test_nothing_changes_while_it_is_written(g1: RobotModel) -> None:
     box = filled(g1, 5)
-    box.seal()
+    box.sealed = True
     box.add(*tick(g1, 6), Mode.DAMP)
     box.event(0.006, "late")
     assert (len(box), box.record("test").events) == (5, ())
-    box.unseal()
+    box.sealed = False
     box.add(*tick(g1, 7), Mode.DAMP)
     assert len(box) == 6
 

@@ -204,12 +204,12 @@ def test_no_zone_other_robot_and_full_disk_are_refused(
 
 
 def test_folder_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
     monkeypatch.delenv(DIRECTORY_VARIABLE, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert calibration_directory() == tmp_path / ".local" / "state" / "poise" / "calibration"
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    assert calibration_directory() == tmp_path / "state" / "poise" / "calibration"
+    assert calibration_directory() == tmp_path / ".config" / "poise" / "calibration"
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "mine"))
+    assert calibration_directory() == tmp_path / "mine" / "poise" / "calibration"
     monkeypatch.setenv(DIRECTORY_VARIABLE, str(tmp_path / "mine"))
     assert calibration_directory() == tmp_path / "mine"
 

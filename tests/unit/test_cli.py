@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
@@ -11,10 +13,12 @@ from typer.testing import CliRunner
 import benchmarks.cli
 from benchmarks.core.benchmark import Benchmark, Listed, catalogue
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, write_json
+from benchmarks.core.results import read_lines
 from bridge.cli import app
 from models.errors import ConfigError
 from models.types import CommandReply
 
+ROOT = Path(__file__).resolve().parents[2]
 RUNNER = CliRunner()
 
 
@@ -50,6 +54,14 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Options]]:
     return _Bench.asked
 
 
+def test_joints_lists_names_aliases_and_limits() -> None:
+    result = RUNNER.invoke(app, ["joints", "--robot", "g1"], env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    (knee,) = [line for line in result.output.splitlines() if "left_knee_joint" in line]
+    assert "left_knee, left_knee_pitch" in knee
+    assert "-0.09 to 2.88" in knee
+
+
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_a_bench_ends_with_its_verdict(
     passed: bool, code: int, tmp_path: Path, asked: object, monkeypatch: pytest.MonkeyPatch
@@ -76,6 +88,9 @@ def test_the_push_test_has_modes(mode: str, name: str, asked: list[tuple[str, Op
 
 USUAL_SEEDS = {"stand": 20, "walk": 20, "terrain": 20, "estimate": 20}
 """Of the commands that do not measure one seed."""
+
+PUBLISHED = {line["bench"]: line["figures"] for line in read_lines(ROOT / "docs/benchmark_report/reports.jsonl")}
+"""Figures of the benchmarks of the published report."""
 
 COMMANDS = sorted({listed.command for listed in catalogue().values()})
 
@@ -104,11 +119,14 @@ def test_the_report_of_every_benchmark_is_drawn_by_it(
 
 
 @pytest.mark.parametrize("name", list(catalogue()))
-def test_every_module_defines_one_benchmark_that_measures_and_draws(name: str) -> None:
+def test_every_module_defines_one_benchmark_that_measures_and_draws(name: str, tmp_path: Path) -> None:
     if name in ("latency", "graph_faults"):
         pytest.importorskip("rclpy")
     bench = catalogue()[name].load()
-    assert callable(bench.run) and type(bench).plots is not Benchmark.plots
+    assert callable(bench.run)
+    if type(bench).plots is Benchmark.plots and name in PUBLISHED:  # drawn from the figures alone
+        report = Report(name, "g1", 1, PUBLISHED[name], [], True, LoadMeter().read())
+        assert [path.is_file() for path in bench.plots(report, tmp_path)] == [True]
 
 
 @pytest.mark.parametrize("name", ["push", "walk", "terrain"])
@@ -219,3 +237,19 @@ def test_a_hand_reaches_for_a_place_behind(monkeypatch: pytest.MonkeyPatch) -> N
     assert asked == [("left_hand", (-0.1, 0.2, 0.3), {"frame_id": "odom", "duration": 0.0, "execute": False})]
     assert RUNNER.invoke(app, ["reach", "tail", "0", "0", "0"]).exit_code == 1
     assert RUNNER.invoke(app, ["reach", "left_hand", "0.1", "nowhere", "0"]).exit_code == 2
+
+
+def test_commands_of_one_word_import_no_heavy_module() -> None:
+    pytest.importorskip("rclpy")
+    code = "import bridge.cli, bridge.ros.client, sys; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"pydantic", "mujoco", "pinocchio", "numba", "scipy", "rich.console"} & set(loaded)
+
+
+@pytest.mark.parametrize(
+    ("line", "word"), [("poise sta", "status"), ("poise mode res", "reset_faults"), ("poise send wa", "wave")]
+)
+def test_the_tab_key_completes_commands_and_their_values(line: str, word: str) -> None:
+    variables = {"_POISE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    result = RUNNER.invoke(app, [], prog_name="poise", env=variables)
+    assert word in result.output.split()

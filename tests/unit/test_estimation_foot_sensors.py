@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from bridge.plants.sensors import FootFault
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.feet import NOT_FINITE, UNKNOWN, FootSensorMonitor, FootSensorState, SlipMonitor
 from controllers.estimation.samples import BAD_IMU, SATURATED_FEET, SATURATED_IMU, SensorBuffer
 from models.config import default_config
 from models.constants import GRAVITY
-from models.errors import ConfigError
 from models.robot_model import RobotModel
 from models.types import SensorData
 
@@ -187,13 +185,3 @@ def test_a_saturated_rate_is_not_taken_and_widens_the_tilt(g1: RobotModel) -> No
         turned = 2.0 * np.arccos(min(abs(state.q[6]), 1.0))
         assert (turned < 0.01) == (rate == 1.0)  # [rad]
     assert spread[1] > 1.01 * spread[0]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [({"foot": "middle"}, "unknown foot"), ({"foot": "left", "wrench": (1.0, 2.0)}, "wrench of shape"),
-     ({"foot": "left", "start": 2.0, "end": 1.0}, "before it begins")],
-)  # fmt: skip
-def test_unusable_faults_are_refused(arguments: dict[str, object], reason: str) -> None:
-    with pytest.raises(ConfigError, match=reason):
-        FootFault(**arguments)  # type: ignore[arg-type]

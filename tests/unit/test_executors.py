@@ -12,7 +12,7 @@ from unittest.mock import patch
 import pytest
 
 from benchmarks.core import executors, harness
-from benchmarks.core.executors import Executor, InProcess, ProcessPool, local_executor, make_executor
+from benchmarks.core.executors import Executor, InProcess, ProcessPool, make_executor
 from benchmarks.core.harness import Options, Sweep, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import PoiseError, WorkersError
@@ -24,7 +24,7 @@ CASES = 8
 
 def dask_workers() -> Executor:
     pytest.importorskip("distributed")
-    return local_executor(2)
+    return make_executor(2)
 
 
 @pytest.fixture(params=[lambda: ProcessPool(2), dask_workers], ids=["pool", "dask"])
@@ -117,8 +117,8 @@ def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
 
 def test_without_dask_a_pool_measures_and_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "find_spec", lambda name: None)
-    assert isinstance(local_executor(2), ProcessPool)
-    assert isinstance(local_executor(1), InProcess)
+    assert isinstance(make_executor(2), ProcessPool)
+    assert isinstance(make_executor(1), InProcess)
     with pytest.raises(PoiseError, match="needs dask"):
         make_executor(1, "tcp://127.0.0.1:8786")
 

@@ -2,15 +2,17 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from models.robot_model import RobotModel
 from planners.gait.commands import STILL, VelocityCommand
 from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
-from planners.gait.state import GaitView, capture_margin, coming_steps
+from planners.gait.state import GaitPhase, GaitView, capture_margin, coming_steps
 from tests.support import standing
 
 AHEAD = (0.3, 0.0, 0.1)
@@ -54,14 +56,19 @@ def planner(g1: RobotModel) -> GaitPlanner:
 def view(planner: GaitPlanner) -> GaitView:
     """The robot stands, its DCM in the middle of its feet."""
     view = planner.view
-    return replace(view, dcm=view.soles.middle(view.footholds))
+    return replace(view, dcm=view.soles.middle(view.state.soles.holds))
+
+
+def commanded(view: GaitView, **command: Any) -> GaitView:
+    """The same with another velocity or number of steps left."""
+    return replace(view, state=replace(view.state, command=structs.replace(view.state.command, **command)))
 
 
 def swinging(view: GaitView, elapsed: float = 0.1) -> GaitView:
     """On the right foot, the DCM where a walk on the spot has it in the middle of the step."""
-    left, stance = (view.soles.point_of(foot, view.footholds[foot]) for foot in range(2))
+    left, stance = (view.soles.point_of(foot, view.state.soles.holds[foot]) for foot in range(2))
     dcm = stance + 0.35 * (left - stance)
-    return replace(view, phase="single", swinging=True, stance=1, elapsed=elapsed, dcm=dcm)
+    return replace(view, state=replace(view.state, phase=GaitPhase.SINGLE, stance=1, elapsed=elapsed), dcm=dcm)
 
 
 def test_at_rest_no_steps_are_coming(planner: GaitPlanner, view: GaitView) -> None:
@@ -70,24 +77,25 @@ def test_at_rest_no_steps_are_coming(planner: GaitPlanner, view: GaitView) -> No
 
 def test_coming_steps_alternate_and_begin_with_the_foot_in_the_air(planner: GaitPlanner, view: GaitView) -> None:
     config = planner.config
-    walk = swinging(replace(view, velocity=(0.3, 0.0, 0.0)))
-    target = Foothold(0.2, 0.1, 0.0)
-    walk = replace(walk, footholds=(target, walk.footholds[1]))
+    walk = swinging(commanded(view, velocity=(0.3, 0.0, 0.0)))
+    target, soles = Foothold(0.2, 0.1, 0.0), walk.state.soles
+    walk = replace(walk, state=replace(walk.state, soles=structs.replace(soles, holds=(target, soles.holds[1]))))
     steps = coming_steps(walk, config)
     assert len(steps) == config.preview
     assert steps[0] == target
     assert [step.y > 0.0 for step in steps[:4]] == [True, False, True, False]
     assert [step.x for step in steps] == sorted(step.x for step in steps)
-    start = coming_steps(replace(walk, phase="start", swinging=False), config)
+    start = coming_steps(replace(walk, state=replace(walk.state, phase=GaitPhase.START)), config)
     assert len(start) == config.preview
     assert start[0].y > 0.0  # the left foot swings first
 
 
 def test_the_last_steps_end_the_plan(planner: GaitPlanner, view: GaitView) -> None:
     walk = swinging(view)
-    assert len(coming_steps(replace(walk, steps_left=1), planner.config)) == 1
-    assert len(coming_steps(replace(walk, steps_left=2), planner.config)) == 2
-    assert len(coming_steps(replace(walk, phase="double", swinging=False, steps_left=1), planner.config)) == 1
+    assert len(coming_steps(commanded(walk, steps_left=1), planner.config)) == 1
+    assert len(coming_steps(commanded(walk, steps_left=2), planner.config)) == 2
+    landed = replace(walk, state=replace(walk.state, phase=GaitPhase.DOUBLE))
+    assert len(coming_steps(commanded(landed, steps_left=1), planner.config)) == 1
 
 
 def test_a_robot_at_rest_has_margin_and_one_that_falls_has_not(planner: GaitPlanner, view: GaitView) -> None:
@@ -105,17 +113,17 @@ def test_a_robot_at_rest_has_margin_and_one_that_falls_has_not(planner: GaitPlan
 def test_one_step_catches_just_what_the_pendulum_says(planner: GaitPlanner, view: GaitView) -> None:
     """From the edge of the region, with the CoP at its best, the DCM reaches the far edge of the farthest foothold."""
     config, walk = planner.config, swinging(view)
-    walk = replace(walk, dcm=view.soles.middle(view.footholds) + np.array([0.37, 0.0]))
+    walk = replace(walk, dcm=view.soles.middle(view.state.soles.holds) + np.array([0.37, 0.0]))
     edge = walk.dcm[0] + capture_margin(walk, config)
-    stance, half = walk.soles.point_of(1, walk.footholds[1])[0], float(walk.soles.half[1, 0])
+    stance, half = walk.soles.point_of(1, walk.state.soles.holds[1])[0], float(walk.soles.half[1, 0])
     cop = stance + half
-    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.elapsed))
+    landed = cop + (edge - cop) * math.exp(walk.omega * (config.timing.single_min - walk.state.elapsed))
     assert landed == pytest.approx(stance + config.reach.forward + half, abs=1e-9)
 
 
 def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitPlanner, view: GaitView) -> None:
     config, walk = planner.config, swinging(view)
-    walk = replace(walk, dcm=walk.soles.point_of(1, walk.footholds[1]) + np.array([0.0, 0.02]))
+    walk = replace(walk, dcm=walk.soles.point_of(1, walk.state.soles.holds[1]) + np.array([0.0, 0.02]))
     least = config.timing.single_min
     hurried = replace(config, timing=replace(config.timing, single=least, single_max=least))
     assert capture_margin(walk, hurried) < 0.0 < capture_margin(walk, config)
@@ -123,10 +131,12 @@ def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitP
 
 def test_the_margin_is_mirror_symmetric(planner: GaitPlanner, view: GaitView) -> None:
     config, right = planner.config, swinging(view)
-    y = view.soles.middle(view.footholds)[1]
+    y = view.soles.middle(view.state.soles.holds)[1]
     for offset in (-0.05, 0.0, 0.05, 0.2):
         here = replace(right, dcm=right.dcm + np.array([0.0, offset]))
-        mirrored = replace(here, stance=0, dcm=np.array([here.dcm[0], 2.0 * y - here.dcm[1]]))
+        mirrored = replace(
+            here, state=replace(here.state, stance=0), dcm=np.array([here.dcm[0], 2.0 * y - here.dcm[1]])
+        )
         assert capture_margin(mirrored, config) == pytest.approx(capture_margin(here, config), abs=1e-4)
 
 
@@ -136,6 +146,6 @@ def test_unsolved_adjustments_are_counted(planner: GaitPlanner, monkeypatch: pyt
     planner.set_velocity(0.2, 0.0, 0.0)
     solve = adjustment.daqp.solve
     monkeypatch.setattr(adjustment.daqp, "solve", lambda *args: (*solve(*args)[:2], -1, {}))
-    while planner.view.phase != "single":
+    while planner.phase is not GaitPhase.SINGLE:
         planner.step(standing(planner.model), 0.01)
-    assert planner.view.unsolved == 1
+    assert planner.state.step.unsolved == 1

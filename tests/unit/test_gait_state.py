@@ -48,7 +48,7 @@ def test_a_walk_goes_on_from_a_checkpoint_bit_for_bit(g1: RobotModel) -> None:
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_construction_compiles_every_kernel_once(name: str) -> None:
     planner = GaitPlanner(RobotModel.load(name))
-    assert planner.phase is GaitPhase.STAND and planner.steps == 0 and planner.step_time > 0.0
+    assert planner.phase is GaitPhase.STAND and planner.steps == 0 and planner.state.step.time > 0.0
     kernels = [each for module in MODULES for each in vars(module).values() if isinstance(each, Dispatcher)]
     before = {kernel.__name__: len(kernel.signatures) for kernel in kernels}
     planner.reset(standing(planner.model))

@@ -42,7 +42,7 @@ def test_a_push_makes_a_step_quick_and_wide(g1: RobotModel) -> None:
     assert planner.phase is GaitPhase.SINGLE
     place = planner.footholds[planner.stance].relative(planner.footholds[foot].x, planner.footholds[foot].y)
     assert reach.width_max < side * place[1] <= reach.width_urgent + 1e-9
-    assert timing.single_urgent - 1e-9 <= planner.step_time < timing.single_min
+    assert timing.single_urgent - 1e-9 <= planner.state.step.time < timing.single_min
 
 
 @pytest.mark.parametrize("urgent", [True, False])

@@ -108,14 +108,14 @@ def test_motions_start_below_the_head_or_where_they_have_it(talos: RobotModel) -
     tracked = structs.replace(
         reference(talos, 0.0), posture=moved, posture_velocity=velocity, posture_acceleration=acceleration
     )
-    posture, rate = played.head.without(tracked)
+    posture, rate = played.head.without_head(tracked)
     np.testing.assert_array_equal(posture, played.posture)
     np.testing.assert_array_equal(rate, played.zero)
     turn = JointTrajectory(("head_2_joint",), np.array([0.0, 1.0]), np.array([[0.4], [0.0]]))
-    start, _ = played.head.without(tracked, turn)
+    start, _ = played.head.without_head(tracked, turn)
     assert start[played.head.joints].tolist() == [0.4, played.posture[played.head.joints[1]]]
     malformed = replace(turn, positions=np.zeros((2, 3)))
-    np.testing.assert_array_equal(played.head.without(tracked, malformed)[0], played.posture)
+    np.testing.assert_array_equal(played.head.without_head(tracked, malformed)[0], played.posture)
 
 
 def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: RobotModel) -> None:
@@ -128,7 +128,7 @@ def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: Robo
     played.run(3.0)
     for place in (0.0, 0.8, 0.1):  # set-points, the next before the head is where the last one has it
         point = JointTrajectory(("head_2_joint",), np.array([0.1]), np.array([[place]]))
-        played.posture, _ = played.head.without(structs.replace(tracked, posture=played.posture), point)
+        played.posture, _ = played.head.without_head(structs.replace(tracked, posture=played.posture), point)
         assert played.posture[pan] == place
         played.head.release(point)
         played.run(0.02)
@@ -145,13 +145,13 @@ def test_a_motion_right_after_the_first_command_starts_from_the_posture_as_it_is
     head, tracked = Head(talos), reference(talos, 0.0)
     tracked.posture[head.joints] = 0.3, 0.1
     head.command(0.6, 0.2)  # and no tick since
-    np.testing.assert_array_equal(head.without(tracked)[0], tracked.posture)
+    np.testing.assert_array_equal(head.without_head(tracked)[0], tracked.posture)
 
 
 def test_what_is_no_angle_and_what_is_no_head_is_refused_by_name(talos: RobotModel, g1: RobotModel) -> None:
     with pytest.raises(CommandError, match="tilt: nan rad"):
         Head(talos).command(0.0, float("nan"))
-    assert Head.of(g1) is None
+    assert Head.for_robot(g1) is None
     with pytest.raises(ConfigError, match="g1: head: the profile names no joints"):
         Head(g1)
     with pytest.raises(CommandError, match=r"no joints 'head\.pan' and 'head\.tilt'"):

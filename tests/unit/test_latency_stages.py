@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.core.timed_run import spread
-from benchmarks.speed.latency_stages import STAGES, answered, split, tails
+from benchmarks.speed.latency import STAGES, answered, split, tails
 from bridge.driver.probes import COMMANDED, LEFT, PLANNED, RIGHT, SOLVED, LatencyProbe, StageProbe, cost
 
 MS, US = 1_000_000, 1_000

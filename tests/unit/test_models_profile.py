@@ -89,6 +89,10 @@ def _delete(*keys: str) -> Callable[[dict[str, Any]], None]:
         (_set("feet", "friction", value=0.0), r"feet\.friction"),
         (_set("joints", "left_knee_joint", "motor", value="steam"), "left_knee_joint.*unknown motor 'steam'"),
         (_set("joints", "left_knee_joint", "torque_limit", value=-5.0), r"joints\.left_knee_joint\.torque_limit"),
+        (
+            _set("joints", "left_knee_joint", "aliases", value=["l_elbow"]),
+            "'left_knee_joint': 'l_elbow' is a name of 'left_elbow_joint' too",
+        ),
         (_delete("frames", "gaze"), "'gaze' is missing"),
         (_set("frames", "l_sole", value={"link": "pelvis"}), "'l_sole' is defined by the loader"),
         (_delete("postures", "stand"), "'stand' is missing"),

@@ -92,6 +92,28 @@ def test_reorder_names_the_culprit(robot: RobotModel) -> None:
         robot.joint_index("tail")
 
 
+def test_textbook_names_are_aliases(robot: RobotModel) -> None:
+    for name in robot.joint_names:
+        assert robot.named([name.removesuffix("_joint")]) == (name,)
+    for side in ("left", "right"):
+        for joint in ("hip", "hip_pitch", "knee", "ankle", "shoulder_roll", "elbow", "wrist"):
+            (name,) = robot.named([f"{side}_{joint}"])
+            assert robot.named([f"{side}_{joint}_joint", f"{side[0]}_{joint}", f"{joint}_{side}"]) == (name,) * 3
+    with pytest.raises(JointNameError, match="given twice"):
+        robot.reorder([robot.joint_names[0], *robot.named(["left_knee"]), "left_knee"], np.zeros(3))
+
+
+def test_an_unknown_joint_is_refused_with_the_nearest_one(g1: RobotModel) -> None:
+    expected = (
+        "unknown joint 'right_sholder_roll': did you mean 'right_shoulder_roll_joint'[?] `poise joints` lists all"
+    )
+    with pytest.raises(JointNameError, match=expected):
+        g1.joint_index("right_sholder_roll")
+    for ambiguous in ("hip_pitch", "left_hand"):
+        with pytest.raises(JointNameError, match="unknown joint"):
+            g1.joint_index(ambiguous)
+
+
 def test_unknown_frame_and_posture_list_the_known_ones(robot: RobotModel) -> None:
     with pytest.raises(ConfigError, match=r"'tail'.*base_link, l_sole, r_sole"):
         robot.frame_id("tail")

@@ -14,8 +14,8 @@ from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointTrajectory, Matrix, Vector
 from models.urdf import data_folder
+from planners.goals import plant, stand_on
 from planners.motion import MotionPlanner
-from planners.stance import plant, stand_on
 from tests.motions import load
 
 MOTIONS = ("bow", "reach", "squat", "stand", "wave")

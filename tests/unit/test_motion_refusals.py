@@ -11,11 +11,10 @@ from models.errors import CommandError, UnreachableError
 from models.robot_model import RobotModel
 from models.types import Vector
 from planners.collision import SelfCollision
+from planners.goals import plant, stand_on
 from planners.key_pose import KeyPoseSolver
-from planners.motion import MotionPlanner
+from planners.motion import JointCurve, MotionPlanner, check_path
 from planners.motion_config import MotionConfig
-from planners.path import JointCurve, check_path
-from planners.stance import plant, stand_on
 from planners.whole_body_ik import Bounds, WholeBodyIk
 from tests.motions import load
 

@@ -32,7 +32,14 @@ REPORT_SIZE = 1_500_000
 COMMAND = re.compile(r"`((?:poise|make) [^`]+)`|^    ((?:poise|make) .+)$", re.MULTILINE)
 UNIT = re.compile(r"\d (us|ms|s|min|mm|cm|m|m/s|%|N\.s)\b")
 
-MENTIONS = {"poise bench", "poise replay", "poise send", "poise check-robot", "poise up --namespace"}
+MENTIONS = {
+    "poise bench",
+    "poise replay",
+    "poise send",
+    "poise check-robot",
+    "poise up --namespace",
+    "poise --install-completion",
+}
 """Commands that a sentence names without what they need."""
 
 

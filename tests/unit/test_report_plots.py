@@ -74,11 +74,11 @@ def test_a_histogram_from_quantiles_holds_every_sample() -> None:
     assert "p50 123" in label and "largest 800 us" in label
 
 
-@pytest.mark.parametrize("kept", [True, False])
-def test_latencies_are_drawn_from_what_a_case_keeps_and_from_samples_of_reports_before(kept: bool) -> None:
+def test_latencies_are_drawn_from_what_a_case_keeps() -> None:
     samples = {"latency": np.geomspace(400.0, 1600.0, 5000), "floor": np.geomspace(200.0, 300.0, 5000)}
-    case = {"spreads": {name: spread(values) for name, values in samples.items()}}
-    figure = report_plots.draw_times(reports(latency=[case if kept else samples, {"failure": "did not stand"}]))
+    case = {"scenario": "idle", "spreads": {name: spread(values) for name, values in samples.items()}}
+    failed = {"scenario": "idle", "failure": "did not stand"}
+    figure = report_plots.draw_times(reports(latency=[case, failed]))
     assert figure is not None
     way, floor = [patch.get_data() for patch in figure.axes[0].patches]  # type: ignore[attr-defined]
     assert [way.values.sum(), floor.values.sum()] == pytest.approx([report_plots.SHOWN, 100.0])
@@ -160,5 +160,5 @@ def test_every_benchmark_has_bounds_of_figures_that_it_knows() -> None:
     figures = {"stand_total": 1.0, "motions_total": 1.0, "total": 1.0, "p50_bound_us": 1.0, "p99_bound_us": 1.0}
     figures |= {"p50_us": 2.0, "p99_us": 2.0}
     for bench, listed in catalogue().items():
-        report = Report(bench, "g1", 1, figures, [{}] if bench == "latency" else [], True, LOAD)
+        report = Report(bench, "g1", 1, figures, [{"scenario": "idle"}] if bench == "latency" else [], True, LOAD)
         assert bench == "scaling" or set(bounds_of(report)) & {*listed.info.keys, *listed.info.figures}, bench

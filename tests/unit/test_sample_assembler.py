@@ -94,6 +94,14 @@ def test_values_of_a_silent_source_are_no_numbers(silent: str) -> None:
     assert np.isfinite(sample.wrenches).all()
 
 
+def test_a_plant_that_waits_may_repeat_its_samples() -> None:
+    assembler = SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, repeats=True)
+    sources = ("imu", "0", "1", "joints")
+    assert [_add(assembler, source, MS) is not None for source in sources] == [False, False, False, True]
+    assert [_add(assembler, source, MS) for source in sources] == [None] * 4
+    assert [_add(assembler, source, 2 * MS) is not None for source in sources] == [False, False, False, True]
+
+
 @pytest.mark.parametrize("strict", [False, True])
 def test_a_robot_without_foot_sensors_waits_for_none(strict: bool) -> None:
     assembler = SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, strict=strict, feet=False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread, spread_of
+from benchmarks.core.timed_run import QUANTILES, percentiles_of, spread
 
 RNG = np.random.default_rng(5)
 
@@ -27,9 +27,3 @@ def test_percentiles_of_several_weigh_each_by_its_samples() -> None:
 def test_nothing_has_no_percentiles_and_does_not_count() -> None:
     assert np.isnan(percentiles_of([spread([])], [50.0, 100.0])).all() and np.isnan(percentiles_of([], [50.0])).all()
     assert percentiles_of([spread([]), spread([1.0, 3.0])], [50.0]).tolist() == [2.0]
-
-
-def test_samples_of_reports_from_before_are_read() -> None:
-    assert spread_of({"floor": [1.0, 2.0, 3.0]}, "floor") == spread([1.0, 2.0, 3.0])
-    assert spread_of({"spreads": {"floor": spread([4.0])}}, "floor") == spread([4.0])
-    assert spread_of({"failure": "did not stand"}, "floor") is None

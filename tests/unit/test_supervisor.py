@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from controllers.safety.health import Health
+from controllers.safety.health import Health, Severity, SupervisorConfig, second_publisher
 from controllers.safety.supervisor import Supervisor
+from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import Mode, SolveStatus
 
@@ -229,7 +230,7 @@ def test_a_drop_out_longer_than_the_limit_damps_and_names_the_imu(standing: Supe
     assert standing.faults == ("no usable samples of the IMU (or the joints) for 0.051 s, more than 0.050 s",)
 
 
-INTRUDER = replace(WELL, intruders=("/joint_states",))
+INTRUDER = replace(WELL, intruders=(second_publisher("/joint_states", "node '/student'"),))
 SILENT = replace(WELL, silent=("motion_planner",))
 
 
@@ -274,3 +275,101 @@ def test_the_most_severe_fault_wins(walker: Supervisor) -> None:
     assert walker.text("walk").accepted
     assert walker.update(replace(INTRUDER, tilt=1.0, silent=("motion_planner",)), 1.0) is Mode.DAMP
     assert len(walker.faults) == 2
+
+
+@pytest.mark.parametrize(
+    ("sentence", "word"),
+    [
+        ("please go forward", "forward"),
+        ("Robot, walk forward!", "forward"),
+        ("Can you turn around, please?", "turn"),
+        ("walk", "walk"),
+    ],
+)
+def test_a_sentence_holds_a_command(walker: Supervisor, sentence: str, word: str) -> None:
+    assert walker.text(sentence).accepted
+    velocity = walker.take_velocity()
+    walker.request(Mode.STAND)
+    walker.update(WELL, 1.0)
+    assert walker.text(word).accepted
+    assert walker.take_velocity() == velocity
+
+
+@pytest.mark.parametrize(
+    "sentence", ["turn left", "raise your left hand", "don't wave", "do not walk", "please", "wave, squat"]
+)
+def test_a_sentence_that_may_mean_something_else_is_ignored(walker: Supervisor, sentence: str) -> None:
+    assert not walker.text(sentence).accepted
+    assert (walker.ignored, walker.mode, walker.motion) == (1, Mode.STAND, None)
+
+
+def test_stop_is_executed_in_any_sentence(walker: Supervisor) -> None:
+    assert walker.text("forward").accepted
+    walker.take_velocity()
+    assert walker.text("stop now; do not wave").accepted
+    assert walker.take_velocity() == (0.0, 0.0, 0.0)
+
+
+def test_a_velocity_begins_a_walk_that_ends_in_a_stand(walker: Supervisor) -> None:
+    assert walker.drive(False, fresh=True).accepted and walker.mode is Mode.STAND
+    assert walker.drive(True, fresh=True).accepted and walker.mode is Mode.WALK
+    walker.rest()
+    assert walker.take_velocity() == (0.0, 0.0, 0.0)
+    assert walker.update(replace(WELL, gait_active=True), 1.0) is Mode.WALK
+    assert walker.drive(True, fresh=False).accepted  # before the standstill it goes on
+    assert walker.update(WELL, 1.02) is Mode.WALK
+    walker.rest()
+    assert walker.update(WELL, 1.04) is Mode.STAND
+
+
+def test_a_walk_that_was_requested_goes_on_at_zero_velocity(walker: Supervisor) -> None:
+    assert walker.drive(True, fresh=True).accepted
+    assert walker.request(Mode.WALK).accepted
+    walker.rest()
+    assert walker.update(WELL, 1.0) is Mode.WALK and walker.take_velocity() is None
+
+
+@pytest.mark.parametrize("way", ["stop", "fault", "damp"])
+def test_a_velocity_that_goes_on_after_a_stop_begins_no_walk(walker: Supervisor, way: str) -> None:
+    assert walker.drive(True, fresh=True).accepted
+    if way == "stop":
+        walker.text("stop")
+        assert walker.drive(True, fresh=False).accepted and walker.still
+        walker.update(WELL, 1.0)
+    else:
+        walker.fault("tipped over") if way == "fault" else walker.request(Mode.DAMP)
+        assert "request 'stand' first" in walker.drive(True, fresh=False).reason
+        walker.reset_faults()
+        walker.set_preflight(())
+        assert walker.request(Mode.STAND).accepted
+    reply = walker.drive(True, fresh=False)
+    assert not reply.accepted and "walks again after a zero or a pause" in reply.reason
+    assert walker.mode is Mode.STAND
+    assert walker.drive(True, fresh=True).accepted and walker.mode is Mode.WALK
+
+
+def test_velocities_begin_no_walk_where_that_is_disabled(g1: RobotModel) -> None:
+    config = replace(default_config(SupervisorConfig, "controllers", "supervisor"), walk_on_velocity=False)
+    law = Supervisor(g1, config, gait=True)
+    law.set_preflight(())
+    law.request(Mode.STAND)
+    assert "request mode/walk first" in law.drive(True, fresh=True).reason
+    law.request(Mode.WALK)
+    assert law.drive(True, fresh=True).accepted
+
+
+def test_a_second_publisher_that_has_gone_is_forgotten_once_the_robot_stands(walker: Supervisor) -> None:
+    assert walker.text("forward").accepted
+    walker.update(replace(INTRUDER, gait_active=True), 1.0)
+    assert walker.update(replace(WELL, gait_active=True), 1.02) is Mode.WALK
+    assert walker.faults == INTRUDER.intruders  # it still walks
+    walker.update(WELL, 1.04)
+    walker.fault("another cause", Severity.DAMP)
+    assert walker.mode is Mode.DAMP and walker.faults[-1] == "another cause"
+    walker.reset_faults()
+    walker.set_preflight(())
+    walker.request(Mode.STAND)
+    walker.update(INTRUDER, 1.06)
+    assert walker.faults == INTRUDER.intruders
+    walker.update(WELL, 1.08)
+    assert walker.faults == () and walker.text("walk").accepted

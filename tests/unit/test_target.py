@@ -8,8 +8,7 @@ from models.errors import CommandError
 from models.heading import base_footprint
 from models.robot_model import RobotModel
 from models.types import Vector
-from planners.goals import frame_named, planted_target
-from planners.stance import plant
+from planners.goals import frame_named, plant, planted_target
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 

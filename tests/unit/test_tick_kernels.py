@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from controllers.balance.posture_reference import PostureReference
 from controllers.qp.active_set import (
-    MANY,
+    MARKED_MAX,
     QP,
     all_finite,
     free_minimum,
     kkt_residual,
     make_workspace,
-    mark_broken,
+    mark_violated,
 )
 from controllers.qp.solve import QPSolver
 from models.robot_model import RobotModel
@@ -59,7 +59,7 @@ def without_rows(qp: QP) -> tuple[float, np.ndarray, np.ndarray]:
     """Residual, minimiser and broken rows of the cost alone."""
     z, broken = np.empty(qp.gradient.size), np.zeros(qp.lower.size, dtype=bool)
     residual = free_minimum(qp, make_workspace(qp), z)
-    mark_broken(qp, z, 0.0, broken)
+    mark_violated(qp, z, 0.0, broken)
     return residual, z, broken
 
 
@@ -121,7 +121,7 @@ def test_few_rows_need_no_general_solver(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_many_rows_are_left_to_a_general_solver() -> None:
-    count = MANY + 6
+    count = MARKED_MAX + 6
     qp = QP(
         np.eye(count),
         np.full(count, -3.0),
