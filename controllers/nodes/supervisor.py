@@ -268,6 +268,8 @@ class SupervisorNode(PoiseNode):
         elif message.data == topics.DAMPED and before == "":
             self._law.reset(Mode.DAMP)
             self._law.fault("the drivers were damped when the supervisor started")
+        elif message.data == topics.DAMPED:
+            self._update()  # now, not at the next check: a request may be next
 
 
 main = program(SupervisorNode)

@@ -42,7 +42,7 @@ def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) ->
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
     _restart_supervisor(eyes.graph)
     accepted, reason = eyes.ask("mode/stand")
-    assert not accepted
+    assert not accepted, reason
     assert "the drivers were damped when the supervisor started" in reason
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
@@ -63,7 +63,7 @@ def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
     assert eyes.ask("reset_faults")[0]
     eyes.graph.spin(1.5)  # whatever the checks find, they have found it
     accepted, reason = eyes.ask("mode/stand")
-    assert not accepted
+    assert not accepted, reason
     assert "base tilted by" in reason
     assert eyes.graph.driver_state == "damped"
     assert eyes.ask("reset")[0]
@@ -77,7 +77,7 @@ def test_a_killed_controller_damps_and_the_robot_can_be_brought_back(eyes: Eyes)
     graph.wait_for(lambda: graph.driver_state == "damped", 20.0, "damped")
     graph.wait_for(lambda: graph.pids[module] != before, 60.0, "restarted")
     accepted, reason = eyes.ask("mode/stand")
-    assert not accepted
+    assert not accepted, reason
     assert "fell back to damping" in reason
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
@@ -89,7 +89,7 @@ def test_estop_damps_at_once_and_latches(eyes: Eyes) -> None:
     assert accepted
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
     accepted, reason = eyes.ask("mode/stand")
-    assert not accepted
+    assert not accepted, reason
     assert "emergency stop" in reason
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]  # back to the start: held, checked, and standing again
