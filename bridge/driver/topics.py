@@ -67,6 +67,7 @@ class CommandInput:
         self._node, self._drivers, self._probe, self._on_mode_change = node, drivers, probe, on_mode_change
         self._period, self._max_age = period, max_age
         self._codec = JointCommandCodec(node.model)
+        self._accepted = b""
         self.now = period
         self.stamp = 0  # a zero stamp means "now" in a command
         self.judged = 0
@@ -86,9 +87,11 @@ class CommandInput:
             self._probe.arrive()
         try:
             stamp, command = self._codec.decode(data)
+            if stamp and data == self._accepted:
+                return  # the answer to a repeated sample
             check_stamp(stamp, self.stamp, self.now, self._max_age, self._node.counters)
             if self._drivers.command(command):
-                self.stamp = stamp or self.stamp
+                self.stamp, self._accepted = stamp or self.stamp, data
                 if stamp and self._probe is not None:
                     self._probe.receive(stamp // self._period)
         except PoiseError as error:

@@ -76,6 +76,8 @@ class ImuNode(PoiseNode):
 
     def _on_imu(self, data: bytes) -> None:
         stamp, gyro, accel = self._raw.decode(data)
+        if stamp == self._stamps.last:
+            return  # a plant that waits repeats its samples
         step = self._stamps.step(stamp)
         if not self._started:
             self._average(gyro, accel)

@@ -36,11 +36,11 @@ def bridge(bench: Any, tmp_path: Path) -> RobotDriver:
     return node
 
 
-def _send(bridge: RobotDriver, g1: RobotModel, tick: int, q: float = 0.0) -> None:
+def _send(bridge: RobotDriver, g1: RobotModel, tick: int, q: float = 0.0) -> bytes:
     zero = np.zeros(g1.nj)
-    bridge.commands.on_command(
-        JointCommandCodec(g1).encode(tick * MS, JointCommand(g1.posture("stand") + q, zero, zero))
-    )
+    data = JointCommandCodec(g1).encode(tick * MS, JointCommand(g1.posture("stand") + q, zero, zero))
+    bridge.commands.on_command(data)
+    return data
 
 
 def test_commands_that_answer_old_sensors_are_refused(bridge: RobotDriver, g1: RobotModel) -> None:
@@ -155,6 +155,13 @@ def test_commands_over_the_graph(bench: Any, bridge: RobotDriver, g1: RobotModel
     assert culprit in bridge.values["last refusal"]
     assert bridge.commands.stamp == 99 * MS
     np.testing.assert_array_equal(bridge.drivers.servo.setpoint.q, before.q)
+
+
+def test_an_answer_that_comes_twice_is_not_refused(bench: Any, bridge: RobotDriver, g1: RobotModel) -> None:
+    data = _send(bridge, g1, 99)
+    bridge.commands.on_command(data)
+    assert bridge.commands.stamp == 99 * MS
+    assert bridge.counters[f"refused {topics.JOINT_SETPOINTS}"] == 0
 
 
 def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, bridge: RobotDriver) -> None:

@@ -3,9 +3,9 @@
     python -m tests.ros_shell                  # installs this checkout into an environment of its own first
     python -m tests.ros_shell --prefix .venv   # what is installed there
 
-Every command line and what came back is printed. The ``ros2`` command carries them out where there is one on the path
-(or ``--ros2 PATH``), elsewhere ``ros2.py``. The robot waits for its controller, so that it stands on a busy machine,
-too; with ``--real-time`` it does not. The exit status is 0 only when every step showed what it has to show.
+Every command line and what came back is printed, and written as a table with ``--table FILE``. The ``ros2`` command
+carries them out where there is one on the path (or ``--ros2 PATH``), elsewhere ``ros2.py``. The exit status is 0 only
+when every step showed what it has to show.
 """
 
 import argparse
@@ -18,6 +18,7 @@ import sysconfig
 import tempfile
 import time
 import venv
+from contextlib import suppress
 from pathlib import Path
 
 from tests.ros_shell.shell import Shell
@@ -27,6 +28,9 @@ HERE = Path(__file__).resolve().parent
 
 STARTED, START_TIME = "drivers active", 400.0
 """What the launch says when the robot stands by itself, and how long that may take where all is compiled first [s]."""
+
+STOP_TIME = 20.0
+"""Longest wait for the end of the daemon [s]."""
 
 FOREIGN = ("PYTHONPATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "VIRTUAL_ENV")
 """Variables that bring another environment's modules along, where no ROS 2 is sourced."""
@@ -101,12 +105,12 @@ def session(shell: Shell, launch: str) -> None:
     robot = shell.start(launch)
     try:
         stands = shell.wait(robot, (STARTED,), START_TIME)
-        shell.say(launch, "ok" if stands else "FAILED: the robot does not stand", shell.output(robot))
+        shell.say(launch, (STARTED,), "" if stands else "the robot does not stand", shell.output(robot))
         for step in STEPS if stands else ():
             shell.do(step)
     finally:
         code = shell.end(robot)
-        shell.say(f"{launch}  # Ctrl-C", "ok" if code == 0 else f"FAILED: exit status {code}")
+        shell.say(f"{launch}  # Ctrl-C", ("exit status 0",), "" if code == 0 else f"exit status {code}")
 
 
 def main() -> int:
@@ -114,7 +118,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.ros_shell", description=str(__doc__).splitlines()[0])
     parser.add_argument("--prefix", type=Path, help="where poise is installed; an environment made for it otherwise")
     parser.add_argument("--ros2", default=shutil.which("ros2"), help="the ros2 command; that on the path otherwise")
-    parser.add_argument("--real-time", action="store_true", help="the robot does not wait for its controller")
+    parser.add_argument("--table", type=Path, help="file for a table of command, expectation and what was seen")
     given = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(f"ended by signal {number}"))  # and the robot with it
     begin = time.monotonic()
@@ -125,10 +129,14 @@ def main() -> int:
         ours = [str(prefix / "bin/python"), str(HERE / "ros2.py")]
         shell = Shell([given.ros2] if given.ros2 else ours, environment, folder)
         try:
-            session(shell, LAUNCH if given.real_time else f"{LAUNCH} lockstep:=true")
+            session(shell, LAUNCH)
         finally:
             if given.ros2:  # the daemon that its first command has started
-                subprocess.run([given.ros2, "daemon", "stop"], env=environment, cwd=folder, check=False)
+                stop = [given.ros2, "daemon", "stop"]
+                with suppress(subprocess.TimeoutExpired):
+                    subprocess.run(stop, env=environment, cwd=folder, check=False, timeout=STOP_TIME)
+    if given.table:
+        given.table.write_text(shell.table(), encoding="utf-8")
     done = f"{len(shell.failed)} failed: {'; '.join(shell.failed)}" if shell.failed else "all steps worked"
     print(f"{done}; {given.ros2 or 'rclpy'}, {time.monotonic() - begin:.0f} s")
     return 1 if shell.failed else 0

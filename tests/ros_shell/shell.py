@@ -1,5 +1,6 @@
 """Does the steps of a session, each in a process group of its own as a terminal would, and keeps what failed."""
 
+import html
 import os
 import re
 import shlex
@@ -15,7 +16,7 @@ from tests.ros_shell.steps import Step
 STEP_TIME, END_TIME = 40.0, 20.0
 """Longest time of a step, and of its end after Ctrl-C [s]."""
 
-TOLD, LINE = 6, 160
+LINES, LINE = 6, 160
 """Lines of an output that are printed, and characters of each [-]."""
 
 
@@ -35,6 +36,7 @@ class Shell:
         self.failed: list[str] = []
         self._ros2, self._environment, self._folder = list(ros2), dict(environment), folder
         self._outputs: dict[int, Path] = {}
+        self._rows: list[tuple[str, str, str]] = []
 
     def do(self, step: Step, timeout: float = STEP_TIME) -> bool:
         """Do a step, again and again where it only looks.
@@ -48,7 +50,8 @@ class Shell:
             missing = self._watch(process, step, timeout)
             if not missing or not step.again or time.monotonic() > end:
                 break
-        self.say(step.command, f"FAILED: not shown: {missing}" if missing else "ok", self.output(process))
+        failure = f"not shown: {missing}" if missing else ""
+        self.say(step.command, (*step.shows, *step.then), failure, self.output(process))
         return not missing
 
     def start(self, command: str) -> subprocess.Popen[bytes]:
@@ -93,14 +96,22 @@ class Shell:
         """What a process has written."""
         return self._outputs[process.pid].read_text(encoding="utf-8", errors="replace")
 
-    def say(self, command: str, verdict: str, output: str = "") -> None:
-        """Print a command, what to think of it, and the beginning of its output, or all of it where it failed."""
-        told = [f"    {line[:LINE]}" for line in output.strip().splitlines()]
-        if verdict != "ok":
+    def say(self, command: str, expected: Sequence[str], failure: str, output: str = "") -> None:
+        """Print a command and the beginning of its output, or all of it with the failure, and keep its row."""
+        lines = [f"    {line[:LINE]}" for line in output.strip().splitlines()]
+        if failure:
             self.failed.append(command)
-        elif len(told) > TOLD:
-            told[TOLD:] = [f"    ... {len(told) - TOLD} more lines"]
-        print(f"$ ros2 {command}", *told, f"  {verdict}", sep="\n", flush=True)
+        elif len(lines) > LINES:
+            lines[LINES:] = [f"    ... {len(lines) - LINES} more lines"]
+        print(f"$ ros2 {command}", *lines, f"  {f'FAILED: {failure}' if failure else 'ok'}", sep="\n", flush=True)
+        found = [match.group() for pattern in expected if (match := re.search(pattern, output))]
+        self._rows.append((f"ros2 {command}", ", ".join(expected) or "it ends", failure or ", ".join(found) or "ok"))
+
+    def table(self) -> str:
+        """Table of command, expectation and what was seen, in Markdown."""
+        head = ("command", "expected (regular expressions)", "seen")
+        rows = [[_cell(text) for text in row] for row in self._rows]
+        return "".join(f"| {' | '.join(row)} |\n" for row in [head, ("---",) * 3, *rows])
 
     def _watch(self, process: subprocess.Popen[bytes], step: Step, timeout: float) -> str:
         """First thing that a step did not show; empty when it showed all of them."""
@@ -127,3 +138,10 @@ class Shell:
 def _heed_ctrl_c() -> None:
     """A shell has what it runs in the background ignore Ctrl-C, and their children with it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _cell(text: str) -> str:
+    """Text of one cell, as code, its beginning where it is long."""
+    line = " ".join(text.split())
+    line = line if len(line) <= LINE else f"{line[:LINE]}..."
+    return f"<code>{html.escape(line).replace('|', '&#124;')}</code>"

@@ -60,6 +60,14 @@ WAIST = (
 CANCEL = "/walk_to/_action/cancel_goal action_msgs/srv/CancelGoal"
 """The service behind every action: Ctrl-C at the ``send_goal`` of ros2cli 0.32.2 does not cancel."""
 
+DEFAULT_QOS = "--qos-reliability reliable --qos-durability volatile --qos-history keep_last --qos-depth 10"
+"""QoS of a textbook subscriber: ``create_subscription(kind, topic, callback, 10)``."""
+
+ARM = "{joint_names: [left_shoulder_roll, left_elbow], points: [{positions: [0.4, 0.6], time_from_start: {sec: 1}}]}"
+UNKNOWN_JOINT = "{joint_names: [left_sholder_roll], points: [{positions: [0.4], time_from_start: {sec: 1}}]}"
+VELOCITY = "/cmd_vel geometry_msgs/msg/Twist"
+TRAJECTORY = "/joint_trajectory_controller/joint_trajectory trajectory_msgs/msg/JointTrajectory"
+
 LAUNCH = "launch bridge humanoid.launch.py robot:=g1"
 
 
@@ -73,6 +81,9 @@ BEFORE = (
     Step("pkg executables controllers", ("controllers balance_controller", "controllers supervisor")),
     Step("pkg executables planners", ("planners motion_planner",)),
     Step("pkg executables bridge", ("bridge robot_driver", "bridge poise")),
+    Step("interface show sensor_msgs/msg/Imu", ("geometry_msgs/Quaternion orientation",)),
+    Step("interface show poise_interfaces/action/WalkTo", ("geometry_msgs/PoseStamped goal",)),
+    Step("launch bridge humanoid.launch.py --show-args", ("'robot':", "'namespace':")),
 )
 """Steps without a robot."""
 
@@ -80,9 +91,12 @@ STEPS = (
     Step("node list", tuple(rf"(?m)^/{name}$" for name in NODES), again=True),
     Step("node info /supervisor", ("/humanoid_commands: std_msgs/msg/String", "/mode: std_msgs/msg/String")),
     Step("topic list -t", lines(TOPICS), again=True),
-    Step("topic info -v /odom", ("Node name: state_estimator", "BEST_EFFORT"), again=True),
+    Step("topic info -v /odom", ("Node name: state_estimator", "Reliability: RELIABLE"), again=True),
     Step("topic info -v /robot_description", ("Reliability: RELIABLE", "Durability: TRANSIENT_LOCAL"), again=True),
     Step("topic echo --once /joint_states", ("left_knee_joint", "position:")),
+    Step(f"topic echo --once {DEFAULT_QOS} /joint_states", ("left_knee_joint",)),
+    Step(f"topic echo --once {DEFAULT_QOS} /imu/data", ("frame_id: imu", "orientation:")),
+    Step(f"topic echo --once {DEFAULT_QOS} /odom", ("child_frame_id: base_link",)),
     Step("topic echo --once /robot_description", ("data: .*<",)),
     Step("topic echo --once /diagnostics", ("name: ", "level: ")),
     Step("topic echo --once /tf", ("frame_id: odom", "child_frame_id: base_link")),
@@ -107,6 +121,29 @@ STEPS = (
         ("data: stand",),
         Step("topic pub --once /humanoid_commands std_msgs/msg/String '{data: wave}'", ("publishing #1",)),
         (r"(?s)data: motion.*data: stand",),
+        stop=True,
+    ),
+    Step(
+        "topic echo /mode",
+        ("data: stand",),
+        Step(
+            "topic pub --rate 10 --times 30 /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.3}}'", ("publishing #30",)
+        ),
+        (r"(?s)data: walk",),
+        stop=True,
+    ),
+    Step(f"topic pub --times 3 {VELOCITY} '{{}}'", ("publishing #3",)),
+    Step("topic echo --once /mode", ("data: stand",), again=True),
+    Step(
+        "topic echo --field data /motion/state",
+        meanwhile=Step(f"topic pub --once {TRAJECTORY} '{ARM}'", ("publishing #1",)),
+        then=("running", "done"),
+        stop=True,
+    ),
+    Step(
+        "topic echo --qos-durability transient_local --qos-reliability reliable /refusals",
+        meanwhile=Step(f"topic pub --once {TRAJECTORY} '{UNKNOWN_JOINT}'", ("publishing #1",)),
+        then=("did you mean '+left_shoulder_roll_joint",),
         stop=True,
     ),
     Step("action list -t", lines(ACTIONS), again=True),
