@@ -90,6 +90,7 @@ def closed_chain(robot: RobotModel) -> None:
     as_good(loop, errors, loop.calibration)
 
 
+@pytest.mark.slow
 def test_closed_chain_recovers_the_legs_of_the_g1(g1: RobotModel) -> None:
     closed_chain(g1)
 
