@@ -91,7 +91,11 @@ def up(
     robot: Robot = "g1",
     duration: Annotated[float | None, typer.Option(min=0.0, help=r"Stop after this time \[s].")] = None,
     network: Annotated[bool, typer.Option(help="Let other machines join; loopback only otherwise.")] = False,
-    merged: Annotated[bool, typer.Option(help="Estimator and controller in one process.")] = True,
+    processes: Annotated[
+        Literal["shared", "separate"],
+        typer.Option(help="Gait planner, controller and estimator in one process, or every node in its own."),
+    ] = "shared",
+    merged: Annotated[bool, typer.Option(hidden=True)] = True,
     lockstep: Annotated[bool, typer.Option(help="The plant waits for the command of every tick.")] = False,
     sensor_errors: Annotated[
         str, typer.Option(help="Further errors of the simulated sensors: a YAML file, or YAML in braces.")
@@ -157,7 +161,7 @@ def up(
     options: dict[str, Any] = {
         "duration": duration,
         "network": network,
-        "merged": merged,
+        "processes": processes if merged else "separate",
         "lockstep": lockstep,
         "parameters": {"robot_driver": driver, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
         "calibration": calibration,

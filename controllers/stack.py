@@ -1,7 +1,6 @@
 """The control stack: sensors in, joint command out. Simulation, nodes and benchmarks all run it."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
@@ -132,7 +131,6 @@ class ControlStack:
         self._estimator: StateEstimator | None = None
         self._gait: GaitPlanner | None = None
         self._law: Law | None = None
-        self._gait_timer: AbstractContextManager[None] = nullcontext()
         self.head: Head | None = None
         self.tuning: Tuning | None = None  #: Gains of the standing law that change while it runs
         self._supervisor: Supervisor | None = None
@@ -164,11 +162,8 @@ class ControlStack:
             self.log.watch("estimator", self.estimator)
         return self.estimator
 
-    def build_gait(
-        self, robot: RobotModel, config: GaitConfig | None = None, timer: AbstractContextManager[None] | None = None
-    ) -> GaitPlanner:
-        """Build the gait planner, or replace it; without one the robot does not walk. The timer surrounds its ticks."""
-        self._gait_timer = timer or nullcontext()
+    def build_gait(self, robot: RobotModel, config: GaitConfig | None = None) -> GaitPlanner:
+        """Build the gait planner, or replace it; without one the robot does not walk."""
         self.robot = robot
         self._gait = GaitPlanner(robot, config)
         if self.log is not None:
@@ -197,9 +192,9 @@ class ControlStack:
     def _connect_gait(self) -> None:
         if isinstance(self._law, BalanceController):
             if self._gait is not None:
-                self._law.set_gait(self._gait, self._gait_timer)
+                self._law.set_gait(self._gait)
             if self.log is not None:
-                self.log.watch("law", (self._law, self.tuning), self._gait_timer)
+                self.log.watch("law", (self._law, self.tuning))
 
     # A tick
 
@@ -323,7 +318,13 @@ class ControlStack:
     @property
     def status(self) -> ControlStatus:
         """Status of the whole-body law and the joint monitor, for the supervisor in this or another process."""
-        return ControlStatus(self.mode in ACTIVE_MODES, self.result.status, overruns=0, joint_fault=self.joint_fault)
+        return ControlStatus(
+            self.mode in ACTIVE_MODES,
+            self.result.status,
+            overruns=0,
+            joint_fault=self.joint_fault,
+            stepping=self.gait_active,
+        )
 
     @property
     def reference(self) -> Reference:

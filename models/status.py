@@ -27,6 +27,8 @@ class ControlStatus(Status, frozen=True):
     solve: SolveStatus  # origin of the newest command; meaningful while ``active``
     overruns: Count  # consecutive ticks over the time budget
     joint_fault: str  # motor or encoder at fault, with figures; empty without one
+    stepping: bool = False  # it walks, or has not yet come to a standstill
+    gait_silent: bool = False  # no gait planner commands it
     tick_median_us: float = math.nan  # of the last ticks; NaN before the first [us]
     tick_tail_us: float = math.nan  # their 99th percentile [us]
 

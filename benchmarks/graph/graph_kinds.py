@@ -121,16 +121,16 @@ def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
     """Bring a graph up, and end it afterwards; ``NotHere`` or ``PoiseError`` when it does not come up.
 
     'plain': as ``poise up`` starts it. 'wrapped': its bridge spoils messages and its processes raise on command.
-    'split': estimator and controller in separate processes, without a gait planner. 'shuffled': processes started and
-    nodes activated in a random order. 'signed': commands must be signed. 'full_disk': no log can be written and no
-    black box. 'wall_clock': the processes' wall clock can be shifted. ``folder`` is for logs, key and library.
+    'split': every node in its own process. 'shuffled': processes started and nodes activated in a random order.
+    'signed': commands must be signed. 'full_disk': no log can be written and no black box.
+    'wall_clock': the processes' wall clock can be shifted. ``folder`` is for logs, key and library.
     """
     boxes = NOWHERE if kind == "full_disk" else folder
     parameters: dict[str, Mapping[str, object]] = {
         "robot_driver": {"seed": seed, "real_time": "strict"},
         "balance_controller": {"black_box.folder": str(boxes), "force_deactivate": True},
     }
-    specs: list[ProcessSpec] = process_specs(merged=kind != "split")
+    specs: list[ProcessSpec] = process_specs("separate" if kind == "split" else "shared")
     activation: Sequence[str] | None = None
     variables, log = {"ROS_LOG_DIR": str(folder)}, folder / "log"
     made_key, wall_clock = folder / f"key_{seed}", None

@@ -187,7 +187,7 @@ def _stand_and_measure(
         },
         "supervisor": {"sensor_rate": scenario.rate},
     }
-    specs = process_specs(merged=True)
+    specs = process_specs()
     if scenario.stages:
         specs[specs.index(CONTROL)] = STAGED_CONTROL
         parameters["state_estimator"] = {"latency_file": str(files["laws"])}

@@ -24,6 +24,7 @@ from bridge.ros.processes import (
     CONFIGURE,
     GraphProcess,
     Parameters,
+    Processes,
     ProcessSpec,
     absolute_namespace,
     activation_order,
@@ -68,7 +69,7 @@ class Graph:
     Args:
         robot: Profile, by name or path.
         lockstep: Whether the plant waits for the command of each tick.
-        merged: Whether estimator and controller share a process.
+        processes: Whether gait planner, controller and estimator share a process.
         domain_id: ROS domain; that of the environment when None.
         network: Whether other machines may join.
         parameters: Further parameters by node.
@@ -92,7 +93,7 @@ class Graph:
         robot: str = "g1",
         *,
         lockstep: bool = False,
-        merged: bool = True,
+        processes: Processes = "shared",
         domain_id: int | None = None,
         network: bool = False,
         parameters: Parameters | None = None,
@@ -115,7 +116,7 @@ class Graph:
         self.exit_codes: dict[str, int | None] = {}
         self._say, self._log = say, log
         self._domain_id, self._network = domain_id, network
-        self._specs = list(specs or process_specs(merged=merged))
+        self._specs = list(specs or process_specs(processes))
         self._activation = list(activation or activation_order(self._specs))
         self._parameters = node_parameters(self._specs, robot, lockstep, calibration, parameters or {})
         self._processes: list[GraphProcess] = []
@@ -281,7 +282,7 @@ def up(
     robot: str = "g1",
     *,
     duration: float | None = None,
-    merged: bool = True,
+    processes: Processes = "shared",
     actions: bool = False,
     camera: bool = False,
     quiet: bool = False,
@@ -295,7 +296,7 @@ def up(
     """
 
     def make(say: Callable[[str], object]) -> Graph:
-        specs = process_specs(merged=merged, actions=actions_possible(actions, say), camera=camera)
+        specs = process_specs(processes, actions=actions_possible(actions, say), camera=camera)
         return Graph(robot, specs=specs, say=say, **options)
 
     return run_until_signal(make, robot, duration=duration, quiet=quiet)

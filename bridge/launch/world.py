@@ -21,6 +21,7 @@ from bridge.ros.processes import (
     RATED_NODES,
     GraphProcess,
     Parameters,
+    Processes,
     absolute_namespace,
     node_parameters,
     process_specs,
@@ -65,7 +66,7 @@ class WorldGraph:
         robots: Mapping[str, Inhabitant],
         *,
         lockstep: bool = False,
-        merged: bool = True,
+        processes: Processes = "shared",
         actions: bool = False,
         domain_id: int | None = None,
         network: bool = False,
@@ -88,7 +89,7 @@ class WorldGraph:
         self._world = GraphProcess(BRIDGE, {}, environment, arguments=arguments)
         self.graphs: dict[str, Graph] = {}
         bridges: dict[str, Mapping[str, object]] = {}
-        specs = [spec for spec in process_specs(merged=merged, actions=actions) if spec is not BRIDGE]
+        specs = [spec for spec in process_specs(processes, actions=actions) if spec is not BRIDGE]
         for number, (name, each) in enumerate(zip(names, robots.values(), strict=True)):
             own = _merged(parameters or {}, each.parameters or {})
             if (rate := sensor_rate(own)) is not None:

@@ -37,7 +37,7 @@ def factories(
     def tick(state: RobotState, stamp: int) -> None:
         nodes["gait"].before_tick(state.t)
         nodes["law"].on_state(state, stamp)
-        nodes["gait"].publish(stamp, state)
+        nodes["gait"].publish(stamp)
 
     return [make("gait", planner, stack), make("law", law, stack), make("observer", observer, tick, stack)]
 

@@ -66,7 +66,7 @@ class RobotDriver(PoiseNode):
         if world is not None:
             world.drivers.append(self)
         self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
-        self._late_since: float | None = None  # monotonic time [s]
+        self._late_since: dict[str, float] = {}  # of what simulated time waits for, monotonic time [s]
 
     def configure(self) -> None:
         """Build the plant and the topics."""
@@ -175,21 +175,19 @@ class RobotDriver(PoiseNode):
     def behind(self) -> bool:
         """Whether simulated time waits: command or supervisor answer old sensors, and the longest wait is not over.
 
-        Faults of the sensors make no time wait.
+        Each of both is waited for on its own: without a supervisor, commands are still waited for. Faults of the
+        sensors make no time wait.
         """
-        given, commands = self.config, self.commands
+        given, commands, now = self.config, self.commands, time.monotonic()
         due = self.stamp - self._sensor_ticks * self._period_ns
-        late = due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS
-        late |= bool(commands.judged) and due - commands.judged > given.yield_supervisor * NANOSECONDS
+        late = {"command": due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS}
+        late["supervisor"] = bool(commands.judged) and due - commands.judged > given.yield_supervisor * NANOSECONDS
         yields = self._simulated is not None and given.real_time == "yield" and self.drivers.awaits_command
-        if not yields or not late or self.simulation.faults.corrupted:
-            self._late_since = None
-            return False
-        now = time.monotonic()
-        if self._late_since is None:
-            self._late_since = now
-            self.counters["waits for commands"] += 1
-        return now - self._late_since < given.yield_max
+        yields &= not self.simulation.faults.corrupted
+        since = {each: self._late_since.get(each, now) for each in late if yields and late[each]}
+        self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())
+        self._late_since = since
+        return any(now - begin < given.yield_max for begin in since.values())
 
     @property
     def _sensing(self) -> bool:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -237,8 +237,10 @@ def change_state(node: Any, spin: Callable[[], None], names: Sequence[str], tran
         raise PoiseError(f"{', '.join(refused)}: refused to {_LABELS[transition]}; the log says why")
 
 
+Processes = Literal["shared", "separate"]  #: Whether gait planner, controller and estimator share one
 BRIDGE = ProcessSpec("bridge.nodes.robot_driver", ("robot_driver",))
 CONTROL = ProcessSpec("bridge.nodes.control", ("gait_planner", "balance_controller", "state_estimator"))
+GAIT = ProcessSpec("planners.nodes.gait_planner", ("gait_planner",))
 ESTIMATOR = ProcessSpec("controllers.nodes.state_estimator", ("state_estimator",))
 CONTROLLER = ProcessSpec("controllers.nodes.balance_controller", ("balance_controller",))
 PLANNER = ProcessSpec("planners.nodes.motion_planner", ("motion_planner",))
@@ -263,13 +265,9 @@ RATED_NODES = frozenset({"balance_controller", "supervisor"})  #: Nodes that cou
 LOCKSTEP_NODES = frozenset({"robot_driver", "state_estimator", "balance_controller", "supervisor"})
 
 
-def process_specs(*, merged: bool, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
-    """Processes of the graph, the plant's first; actions and camera run in separate ones.
-
-    Unless ``merged``, estimator and controller are apart and there is no gait planner, because its reference would have
-    to be transferred at 1 kHz.
-    """
-    control = [CONTROL] if merged else [ESTIMATOR, CONTROLLER]
+def process_specs(processes: Processes = "shared", *, actions: bool = False, camera: bool = False) -> list[ProcessSpec]:
+    """Processes of the graph, the plant's first; gait planner, controller and estimator in one, or all separate."""
+    control = [CONTROL] if processes == "shared" else [GAIT, CONTROLLER, ESTIMATOR]
     return [BRIDGE, *control, PLANNER, SUPERVISOR, *([ACTIONS] if actions else []), *([CAMERA] if camera else [])]
 
 
@@ -310,6 +308,10 @@ def node_parameters(
     if not lockstep and follows_clock(extra.get("robot_driver", {})):
         timing = {**dict.fromkeys(REALTIME_NODES, REALTIME), "supervisor": SUPERVISOR_REALTIME}
     result: dict[str, dict[str, object]] = {}
+    gait = {
+        f"gait.{name}": value for name, value in extra.get("gait_planner", {}).items()
+    }  # a controller apart executes it
+    extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}
         result[name] = {"robot": robot, **timing.get(name, {}), **calibrated, **extra.get(name, {})}

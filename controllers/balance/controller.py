@@ -1,7 +1,6 @@
 """Balance: DCM feedback on a posture, a motion or the steps of a gait, executed by the whole-body QP."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 import numpy as np
@@ -112,7 +111,6 @@ class BalanceController:
     ) -> None:
         self.model, self.head = model, head
         self.gait: Gait | None = None
-        self._gait_timer: AbstractContextManager[None] = nullcontext()
         self._gait_started = False  # whether the gait has been reset
         self.config = config = config or default_config(BalanceConfig, "controllers", "balance")
         self.whole_body = WholeBodyController(model, whole_body, extra_tasks, extra_limits)
@@ -149,9 +147,9 @@ class BalanceController:
         if gait is not None:
             self.set_gait(gait)
 
-    def set_gait(self, gait: Gait, timer: AbstractContextManager[None] | None = None) -> None:
-        """Take steps from now on, planned by a gait; the timer surrounds its ticks."""
-        self.gait, self._gait_timer, self._gait_started = gait, timer or nullcontext(), False
+    def set_gait(self, gait: Gait) -> None:
+        """Take steps from now on, planned by a gait."""
+        self.gait, self._gait_started = gait, False
 
     @property
     def motion_active(self) -> bool:
@@ -280,8 +278,7 @@ class BalanceController:
         )
         if not self._gait_started:
             self._begin(state)
-        with self._gait_timer:
-            planned = gait.step(state, dt, rest)
+        planned = gait.step(state, dt, rest)
         self._advance(gait.phase, dt)
         if self._share == 0.0:
             return replace(standing, sole_areas=planned.sole_areas)

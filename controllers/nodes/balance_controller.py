@@ -13,6 +13,7 @@ from trajectory_msgs.msg import JointTrajectory
 from controllers.balance.head import HeadConfig
 from controllers.balance.tuning import FACTOR, TUNABLE, configured
 from controllers.nodes.black_box_keeper import BlackBoxKeeper
+from controllers.nodes.gait_executor import GaitExecutor
 from controllers.nodes.motion_topics import HeadTopics, MotionTopics
 from controllers.nodes.sample_topics import StateTopics
 from controllers.safety.supervisor import ACTIVE_MODES
@@ -37,12 +38,13 @@ class BalanceControllerNode(PoiseNode):
     """Runs the whole-body laws of a control stack once for each state.
 
     ``stack`` is shared with the estimator of this process, which calls ``on_state``, and with the gait planner. When it
-    is None the state comes from topics, and the robot does not walk.
+    is None the state comes from topics, and so do the commands of the gait, which this node then builds.
     """
 
     def __init__(self, stack: ControlStack | None = None, **kwargs: Any) -> None:
         super().__init__("balance_controller", **kwargs)
-        self._local, self._stack = stack is not None, stack or ControlStack()
+        self._stack = stack or ControlStack()
+        self._gait = GaitExecutor(self, self._stack) if stack is None else None
         balance = default_config(BalanceConfig, "controllers", "balance")
         self._balance = declare_config(self, balance, "balance.", TUNABLE)
         whole_body = default_config(WholeBodyConfig, "controllers", "whole_body")
@@ -74,6 +76,8 @@ class BalanceControllerNode(PoiseNode):
 
     def configure(self) -> None:
         """Build the law, the codecs and the topics."""
+        if self._gait is not None:
+            self._gait.configure()
         config = StackConfig(balance=self._balance, whole_body=self._whole_body, head=self._head_config)
         self._stack.build_law(self.model, config, period=self._period)
         if (tuning := self._stack.tuning) is not None:  # of a new law, which does not run yet
@@ -88,7 +92,7 @@ class BalanceControllerNode(PoiseNode):
         self._motions = MotionTopics(self, self._stack, lambda: self._mode)
         self._head = HeadTopics(self, self._stack, lambda: self._mode)
         self._black_box.configure()
-        if not self._local:
+        if self._gait is not None:
             qos = sensor(lockstep=self._lockstep, waits=self._waits)
             self._topics = StateTopics(self, self.on_state, qos)
 
@@ -146,8 +150,10 @@ class BalanceControllerNode(PoiseNode):
             self._judge_time()
 
     def _keep(self, stamp: int) -> None:
-        """Record the tick in the black box, once its command is out."""
-        self._black_box.add(self._stack.raw if self._local else None, self._mode, stamp)
+        """Record the tick in the black box and report the gait, once the command is out."""
+        self._black_box.add(self._stack.raw if self._gait is None else None, self._mode, stamp)
+        if self._gait is not None:
+            self._gait.update(stamp)
 
     def _after(self, state: RobotState, result: ControlResult, stamp: int) -> None:
         """Publish what need not precede the command: posture, motion state, alarms."""
@@ -186,6 +192,7 @@ class BalanceControllerNode(PoiseNode):
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
         status, (median, tail) = self._stack.status, self._timer.percentiles()
+        status = replace(status, gait_silent=self._gait is not None and self._gait.silent)
         self._publish_status(
             replace(status, active=moving, overruns=self._overruns, tick_median_us=median, tick_tail_us=tail)
         )

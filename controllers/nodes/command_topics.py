@@ -142,7 +142,6 @@ class CommandTopics:
 
     def reply(self, source: str, topic: str, text: str) -> CommandReply:
         """Answer a word that came on a topic or with a service; the reply is logged and acted on."""
-        self._law.gait = self._reports.gait_present
         try:
             reply = self._answer(source, text)
         except PoiseError as error:
@@ -182,7 +181,6 @@ class CommandTopics:
             moving = any(self._arbiter.velocity(t))
         elif moving:
             self._arbiter.require(source, t)
-        law.gait = self._reports.gait_present
         reply = law.drive(moving, fresh=fresh)
         if not reply.accepted:
             raise CommandError(reply.reason)

@@ -102,13 +102,13 @@ class HealthTopics:
 
     @property
     def gait_present(self) -> bool:
-        """Whether the gait planner is ready."""
-        return self._gait.ready
+        """Whether there is a gait planner, ready to walk."""
+        return self._gait.ready and not self._control.gait_silent
 
     @property
     def gait_active(self) -> bool:
         """Whether the robot walks, or has not yet come to a standstill."""
-        return not self._gait.settled
+        return self._control.stepping if self._control.gait_silent else not self._gait.settled
 
     @property
     def complete(self) -> bool:

@@ -21,6 +21,8 @@ from models.nodes.qos import sensor
 from models.robot_model import SOLE_FRAMES
 from models.types import ContactState, RobotState, SensorData, Vector
 
+KEPT = 100  #: Ticks whose samples wait for the odometry
+
 
 def declare_ages(node: PoiseNode) -> tuple[int, int]:
     """Declare the parameters of ``SampleAssembler``; returns ``max_age_ns`` and ``max_gap_ns`` [ns]."""
@@ -84,17 +86,16 @@ class SampleTopics:
 
 
 class StateTopics:
-    """Joins ``/odom`` with the joint states it was computed from, the contacts and the foot wrenches.
+    """Joins ``/odom`` with the joint states it was computed from, the foot wrenches of that tick, and the contacts.
 
-    Joints arrive before the odometry of the same stamp, because the estimator waits for them; contacts and wrenches are
-    the newest. ``take`` is called with every state and its stamp [ns]; ``qos`` is that of the subscribers.
+    Samples arrive before the odometry of the same stamp, because the estimator waits for them. ``take`` is called with
+    every state and its stamp [ns]; ``qos`` is that of the subscribers.
     """
 
     def __init__(self, node: PoiseNode, take: Callable[[RobotState, int], None], qos: Any) -> None:
         self._take = take
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
-        self._joints: tuple[int, Vector, Vector, Vector] | None = None
-        self._odom: tuple[int, Vector, Vector] | None = None
+        self._samples: dict[int, tuple[Vector, ...]] = {}  # joints and wrenches of the newest ticks, by stamp [ns]
         self._contacts = (True, True)
         self._wrenches = [np.zeros(6), np.zeros(6)]
         listen = partial(node.listen, qos=qos, while_active=True)
@@ -111,21 +112,17 @@ class StateTopics:
         self._contacts = contacts_from_message(message)
 
     def _on_joints(self, data: bytes) -> None:
-        self._joints = self._joint_codec.decode(data)
-        self._join()
+        stamp, *joints = self._joint_codec.decode(data)
+        self._samples[stamp] = (*joints, *self._wrenches)
+        if len(self._samples) > KEPT:
+            del self._samples[next(iter(self._samples))]
 
     def _on_odom(self, data: bytes) -> None:
-        self._odom = self._odom_codec.decode(data)
-        self._join()
-
-    def _join(self) -> None:
-        """Pass a state on when both halves have the same stamp."""
-        if self._joints is None or self._odom is None or self._joints[0] != self._odom[0]:
+        stamp, pose, twist = self._odom_codec.decode(data)
+        if stamp not in self._samples:
             return
-        stamp, q, v, tau = self._joints
-        _, pose, twist = self._odom
-        self._odom = None
-        left, right = (ContactState(self._contacts[i], self._wrenches[i]) for i in range(2))
+        q, v, tau, *wrenches = self._samples[stamp]
+        left, right = (ContactState(*foot) for foot in zip(self._contacts, wrenches, strict=True))
         state = RobotState(
             stamp / NANOSECONDS, np.concatenate([pose, q]), np.concatenate([twist, v]), tau, (left, right)
         )

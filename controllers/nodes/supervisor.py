@@ -122,6 +122,7 @@ class SupervisorNode(PoiseNode):
         if not self.active:
             return
         law = self._law
+        law.gait = self._reports.gait_present
         law.fallen = fallen(self._config, self._reports.tilt)
         self._reports.moving = law.mode in ACTIVE_MODES
         if self._reports.moving:
@@ -217,7 +218,6 @@ class SupervisorNode(PoiseNode):
         law = self._law
         if law.mode not in ACTIVE_MODES and (law.fallen or not law.preflight):
             law.set_preflight(tuple(attitude(self._config, self._reports.tilt)))
-        law.gait = self._reports.gait_present
         return law.request(mode)
 
     def _set_mode(self, name: str) -> CommandReply:

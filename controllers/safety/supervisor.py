@@ -35,9 +35,9 @@ ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
 class Supervisor:
     """Guarded mode transitions, text commands and the fault latch.
 
-    ``gait`` is whether there is a gait planner; without one every request to walk is refused. ``faults`` are the
-    reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the motion
-    requested or under way; ``ignored`` counts text commands; ``fallen``, set by the caller, is whether the robot
+    ``gait`` is whether there is a gait planner; without one a walk ends, and requests to walk are refused. ``faults``
+    are the reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the
+    motion requested or under way; ``ignored`` counts text commands; ``fallen``, set by the caller, is whether the robot
     lies: it does not stand up by itself.
     """
 
@@ -221,6 +221,8 @@ class Supervisor:
             self.faults = tuple(reason for reason in self.faults if reason not in over)
         if self.motion is not None:
             self._follow_motion(health.motion_active, t)
+        if self.mode is Mode.WALK and not self.gait and not self._halting:
+            self._stop()
         if self._halting and not health.gait_active:
             self._enter(Mode.STAND, "standstill")
         return self.mode
@@ -259,7 +261,7 @@ class Supervisor:
 
     def _walk(self) -> CommandReply:
         if not self.gait:
-            return self._refuse(Mode.WALK, "no gait planner is configured")
+            return self._refuse(Mode.WALK, "no gait planner runs")
         if self.mode in ACTIVE_MODES and (self.faults or self.holds):
             return self._refuse(Mode.WALK, "; ".join((*self.faults, *self.holds)))
         if self.mode is Mode.WALK:
@@ -271,7 +273,7 @@ class Supervisor:
 
     def _gait_word(self, word: str) -> CommandReply:
         if not self.gait:
-            return CommandReply(False, f"'{word}' refused: no gait planner is configured")
+            return CommandReply(False, f"'{word}' refused: no gait planner runs")
         if self.holds:
             return self._refuse(Mode.WALK, "; ".join(self.holds))
         reply = self.request(Mode.WALK)

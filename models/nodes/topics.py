@@ -47,6 +47,7 @@ CMD_VEL, CMD_VEL_STAMPED = "cmd_vel", "cmd_vel_stamped"
 GAIT_VELOCITY, GAIT_STOP = "gait/velocity_request", "gait/stop"
 COMMANDER, LOCKS = "commands/active", "locks"
 GAIT_PHASE = "gait/phase"
+GAIT_COMMAND, GAIT_STATE = "gait/command", "gait/state"  #: Between gait planner and controller of different processes
 GAIT_CAPTURE_MARGIN = "gait/capture_margin"
 FOOTSTEPS, FOOTSTEPS_TAKEN = "gait/footsteps", "gait/footsteps_taken"
 GOAL_POSE, FOOTSTEPS_COMMAND = "goal_pose", "gait/footsteps_command"

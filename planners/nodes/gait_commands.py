@@ -1,7 +1,6 @@
 """Commands of the gait beside the velocity: walks to a pose or along listed footsteps, and plans of them."""
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, Protocol
 
@@ -26,29 +25,24 @@ from planners.nodes.footstep_messages import footstep_message, goal_from_message
 
 
 class GaitStage(Protocol):
-    """Gait of the control stack in this process."""
+    """Gait of the control stack, in this process or another one."""
 
     walking: bool
 
-    def build_gait(self, robot: RobotModel, config: GaitConfig, timer: AbstractContextManager[None]) -> GaitPlanner:
+    def build_gait(self, robot: RobotModel, config: GaitConfig) -> GaitPlanner:
         """Build the gait planner, or replace it."""
-        ...
 
     def hold_velocity(self, forward: float, left: float, turn: float) -> None:
         """Repeat a velocity [m/s, m/s, rad/s] at every tick from now on."""
-        ...
 
     def stop(self) -> None:
         """Come to a standstill."""
-        ...
 
     def walk_to(self, goal: Foothold) -> None:
         """Walk to a pose."""
-        ...
 
     def take_steps(self, steps: Sequence[Footstep]) -> None:
         """Take footsteps."""
-        ...
 
 
 class RouteTopics:

@@ -1,4 +1,4 @@
-"""Node ``gait_planner``: velocities and goals in; footsteps and phase out; the reference is passed as an object."""
+"""Node ``gait_planner``: velocities and goals in; commands of the gait, footsteps and phase out."""
 
 import math
 from collections import deque
@@ -9,26 +9,25 @@ from nav_msgs.msg import Path
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Empty, Float64, String
 
-from models.config import default_config
-from models.errors import CommandError, PoiseError
+from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.odometry import velocity_from_twist
-from models.nodes.parameters import declare, declare_config, declare_period
+from models.nodes.parameters import declare, declare_period
 from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
-from models.nodes.realtime import TickTimer
+from models.nodes.spin import program
 from models.status import GaitStatus
-from models.types import FOOT_NAMES, Mode, RobotState
+from models.types import FOOT_NAMES, Mode
 from planners.gait.commands import STILL, VelocityCommand, limited
-from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import GaitMeasurement
+from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Feet, Velocity
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.gait.state import GaitView, capture_margin, coming_steps
 from planners.nodes.footstep_messages import path_from_steps
 from planners.nodes.gait_commands import GaitStage, RouteTopics
+from planners.nodes.gait_link import RemoteGait, declare_gait
 
 TAKEN_MAX = 20  #: Length of ``gait/footsteps_taken``
 
@@ -121,31 +120,22 @@ class GaitTopics:
 
 
 class GaitPlannerNode(PoiseNode):
-    """Commands the gait of a control stack in the same process, which gets the reference without a message."""
+    """Commands the gait of a control stack: one of this process, or by message where ``stack`` is None."""
 
-    def __init__(self, stack: GaitStage, **kwargs: Any) -> None:
+    def __init__(self, stack: GaitStage | None = None, **kwargs: Any) -> None:
         super().__init__("gait_planner", **kwargs)
-        self._stack = stack
-        self._config = declare_config(self, self._default())
+        self._stack = RemoteGait(self, self._on_report) if stack is None else stack
+        self._config = declare_gait(self)
         text = "Silence of the supervisor after which the robot stops [s]"
         timeout = declare(self, "command_timeout", 0.5, text, low=0.01, high=10.0)
         self._periods = declare_rates(self)
         self._command = VelocityCommand(timeout)
-        self._timer = TickTimer()
         self._stamp = 0
-        self._state: RobotState | None = None
         self._begun = False
-
-    def _default(self) -> GaitConfig:
-        """The gait of the robot; that of any robot when it cannot be loaded, which ``configure`` reports."""
-        try:
-            return load_gait_config(self.model)
-        except PoiseError:
-            return default_config(GaitConfig, "planners", "gait")
 
     def configure(self) -> None:
         """Build the law and the topics."""
-        self._law = self._stack.build_gait(self.model, self._config, self._timer)
+        self._law = self._stack.build_gait(self.model, self._config)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
         self._mode = ""  # none was received
@@ -187,12 +177,12 @@ class GaitPlannerNode(PoiseNode):
 
     def _soles(self) -> Feet:
         """Poses of the soles of a robot that does not walk; ``CommandError`` when unknown or not standing."""
-        state = self._state
-        if state is None:
+        measured = self._law.state.measured
+        if self._mode not in (Mode.STAND.value, Mode.MOTION.value, Mode.WALK.value):
             raise CommandError("start: none given, and where the soles are is not known")
-        if not all(foot.active for foot in state.contacts):
+        if not all(measured.active):
             raise CommandError("start: none given, and the robot does not stand on both soles")
-        return GaitMeasurement(self.model).measure(state).soles
+        return measured.soles
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition; from here on the robot can walk."""
@@ -219,9 +209,14 @@ class GaitPlannerNode(PoiseNode):
             self._stack.stop()
         self._stack.hold_velocity(*self._command.velocity)
 
-    def publish(self, stamp: int, state: RobotState | None = None) -> None:
-        """After each tick of the process, in mode walk: publish what is due for its stamp [ns] and state."""
-        self._stamp, self._state = stamp, state
+    def _on_report(self, stamp: int) -> None:
+        """The controller in another process has reported its gait after a tick of a stamp [ns]."""
+        self.before_tick(stamp / NANOSECONDS)
+        self.publish(stamp)
+
+    def publish(self, stamp: int) -> None:
+        """After each tick of the process, in mode walk: publish what is due for its stamp [ns]."""
+        self._stamp = stamp
         if self._stack.walking and self._walking and not self._begun:
             self._gait.reset()
             self._begun = True
@@ -247,4 +242,10 @@ class GaitPlannerNode(PoiseNode):
         self.values["foothold from the stance sole [m]"] = f"({forward:.3f}, {left:.3f})"
         self.values["adjustments unsolved"] = str(gait.step.unsolved)
         self.values["capture margin [m]"] = f"{self._gait.margin:.4f}"
-        self.values |= self._timer.values()
+
+
+main = program(GaitPlannerNode)  #: Its gait is that of a controller in another process
+
+
+if __name__ == "__main__":
+    main()

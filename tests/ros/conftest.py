@@ -205,11 +205,12 @@ class Eyes:
 
 
 @pytest.fixture(scope="module")
-def eyes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
-    """A graph that stands."""
+def eyes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
+    """A graph that stands, of the processes that ``PROCESSES`` of the module says."""
+    processes = getattr(request.module, "PROCESSES", "shared")
     log = tmp_path_factory.mktemp("graph") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
-    with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None) as graph:
+    with Graph("g1", processes=processes, domain_id=free_domain(), log=log, say=lambda text: None) as graph:
         seen = Eyes(graph)
         graph.wait_standing(90.0)
         graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")

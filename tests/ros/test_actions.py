@@ -75,7 +75,7 @@ class User:
 @pytest.fixture(scope="module")
 def user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[User]:
     log = tmp_path_factory.mktemp("actions") / "log"
-    specs = process_specs(merged=True, actions=True)
+    specs = process_specs(actions=True)
     with Graph("g1", domain_id=free_domain(), lockstep=True, specs=specs, log=log, say=lambda text: None) as graph:
         graph.wait_standing(120.0)
         yield User(graph)

@@ -268,7 +268,9 @@ def test_simulated_time_waits_for_late_commands_but_not_for_ever(
     assert node.behind
 
 
-def test_simulated_time_waits_for_a_supervisor_that_lags(bench: Any, g1: RobotModel) -> None:
+def test_simulated_time_waits_for_a_supervisor_that_lags(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node: RobotDriver = bench.add(RobotDriver, yield_supervisor=0.06)
     node.commands.on_mode(String(data="stand"))
     for node.tick in range(1, 101):
@@ -279,6 +281,15 @@ def test_simulated_time_waits_for_a_supervisor_that_lags(bench: Any, g1: RobotMo
     assert node.behind
     node.commands.judged = 90_000_000
     assert not node.behind
+    now = [10.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    node.commands.judged = 30_000_000
+    assert node.behind
+    now[0] += 1.1 * node.config.yield_max
+    assert not node.behind  # the supervisor is dead: time goes on
+    for node.tick in range(101, 111):
+        node.publish_tick(0.0)
+    assert node.behind  # for the commands
 
 
 def test_strict_time_waits_for_no_command(bench: Any, g1: RobotModel) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
+from bridge.ros.processes import Processes
 from models.nodes import topics
 
 pytestmark = pytest.mark.ros
@@ -53,13 +54,13 @@ def test_no_node_class_asks_for_it_or_imports_the_simulator() -> None:
     assert {name for name in modules if name.split(".")[0] == "bridge"} == composed
 
 
-@pytest.mark.parametrize("merged", [True, False])
-def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> None:
+@pytest.mark.parametrize("processes", ["shared", "separate"])
+def test_nobody_that_controls_listens_to_it(tmp_path: Path, processes: Processes) -> None:
     """From the first step to the end of a motion; in lockstep, so that a busy machine decides nothing."""
     readers: set[str] = set()
     asked: set[str] = set()
     with Graph(
-        "g1", lockstep=True, merged=merged, domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None
+        "g1", lockstep=True, processes=processes, domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None
     ) as graph:
 
         def look() -> None:
@@ -80,8 +81,7 @@ def test_nobody_that_controls_listens_to_it(tmp_path: Path, merged: bool) -> Non
         graph.send("wave")
         until("motion")
         until("stand")
-        present = set(NODES) if merged else set(NODES) - {"gait_planner"}
-        assert present <= set(graph.node.get_node_names())
+        assert set(NODES) <= set(graph.node.get_node_names())
         needed = {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU_RAW, topics.MODE)}
 
         def discovered() -> bool:

@@ -113,7 +113,7 @@ def test_parameters_for_unknown_nodes_are_refused() -> None:
 def test_real_time_priority_is_for_time_that_does_not_wait(
     driver: dict[str, object], lockstep: bool, priorities: tuple[int, int], tmp_path: Path
 ) -> None:
-    given = node_parameters(process_specs(merged=True), "g1", lockstep, tmp_path, {"robot_driver": driver})
+    given = node_parameters(process_specs(), "g1", lockstep, tmp_path, {"robot_driver": driver})
     found = [given[name].get("realtime.priority", 0) for name in ("balance_controller", "supervisor")]
     assert tuple(found) == priorities
 

@@ -233,7 +233,7 @@ def test_a_target_that_a_turned_camera_sees_is_planned_for_where_it_is(bench: An
 @pytest.mark.slow
 def test_the_head_of_a_standing_talos_follows_a_ball_over_the_graph(tmp_path: Path, talos: RobotModel) -> None:
     """The whole graph: the ball goes to one side, then to the other, and the head's bearing error becomes small."""
-    specs = [*process_specs(merged=True, camera=True), ProcessSpec("controllers.nodes.vision_node", ("vision_node",))]
+    specs = [*process_specs(camera=True), ProcessSpec("controllers.nodes.vision_node", ("vision_node",))]
     follow = {"vision_node": {"follow": True, "autostart": False}}
     with Graph(
         "talos", lockstep=True, specs=specs, parameters=follow, domain_id=free_domain(), log=tmp_path / "log",

@@ -39,7 +39,7 @@ def test_arming_is_refused_until_preflight_passes(g1: RobotModel) -> None:
 def test_walk_is_refused_with_the_reason(standing: Supervisor) -> None:
     for reply in (standing.request(Mode.WALK), standing.text("walk"), standing.text("forward")):
         assert not reply.accepted
-        assert "no gait planner is configured" in reply.reason
+        assert "no gait planner runs" in reply.reason
     assert standing.mode is Mode.STAND
 
 
@@ -373,3 +373,15 @@ def test_a_second_publisher_that_has_gone_is_forgotten_once_the_robot_stands(wal
     assert walker.faults == INTRUDER.intruders
     walker.update(WELL, 1.08)
     assert walker.faults == () and walker.text("walk").accepted
+
+
+def test_a_walk_without_a_gait_planner_ends_in_a_stand(walker: Supervisor) -> None:
+    assert walker.request(Mode.WALK).accepted
+    walker.gait = False
+    assert walker.update(replace(WELL, gait_active=True), 1.0) is Mode.WALK
+    assert walker.still
+    assert walker.update(WELL, 1.0) is Mode.STAND
+    assert "no gait planner runs" in walker.request(Mode.WALK).reason
+    walker.gait = True
+    assert not walker.drive(True, fresh=False).accepted  # the velocity goes on from before
+    assert walker.drive(True, fresh=True).accepted

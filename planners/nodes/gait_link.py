@@ -1,0 +1,167 @@
+"""The gait in two processes: commands of the gait planner one way, the state of the executed gait the other way.
+
+The gait planner decides where to walk; the balance controller executes the gait and adjusts its steps in every tick.
+A message is one record of this module in MessagePack, checked on arrival, in a std_msgs/UInt8MultiArray.
+"""
+
+import math
+import zlib
+from array import array
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, get_origin
+
+import numpy as np
+from msgspec import MsgspecError, Struct, msgpack
+from msgspec.structs import replace
+from std_msgs.msg import UInt8MultiArray
+
+from models.config import default_config
+from models.errors import MessageError, PoiseError
+from models.nodes import topics
+from models.nodes.base import PoiseNode
+from models.nodes.parameters import declare_config
+from models.nodes.qos import EVENT, STATE
+from models.robot_model import RobotModel
+from planners.gait.commands import STILL
+from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity
+from planners.gait.planner import GaitPlanner
+from planners.gait.route import Footstep, Route
+from planners.gait.state import GaitState
+
+T = TypeVar("T", bound=Struct)
+
+
+class Stop(Struct, frozen=True, tag=True):
+    """Come to a standstill."""
+
+
+class WalkTo(Struct, frozen=True, tag=True):
+    """Walk to a pose."""
+
+    goal: Foothold
+
+
+class TakeSteps(Struct, frozen=True, tag=True):
+    """Take footsteps."""
+
+    steps: tuple[Footstep, ...]
+
+    def __post_init__(self) -> None:
+        if any(step.foot not in (LEFT, RIGHT) for step in self.steps):
+            raise ValueError("a footstep is of neither foot")
+
+
+class GaitCommand(Struct, frozen=True):
+    """The newest command; repeated as the planner's sign of life, and carried out once."""
+
+    number: int = 0  # of the command; 0 of a planner that has just started
+    command: Stop | WalkTo | TakeSteps | None = None
+    velocity: Velocity = STILL  # in force at every tick until the next message [m/s, m/s, rad/s]
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, self.velocity)):
+            raise ValueError(f"velocity {self.velocity} is not finite")
+
+
+class GaitReport(Struct, frozen=True):
+    """The gait after a tick."""
+
+    stamp: int  # of the tick [ns]
+    config: int  # checksum of the configuration
+    number: int | None  # of the last command received; None before the first
+    refusal: str  # why it was not carried out; empty when it was
+    walking: bool  # the gait follows its commands
+    state: GaitState
+
+
+def encode(record: Struct) -> Any:
+    """Message of a record."""
+    data = msgpack.encode(record, enc_hook=lambda value: value.tolist())
+    return UInt8MultiArray(data=array("B", data))
+
+
+def decode(kind: type[T], message: Any) -> T:
+    """Record of a message; ``MessageError`` names a field of another type."""
+    try:
+        return msgpack.decode(bytes(message.data), type=kind, dec_hook=_array)
+    except MsgspecError as error:
+        raise MessageError(f"{kind.__name__}: {error}") from error
+
+
+def _array(kind: Any, value: Any) -> Any:
+    if get_origin(kind) is not np.ndarray:
+        raise NotImplementedError(kind)
+    return np.array(value, dtype=float)
+
+
+def declare_gait(node: PoiseNode, prefix: str = "") -> GaitConfig:
+    """Declare the gait of the robot; that of any robot when it cannot be loaded, which ``configure`` reports."""
+    try:
+        default = load_gait_config(node.model)
+    except PoiseError:
+        default = default_config(GaitConfig, "planners", "gait")
+    return declare_config(node, default, prefix)
+
+
+def checksum(config: GaitConfig) -> int:
+    """Number that two configurations share when all their values are the same."""
+    return zlib.crc32(repr(config).encode())
+
+
+class RemoteGait:
+    """The gait of a balance controller in another process: commands by message, and a copy of its state.
+
+    A command acts on the copy at once, and reports from before the controller received it are ignored. ``on_report`` is
+    called with the stamp of each report [ns], which is then answered with the newest command.
+    """
+
+    def __init__(self, node: PoiseNode, on_report: Callable[[int], None]) -> None:
+        self._node, self._on_report = node, on_report
+        self.walking = False
+
+    def build_gait(self, robot: RobotModel, config: GaitConfig) -> GaitPlanner:
+        """Build the copy and the topics."""
+        self._law, self._config = GaitPlanner(robot, config), checksum(config)
+        self._newest, self.walking = GaitCommand(), False
+        self._commands = self._node.announce(UInt8MultiArray, topics.GAIT_COMMAND, EVENT)
+        self._node.listen(UInt8MultiArray, topics.GAIT_STATE, self._on_state, STATE, while_active=True)
+        return self._law
+
+    def hold_velocity(self, forward: float, left: float, turn: float) -> None:
+        """Have the controller repeat a velocity [m/s, m/s, rad/s], from the next answer on."""
+        self._newest = replace(self._newest, velocity=(forward, left, turn))
+
+    def stop(self) -> None:
+        """Come to a standstill."""
+        self._law.stop()
+        self._send(Stop())
+
+    def walk_to(self, goal: Foothold) -> None:
+        """Walk to a pose; see ``GaitPlanner.walk_to``."""
+        self._law.walk_to(goal)
+        self._send(WalkTo(goal))
+
+    def take_steps(self, steps: Sequence[Footstep]) -> None:
+        """Take footsteps; see ``GaitPlanner.take_steps``."""
+        self._law.take_steps(steps)
+        self._send(TakeSteps(tuple(steps)))
+
+    def _send(self, command: Stop | WalkTo | TakeSteps) -> None:
+        """Send a command without the velocity in force, which would end a route."""
+        self._newest = GaitCommand(self._newest.number + 1, command)
+        self._commands.publish(encode(self._newest))
+
+    def _on_state(self, message: Any) -> None:
+        report = decode(GaitReport, message)
+        if report.config != self._config:
+            raise MessageError(
+                "the gait of balance_controller is another one: its parameters gait.* must be those here"
+            )
+        if report.number == self._newest.number:
+            self._law.state, self.walking = report.state, report.walking
+            if report.refusal:
+                command = report.state.command
+                self._law.state.command = replace(command, route=Route(outcome=report.refusal))
+        self._on_report(report.stamp)
+        self._commands.publish(encode(self._newest))
