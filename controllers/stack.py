@@ -318,13 +318,7 @@ class ControlStack:
     @property
     def status(self) -> ControlStatus:
         """Status of the whole-body law and the joint monitor, for the supervisor in this or another process."""
-        return ControlStatus(
-            self.mode in ACTIVE_MODES,
-            self.result.status,
-            overruns=0,
-            joint_fault=self.joint_fault,
-            stepping=self.gait_active,
-        )
+        return ControlStatus(self.mode in ACTIVE_MODES, self.result.status, 0, self.joint_fault, self.gait_active)
 
     @property
     def reference(self) -> Reference:

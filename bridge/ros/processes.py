@@ -308,9 +308,8 @@ def node_parameters(
     if not lockstep and follows_clock(extra.get("robot_driver", {})):
         timing = {**dict.fromkeys(REALTIME_NODES, REALTIME), "supervisor": SUPERVISOR_REALTIME}
     result: dict[str, dict[str, object]] = {}
-    gait = {
-        f"gait.{name}": value for name, value in extra.get("gait_planner", {}).items()
-    }  # a controller apart executes it
+    # A controller in another process than the gait planner executes the gait, with the same parameters
+    gait = {f"gait.{name}": value for name, value in extra.get("gait_planner", {}).items()}
     extra = {**extra, "balance_controller": {**gait, **extra.get("balance_controller", {})}}
     for name in names:
         calibrated = {"calibration_dir": str(calibrations)} if name in CALIBRATED_NODES else {}

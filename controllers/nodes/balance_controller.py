@@ -192,10 +192,8 @@ class BalanceControllerNode(PoiseNode):
         self.level = DiagnosticStatus.ERROR if bad else DiagnosticStatus.OK
         self.message = result.status.value if moving else f"idle in mode '{self._mode.value}'"
         status, (median, tail) = self._stack.status, self._timer.percentiles()
-        status = replace(status, gait_silent=self._gait is not None and self._gait.silent)
-        self._publish_status(
-            replace(status, active=moving, overruns=self._overruns, tick_median_us=median, tick_tail_us=tail)
-        )
+        status = replace(status, active=moving, overruns=self._overruns, tick_median_us=median, tick_tail_us=tail)
+        self._publish_status(replace(status, gait_silent=self._gait is not None and self._gait.silent))
         self.values["ticks over budget in a row"] = str(self._overruns)
         self.values["joint at fault"] = self._joint_fault
         self.values["residual"] = f"{result.residual:.3g}"

@@ -65,7 +65,7 @@ def test_the_manifest_names_every_package_of_ros_that_is_imported(root: Path, pa
 def test_every_node_is_an_executable_of_its_package() -> None:
     nodes = {name: value for name, value in _entries("console_scripts").items() if ".nodes." in value}
     assert set(nodes) >= {
-        "robot_driver", "state_estimator", "balance_controller", "motion_planner", "supervisor",
+        "robot_driver", "state_estimator", "balance_controller", "gait_planner", "motion_planner", "supervisor",
         "imu_node", "foot_sensor_node", "motor_controller", "camera_node", "vision_node",
     }  # fmt: skip
     for name, value in nodes.items():

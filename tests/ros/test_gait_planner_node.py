@@ -299,9 +299,10 @@ def test_timed_footsteps_start_where_the_soles_are_and_refusals_have_reasons(rob
     answer = plan(goal(1.0, 0.0, 0.0))
     assert not answer.success and "where the soles are is not known" in answer.message
     lifted = standing(robot.model, 1.0, shares=(1.0, 0.0))
-    robot.node.publish(robot.stamp, lifted)
+    robot.enter("stand")
+    robot.stack.gait.step(lifted, 1e-3)
     assert "does not stand on both soles" in plan(goal(1.0, 0.0, 0.0)).message
-    robot.node.publish(robot.stamp, robot.state)
+    robot.stack.gait.step(robot.state, 1e-3)
     answer = plan(goal(0.0, 0.5, 0.0))
     timing = robot.node._config.timing
     times = [step.time_from_start.sec + 1e-9 * step.time_from_start.nanosec for step in answer.footsteps]
