@@ -2,15 +2,29 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import structs
 
 from controllers.estimation.config import EstimatorConfig
-from controllers.estimation.feet import NOT_FINITE, UNKNOWN, ContactDetector, FootSensorMonitor, SlipMonitor
-from controllers.estimation.filter import Filter, InvariantFilter
-from controllers.estimation.kinematics import SoleChains, SoleKinematics, base_covariance, base_state
-from controllers.estimation.observer import ForceObserver
+from controllers.estimation.feet import (
+    NOT_FINITE,
+    UNKNOWN,
+    ContactDetector,
+    ContactMemory,
+    FootSensorMonitor,
+    SensorMemory,
+    SlipMemory,
+    SlipMonitor,
+    assess_contacts,
+    judge_sensors,
+    watch_slips,
+)
+from controllers.estimation.filter import Filter, InvariantFilter, propagate
+from controllers.estimation.filter_kernels import correct_soles
+from controllers.estimation.kinematics import SoleChains, SoleKinematics, base_covariance, base_state, sole_poses
+from controllers.estimation.observer import ForceObserver, Observer, observe
 from controllers.estimation.samples import (
     BAD_FEET,
     BAD_IMU,
@@ -20,16 +34,32 @@ from controllers.estimation.samples import (
     SATURATED_IMU,
     STALE,
     EstimatorHealth,
+    SampleMemory,
     SensorBuffer,
 )
 from models.config import default_config
 from models.errors import MessageError
 from models.numerics.compiled import njit
-from models.numerics.unboxed import Unboxed
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import CentroidalState, ContactState, Matrix, PushEstimate, RobotState, SensorData, Vector
 
+UNKNOWN_FEET = UNKNOWN, UNKNOWN
 NOMINAL_STEP = 0.001  #: Step of the call that compiles, and of the rate sample of a state that no step has led to [s]
+
+
+class _Stages(NamedTuple):
+    """Memory of all stages, for compiled code."""
+
+    buffer: SampleMemory
+    feet: SensorMemory
+    contacts: ContactMemory
+    slips: SlipMemory
+    filter: Filter
+    chains: SoleChains
+    observer: Observer
+    expected: Vector  # planned contact of each foot, see ``FootSensorMonitor.update`` (2,)
+    rate: Vector  # mean of the step (3,) [rad/s]
 
 
 class StateEstimator:
@@ -74,15 +104,15 @@ class StateEstimator:
         self.filter = InvariantFilter(config)
         self.health = EstimatorHealth()
         self._buffer = SensorBuffer(model.nj, sensors, config.foot_sensors.saturation, config.stamp_gap)
-        self._expected = np.full(2, UNKNOWN)
         self._unobserved = 0.0
         self._ready = False
         self._level_due = True
         self._t = 0.0
-        self._rate = np.zeros(3)
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2 + encoders.offset**2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
+        parts = (self._buffer, self._feet, self._contacts, self._slip, self.filter, self._kinematics, self.observer)
+        self._stages = unbox(_Stages(*(part.memory for part in parts), np.zeros(2), np.zeros(3)))
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -143,14 +173,13 @@ class StateEstimator:
         self._ready = True
         self._level_due = True
         self._unobserved = 0.0
-        q, v = self._configuration()
-        absent = 1.0 * (self._buffer.feet == NOT_FINITE)
-        self.observer.reset(q, v, self._buffer.joints[2], self._buffer.wrenches, absent)
+        state, absent = self._state(), 1.0 * (self._buffer.feet == NOT_FINITE)
+        self.observer.reset(state.q, state.v, state.tau, self._buffer.wrenches, absent)
         self._feet.reset(self._buffer.feet, self._buffer.wrenches, self.observer.estimated)
         self._contacts.reset(self._feet.used, self._feet.fault)
         self._slip.reset()
         self.health.foot_sensors = self._feet.states
-        return self._state_of(q, v)
+        return self._state()
 
     def step(self, sensors: SensorData, dt: float, expected: tuple[bool, bool] | None = None) -> RobotState:
         """Advance by one sample, which may be unusable, ``dt`` [s] after the last; propagates if it is stale.
@@ -170,60 +199,27 @@ class StateEstimator:
             missing &= ~(BAD_FEET | SATURATED_FEET)
         health.count(missing, dt)
         self._t = self._t + dt if missing & STALE else sensors.t
-        if not missing & STALE:
-            self._update_feet(dt, not missing & BAD_TORQUES, expected)
-        self._predict(dt, missing)
-        if not missing & (STALE | BAD_JOINTS):
-            self._kinematics.update(buffer.joints[0])
-            health.rejected += self.filter.measure_soles(self._kinematics.soles)
-            left, right = self.filter.state.innovation.tolist()
-            health.gated += (left > self.config.gate) + (right > self.config.gate)
+        coasting, imu = missing & (STALE | BAD_IMU), self.config.imu
+        scale = imu.coast_factor if coasting or missing & SATURATED_IMU else 1.0
+        self._variances[2] = (scale * imu.gyro_noise) ** 2 / dt
+        left, right = UNKNOWN_FEET if expected is None else map(float, expected)
+        changed, rejected, gated = _advance(self._stages, missing, dt, scale, left, right)
+        health.rejected += rejected
+        health.gated += gated
+        if changed:
+            feet, slips = self._feet, self._slip.counts
+            health.foot_sensors, health.slips = feet.states, (int(slips[0]), int(slips[1]))
+            health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
         if not missing & ~BAD_FEET and self._at_rest():
             health.rejected += self.filter.measure_rest()
         if self._level_due and self._contacts.confidence.min() >= 1.0:
             health.rejected += self.filter.measure_level()
             self._level_due = False
-        q, v = self._configuration()
-        self._observe(q, v, dt, missing)
-        return self._state_of(q, v)
-
-    def _update_feet(self, dt: float, torques_good: bool, expected: tuple[bool, bool] | None) -> None:
-        feet, contacts, health = self._feet, self._contacts, self.health
-        if expected is None:
-            self._expected[:] = UNKNOWN
-        else:
-            self._expected[:] = expected
-        feet.update(self._buffer.feet, self._buffer.wrenches, self.observer, torques_good, self._expected, dt)
-        contacts.update(feet.used, self._buffer.feet, feet.fault, self._expected, dt)
-        self._slip.update(self.filter.state.innovation, contacts.confidence[:, 0], dt, contacts.densities)
-        if feet.changed:
-            health.foot_sensors = feet.states
-            health.sensor_faults = int(feet.counts[0]), int(feet.counts[1])
-        if self._slip.changed:
-            health.slips = int(self._slip.counts[0]), int(self._slip.counts[1])
-
-    def _predict(self, dt: float, missing: int) -> None:
-        imu = self._buffer.imu
-        coasting = missing & (STALE | BAD_IMU)
-        scale = self.config.imu.coast_factor if coasting or missing & SATURATED_IMU else 1.0
-        self._variances[2] = (scale * self.config.imu.gyro_noise) ** 2 / dt
-        np.add(imu[0], imu[0] if coasting else self._buffer.previous_rate, out=self._rate)
-        self._rate *= 0.5
-        self.filter.predict(
-            self._rate, imu[1], dt, self._contacts.densities, self._contacts.pivots, scale,
-            self._kinematics.soles.covariances,
-        )  # fmt: skip
-
-    def _observe(self, q: Vector, v: Vector, dt: float, missing: int) -> None:
-        """Advance the force observer; over missing samples it takes one longer step afterwards."""
-        if missing & (STALE | BAD_JOINTS):
-            self._unobserved += dt
-            return
-        feet = self._feet
-        self.observer.update(
-            q, v, self._buffer.joints[2], self._buffer.wrenches, feet.fault, dt + self._unobserved, feet.doubtful
-        )
-        self._unobserved = 0.0
+        self._unobserved += dt
+        if missing & (STALE | BAD_JOINTS):  # the observer takes one longer step afterwards
+            return self._state()
+        span, self._unobserved = self._unobserved, 0.0
+        return self._state(span)
 
     def _at_rest(self) -> bool:
         """No foot bears and the IMU measures gravity alone: the robot hangs, or the simulator holds it."""
@@ -235,34 +231,55 @@ class StateEstimator:
         quiet = float(rate @ rate) < rest.gyro**2
         return quiet and abs(math.sqrt(float(force @ force)) - self.config.gravity) < rest.accel
 
-    def _configuration(self) -> tuple[Vector, Vector]:
-        """Configuration (nq,) and velocity (nv,) of the filter's estimate, in new arrays."""
+    def _state(self, span: float = -1.0) -> RobotState:
+        """The filter's estimate; the force observer advances by ``span`` [s], not at all when negative."""
         q, v = np.empty(self._model.nq), np.empty(self._model.nv)
-        _configure(self._buffer.imu, self._buffer.joints, self.filter.unboxed, self._kinematics.unboxed, q, v)
-        return q, v
-
-    def _state(self) -> RobotState:
-        return self._state_of(*self._configuration())
-
-    def _state_of(self, q: Vector, v: Vector) -> RobotState:
+        _conclude(self._stages, span, q, v)
         wrenches = self._feet.used.copy()
-        active = self._contacts.active
+        left, right = self._contacts.active.tolist()
         return RobotState(
             t=self._t,
             q=q,
             v=v,
             tau=self._buffer.joints[2].copy(),
-            contacts=(
-                ContactState(bool(active[0]), wrenches[0]),
-                ContactState(bool(active[1]), wrenches[1]),
-            ),
+            contacts=(ContactState(left > 0.0, wrenches[0]), ContactState(right > 0.0, wrenches[1])),
         )
 
 
 @njit(cache=True)
-def _configure(
-    imu: Matrix, joints: Matrix, memory: Unboxed[Filter], chains: Unboxed[SoleChains], q: Vector, v: Vector
-) -> None:
-    """``base_state`` of the filter's state; ``imu`` starts with the measured rate (2, 3)."""
-    state = memory.record.state
-    base_state(state.rotation, state.vectors, state.biases, imu[0], joints, chains.record.imu, q, v)
+def _advance(
+    stages: Unboxed[_Stages], missing: int, dt: float, scale: float, left: float, right: float
+) -> tuple[bool, int, int]:
+    """Contacts, prediction and correction with the soles; ``scale`` multiplies the inertial noise.
+
+    ``left`` and ``right`` are the planned contact of each foot. Returns whether the health of the feet has changed, and
+    how many sole measurements were unusable and how many have less weight.
+    """
+    buffer, feet, contacts, slips, memory, chains, observer, expected, rate = stages.record
+    innovation, imu, changed = memory.state.innovation, buffer.imu, False
+    if not missing & STALE:
+        expected[0], expected[1] = left, right
+        torques_good = not missing & BAD_TORQUES
+        changed = judge_sensors(buffer.feet, buffer.wrenches, observer.state, torques_good, expected, dt, feet)
+        assess_contacts(feet.used, buffer.feet, feet.fault, expected, dt, contacts)
+        if watch_slips(innovation, contacts.confidence[:, 0], dt, contacts.densities, slips):
+            changed = True
+    previous = imu[0] if missing & (STALE | BAD_IMU) else buffer.previous_rate
+    for i in range(3):
+        rate[i] = 0.5 * (imu[0, i] + previous[i])
+    propagate(rate, imu[1], dt, contacts.densities, contacts.pivots, scale, chains.soles.covariances, memory)
+    if missing & (STALE | BAD_JOINTS):
+        return changed, 0, 0
+    sole_poses(buffer.joints[0], chains)
+    rejected = correct_soles(memory.state, chains.soles, memory.gate, memory.error)
+    return changed, rejected, int(innovation[0] > memory.gate) + int(innovation[1] > memory.gate)
+
+
+@njit(cache=True)
+def _conclude(stages: Unboxed[_Stages], span: float, q: Vector, v: Vector) -> None:
+    """Write the configuration (nq,) and velocity (nv,); the force observer advances by ``span`` [s] unless negative."""
+    buffer, feet, _, _, memory, chains, observer, _, _ = stages.record
+    state = memory.state
+    base_state(state.rotation, state.vectors, state.biases, buffer.imu[0], buffer.joints, chains.imu, q, v)
+    if span >= 0.0:
+        observe(q, v, buffer.joints[2], buffer.wrenches, feet.fault, feet.doubt[0] > 0.0, span, observer)

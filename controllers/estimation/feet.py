@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
-from controllers.estimation.observer import ForceObserver
+from controllers.estimation.observer import ForceObserver, ObserverState
 from models.numerics.compiled import njit
-from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
@@ -49,7 +48,7 @@ class SensorLimits(NamedTuple):
     settle_time: float
 
 
-class _Sensors(NamedTuple):
+class SensorMemory(NamedTuple):
     """Limits and state of ``FootSensorMonitor``."""
 
     limits: SensorLimits
@@ -62,12 +61,13 @@ class _Sensors(NamedTuple):
 
 
 @njit(cache=True)
-def _judge(
-    samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
-    expected: Array, dt: float, sensors: Unboxed[_Sensors],
+def judge_sensors(
+    samples: Array, readings: Array, observer: ObserverState, torques_good: bool, expected: Array, dt: float,
+    sensors: SensorMemory,
 ) -> bool:  # fmt: skip
-    """One step of ``FootSensorMonitor``."""
-    limits, fault, timers, last, counts, used, doubt = sensors.record
+    """One step of ``FootSensorMonitor``; whether a fault has begun or ended."""
+    limits, fault, timers, last, counts, used, doubt = sensors
+    low_passed, estimated, total = observer.measured, observer.estimated, observer.base[2]
     wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
     wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
     doubt[0] = max(doubt[0] - dt, 0.0)
@@ -140,12 +140,10 @@ class FootSensorMonitor:
         self.used = np.zeros((2, 6))  #: Wrench of each sole, measured or estimated, in its frame (2, 6) [N, N.m]
         self.fault = np.zeros(2)  #: 0 sound, 1 absent, 2 contradicted, of each foot (2,)
         self.counts = np.zeros(2)  #: Failures of each sensor (2,)
-        self.changed = False  #: Whether the last step has changed ``fault``
         self._doubt = np.zeros(1)
         self._timers, self._last = np.zeros((2, 3)), np.zeros((2, 6))
-        self._unboxed = unbox(
-            _Sensors(self._limits, self.fault, self._timers, self._last, self.counts, self.used, self._doubt)
-        )
+        arrays = self.fault, self._timers, self._last, self.counts, self.used, self._doubt
+        self.memory = SensorMemory(self._limits, *arrays)
 
     @property
     def doubtful(self) -> bool:
@@ -173,10 +171,7 @@ class FootSensorMonitor:
         ``torques_good`` is whether the joint torques of this sample are usable. ``expected`` is 1 for a stance foot of
         the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
         """
-        self.changed = _judge(
-            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected, dt,
-            self._unboxed,
-        )  # fmt: skip
+        judge_sensors(samples, readings, observer.state, torques_good, expected, dt, self.memory)
 
 
 class ContactLimits(NamedTuple):
@@ -198,7 +193,7 @@ class ContactLimits(NamedTuple):
     flat: float
 
 
-class _Contacts(NamedTuple):
+class ContactMemory(NamedTuple):
     """Limits and state of ``ContactDetector``."""
 
     limits: ContactLimits
@@ -212,11 +207,11 @@ class _Contacts(NamedTuple):
 
 
 @njit(cache=True)
-def _assess(
-    wrenches: Array, samples: Array, fault: Array, expected: Array, dt: float, contacts: Unboxed[_Contacts]
+def assess_contacts(
+    wrenches: Array, samples: Array, fault: Array, expected: Array, dt: float, contacts: ContactMemory
 ) -> None:
     """One step of ``ContactDetector``."""
-    limits, rectangles, active, timers, confidence, cops, pivots, densities = contacts.record
+    limits, rectangles, active, timers, confidence, cops, pivots, densities = contacts
     full, delay, edge_margin = limits.load_full, limits.on_delay, limits.edge_margin
     for foot in range(2):
         load = wrenches[foot, 2]
@@ -301,7 +296,7 @@ class ContactDetector:
         self.pivots = np.zeros((2, 2))  #: Point about which the sole turns, in the sole frame (2, 2) [m]
         self.densities = np.zeros((2, 2))  #: Random walk of position and orientation (2, 2) [m/sqrt(s), rad/sqrt(s)]
         arrays = rectangles, self.active, self._timers, self.confidence, self.cops, self.pivots, self.densities
-        self._unboxed = unbox(_Contacts(self._limits, *arrays))
+        self.memory = ContactMemory(self._limits, *arrays)
         self.reset(np.zeros((2, 6)), np.zeros(2))
 
     def reset(self, wrenches: Matrix, fault: Vector) -> None:
@@ -317,29 +312,30 @@ class ContactDetector:
         ``samples`` is the state of each foot's sample, as in ``SensorBuffer`` (2,); ``fault`` is not 0 where the wrench
         comes from the leg torques (2,); ``expected`` is as in ``FootSensorMonitor.update``.
         """
-        _assess(wrenches, samples, fault, expected, dt, self._unboxed)
+        assess_contacts(wrenches, samples, fault, expected, dt, self.memory)
 
 
-class SlipLimits(NamedTuple):
-    """``SlipConfig`` for kernels."""
+class SlipMemory(NamedTuple):
+    """Limits and state of ``SlipMonitor``."""
 
+    gate: float
     time: float
     recover_time: float
     density: float
+    timers: Array  # over the gate, quiet (2, 2) [s]
+    slipping: Array  # (2,)
+    counts: Array  # (2,)
 
 
 @njit(cache=True)
-def _watch(
-    innovation: Array, stands: Array, gate: float, limits: SlipLimits, dt: float, timers: Array, slipping: Array,
-    counts: Array, densities: Array,
-) -> bool:  # fmt: skip
-    """One step of ``SlipMonitor``; ``timers``: over the gate, quiet (2, 2) [s]."""
-    changed = False
+def watch_slips(innovation: Array, stands: Array, dt: float, densities: Array, limits: SlipMemory) -> bool:
+    """One step of ``SlipMonitor``; whether a slip began."""
+    changed, timers, slipping, counts = False, limits.timers, limits.slipping, limits.counts
     for foot in range(2):
         if stands[foot] <= 0.0:  # in the air
             timers[foot, 0], timers[foot, 1], slipping[foot] = 0.0, 0.0, 0.0
             continue
-        if innovation[foot] > gate:
+        if innovation[foot] > limits.gate:
             timers[foot, 0] += dt
             timers[foot, 1] = 0.0
         else:
@@ -361,22 +357,19 @@ class SlipMonitor:
     """Slips of bearing feet, from the innovation of their kinematic measurement.
 
     A foot slips once its normalised innovation squared has been above the ``gate`` [-] for ``time``. Its position then
-    wanders with ``density`` until the innovation has stayed below the gate for ``recover_time``.
+    wanders with ``density`` until the innovation has stayed below the gate for ``recover_time``. ``slipping`` is 1
+    where a foot slips, else 0 (2,); ``counts`` are the slips of each foot (2,).
     """
 
     def __init__(self, config: SlipConfig, gate: float) -> None:
-        self._gate = gate
-        self._limits = SlipLimits(config.time, config.recover_time, config.density)
-        self.changed = False  #: Whether a slip began in the last step
-        self._timers = np.zeros((2, 2))
-        self.slipping, self.counts = np.zeros(2), np.zeros(2)  #: 1 where a foot slips, else 0; slips of each foot
+        timers, self.slipping, self.counts = np.zeros((2, 2)), np.zeros(2), np.zeros(2)
+        limits = gate, config.time, config.recover_time, config.density
+        self.memory = SlipMemory(*limits, timers, self.slipping, self.counts)
 
     def reset(self) -> None:
         """No foot has slipped."""
-        self._timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0
+        self.memory.timers[:], self.slipping[:], self.counts[:] = 0.0, 0.0, 0.0
 
     def update(self, innovation: Vector, stands: Vector, dt: float, densities: Matrix) -> None:
         """Advance by ``dt`` [s] with innovation and confidence of each foot (2,); raises the ``densities`` of slips."""
-        self.changed = _watch(
-            innovation, stands, self._gate, self._limits, dt, self._timers, self.slipping, self.counts, densities,
-        )  # fmt: skip
+        watch_slips(innovation, stands, dt, densities, self.memory)

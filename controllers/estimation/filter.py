@@ -42,7 +42,6 @@ from controllers.estimation.filter_kernels import (
     retract,
 )
 from models.numerics.compiled import njit
-from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
 
 _LEVEL_PLUS = np.array([SOLE, SOLE + 1, SOLE + 3, SOLE + 4])
@@ -85,7 +84,7 @@ class Filter(NamedTuple):
 
 
 class InvariantFilter:
-    """The filter; ``state`` is updated in place, ``unboxed`` has it for kernels; ``innovation`` is 6 on average."""
+    """The filter; ``state`` is updated in place, ``memory`` has it for kernels; ``innovation`` is 6 on average."""
 
     def __init__(self, config: EstimatorConfig) -> None:
         self._config = config
@@ -113,7 +112,7 @@ class InvariantFilter:
             middle_rotation=math.sqrt(foot.tipping * foot.flat),
         )
         constants = limits, self._densities, config.kinematics.persistence, config.gravity, config.gate
-        self.unboxed = unbox(Filter(self.state, *constants, self._noise, self._error))
+        self.memory = Filter(self.state, *constants, self._noise, self._error)
 
     def initialise(self, soles: SolePoses, imu_rotation: Matrix, force: Vector) -> None:
         """Stand the robot on the floor: soles' middle at x = y = 0, soles at z = 0, yaw of the base 0.
@@ -183,12 +182,12 @@ class InvariantFilter:
         ``pivots`` (2, 2) the points of the soles about which they turn [m], ``scale`` multiplies the inertial noise,
         and ``sole_noise`` (2, 6, 6) is the covariance of the sole poses that the encoders give.
         """
-        _propagate(rate, force, dt, foot_densities, pivots, scale, sole_noise, self.unboxed)
+        propagate(rate, force, dt, foot_densities, pivots, scale, sole_noise, self.memory)
 
     def measure_soles(self, soles: SolePoses) -> int:
         """Correct with the pose of both soles; returns how many were unusable (0 in a sound filter)."""
-        rejected: int = _measure_soles(soles, self.unboxed)
-        return rejected
+        memory = self.memory
+        return int(correct_soles(memory.state, soles, memory.gate, memory.error))
 
     def measure_rest(self) -> int:
         """Correct with the assumption that the robot does not move; returns 1 when unusable."""
@@ -216,15 +215,15 @@ class InvariantFilter:
 
 
 @njit(cache=True)
-def _propagate(
+def propagate(
     rate: Array, force: Array, dt: float, foot_densities: Array, pivots: Array, scale: float, sole_noise: Array,
-    memory: Unboxed[Filter],
+    memory: Filter,
 ) -> None:  # fmt: skip
     """``InvariantFilter.predict``."""
-    state, limits, noise = memory.record.state, memory.record.limits, memory.record.noise
+    state, limits, noise = memory.state, memory.limits, memory.noise
     noise.pivots[:] = pivots
-    noise.wander[:] = sole_noise * (2.0 * dt / memory.record.persistence)
-    noise.imu[:] = memory.record.densities * (scale * scale * dt)
+    noise.wander[:] = sole_noise * (2.0 * dt / memory.persistence)
+    noise.imu[:] = memory.densities * (scale * scale * dt)
     for foot in range(2):
         position, orientation = foot_densities[foot]
         lies = orientation < limits.middle_rotation
@@ -242,10 +241,4 @@ def _propagate(
         variances = noise.feet[foot]
         variances[0], variances[1] = dt * (position * position), dt * (height * height + lift * lift)
         variances[2] = dt * (orientation * orientation)
-    predict(state, rate, force, dt, memory.record.gravity, noise)
-
-
-@njit(cache=True)
-def _measure_soles(soles: SolePoses, memory: Unboxed[Filter]) -> int:
-    """``InvariantFilter.measure_soles``."""
-    return correct_soles(memory.record.state, soles, memory.record.gate, memory.record.error)
+    predict(state, rate, force, dt, memory.gravity, noise)

@@ -9,7 +9,6 @@ from controllers.estimation.filter_kernels import GYRO_BIAS, POSITION, ROTATION,
 from models.errors import RobotModelError
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed, to_quaternion
-from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.tree import KinematicTree, TreeFrames, place_bodies, place_frame, read_frames, read_tree
 from models.types import Vector
@@ -49,7 +48,7 @@ class SoleChains(NamedTuple):
 class SoleKinematics:
     """Kinematic measurement of the filter; compared with Pinocchio by a test.
 
-    ``imu`` is in the base frame, ``soles`` are in the frame of the IMU, ``unboxed`` holds both for compiled code. The
+    ``imu`` is in the base frame, ``soles`` are in the frame of the IMU, ``memory`` holds both for compiled code. The
     standard deviations are of a joint position [rad] and of the model error of a sole's position [m] and orientation
     [rad]. Raises ``RobotModelError`` when a joint is not revolute, or moves both a sole and the IMU.
     """
@@ -73,12 +72,12 @@ class SoleKinematics:
         self.soles = SolePoses(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.zeros((2, 6, 6)))
         variances = PoseVariances(encoder**2, position**2, orientation**2)
         tree, ends = read_tree(model.pin), read_frames(model.pin, frames)
-        self.unboxed = unbox(SoleChains(tree, ends, columns, variances, self.imu, self.soles))
+        self.memory = SoleChains(tree, ends, columns, variances, self.imu, self.soles)
         self.update(np.zeros(model.nj))
 
     def update(self, joints: Vector) -> None:
         """Compute everything at joint positions (nj,) [rad]."""
-        sole_poses(joints, self.unboxed)
+        sole_poses(joints, self.memory)
 
 
 @njit(cache=True)
@@ -98,13 +97,13 @@ def _joint_column(
 
 
 @njit(cache=True)
-def sole_poses(joints: Array, chains: Unboxed[SoleChains]) -> None:
+def sole_poses(joints: Array, chains: SoleChains) -> None:
     """Soles relative to the IMU, and the covariance that encoder noise gives them.
 
     With ``T = T_BI^-1 T_BS`` and local Jacobians, ``dT = J_S dq_S - Ad(T^-1) J_I dq_I``, both in the sole frame, so
     ``N = s^2 (J_S J_S' + Ad J_I J_I' Ad') + diag(floors)``.
     """
-    tree, frames, columns, variances, imu, soles = chains.record
+    tree, frames, columns, variances, imu, soles = chains
     rotations, origins = np.empty((tree.shape[0], 3, 3)), np.zeros((tree.shape[0], 3))
     rotations[0] = np.eye(3)
     place_bodies(tree, joints, rotations, origins)

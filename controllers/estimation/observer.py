@@ -11,7 +11,6 @@ from controllers.estimation.momentum import Dynamics, Momentum, generalised_mome
 from models.constants import COM_HEIGHT_MIN
 from models.numerics.compiled import njit
 from models.numerics.so3 import rotate, rotate_transposed
-from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import CentroidalState, Matrix, PushEstimate, Vector
 
@@ -116,7 +115,7 @@ class ForceObserver:
         legs = np.full((2, max(len(foot.joint_ids_v) for foot in model.feet)), -1, dtype=np.int64)
         for row, foot in zip(legs, model.feet, strict=True):
             row[: len(foot.joint_ids_v)] = np.asarray(foot.joint_ids_v) - 6
-        self._unboxed = unbox(Observer(self._gains, legs, self._robot, self.state))
+        self.memory = Observer(self._gains, legs, self._robot, self.state)
 
     def reset(self, q: Vector, v: Vector, tau: Vector, measured: Matrix, fault: Vector) -> None:
         """Start in a steady state: forces in balance, no push in memory; arguments as for ``update``."""
@@ -139,7 +138,7 @@ class ForceObserver:
         ``measured`` are readings in the sole frames (2, 6), replaced by the leg torques where ``fault`` is not 0; while
         a foot sensor is ``doubtful``, no push begins.
         """
-        observe(q, v, tau, measured, fault, doubtful, dt, self._unboxed)
+        observe(q, v, tau, measured, fault, doubtful, dt, self.memory)
 
     @property
     def push(self) -> PushEstimate:
@@ -251,11 +250,10 @@ def _detect_push(dt: float, doubtful: bool, gains: ObserverGains, state: Observe
 
 @njit(cache=True)
 def observe(
-    q: Array, v: Array, tau: Array, measured: Array, fault: Array, doubtful: bool, dt: float,
-    observer: Unboxed[Observer],
-) -> None:  # fmt: skip
+    q: Array, v: Array, tau: Array, measured: Array, fault: Array, doubtful: bool, dt: float, observer: Observer
+) -> None:
     """One step of ``ForceObserver.update``."""
-    gains, legs, robot, state = observer.record
+    gains, legs, robot, state = observer
     momentum, speeds = generalised_momentum(q, v, robot), v[6:]
     push_gain, joint_gain = min(gains.push_rate * dt, 1.0), min(gains.joint_rate * dt, 1.0)
     base, joints, past, past_joints = state.base, state.joints, state.past, state.past_joints

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from controllers.estimation.feet import NOT_FINITE, SATURATED, FootSensorState
 from controllers.estimation.stamps import JumpFilter
 from models.errors import MessageError
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.profile import Sensors
 from models.types import SensorData
 
@@ -53,6 +55,20 @@ class EstimatorHealth:
         self.coasting = self.coasting + dt if missing & (STALE | BAD_JOINTS | BAD_IMU) else 0.0
 
 
+class SampleMemory(NamedTuple):
+    """Arrays of ``SensorBuffer``."""
+
+    scales: Array  # least saturated rate, specific force, sole force and sole torque (4,)
+    new_joints: Array  # of the newest sample (3, nj)
+    new_imu: Array  # (2, 3)
+    new_wrenches: Array  # (2, 6)
+    joints: Array  # last good values (3, nj)
+    imu: Array  # (2, 3)
+    previous_rate: Array  # (3,)
+    wrenches: Array  # (2, 6)
+    feet: Array  # (2,)
+
+
 class SensorBuffer:
     """The last good value of all measurements; after a ``gap`` [s] of stamps the next must continue from there."""
 
@@ -67,9 +83,10 @@ class SensorBuffer:
         self.imu = np.zeros((2, 3))  #: Rate, specific force [rad/s, m/s^2]
         self.previous_rate = np.zeros(3)  #: Rate one step earlier [rad/s]
         self.wrenches = np.zeros((2, 6))  #: Of each foot [N, N.m]
-        self._new_joints = np.zeros((3, nj))
-        self._new_imu = np.zeros((2, 3))
-        self._new_wrenches = np.zeros((2, 6))
+        new = np.zeros((3, nj)), np.zeros((2, 3)), np.zeros((2, 6))
+        good = self.joints, self.imu, self.previous_rate, self.wrenches, self.feet
+        self.memory = SampleMemory(self._scales, *new, *good)
+        self._unboxed, self._new = unbox(self.memory), (*new[0], *new[1], new[2])
 
     def reset(self, sensors: SensorData) -> None:
         """Start from one sample, wrenches optional; ``MessageError`` names a value that is unusable."""
@@ -93,18 +110,11 @@ class SensorBuffer:
         if not self._goes_on(sensors.t):
             return STALE
         self.t = sensors.t
-        self._new_joints[0] = sensors.q
-        self._new_joints[1] = sensors.v
-        self._new_joints[2] = sensors.tau
-        self._new_imu[0] = sensors.gyro
-        self._new_imu[1] = sensors.accel
-        self._new_wrenches[:] = sensors.wrenches
-        return int(
-            _accept(
-                self._new_joints, self._new_imu, self._new_wrenches, self._scales,
-                self.joints, self.imu, self.previous_rate, self.wrenches, self.feet,
-            )
-        )  # fmt: skip
+        q, v, tau, gyro, accel, wrenches = self._new
+        q[:], v[:], tau[:] = sensors.q, sensors.v, sensors.tau
+        gyro[:], accel[:], wrenches[:] = sensors.gyro, sensors.accel, sensors.wrenches
+        missing: int = _accept(self._unboxed)
+        return missing
 
     def _goes_on(self, t: float) -> bool:
         """Whether a stamp [s] is newer than the last one, and near it or continues a jump."""
@@ -131,18 +141,9 @@ def _saturated(values: Array, scale: float) -> bool:
 
 
 @njit(cache=True)
-def _accept(
-    new_joints: Array,
-    new_imu: Array,
-    new_wrenches: Array,
-    scales: Array,
-    joints: Array,
-    imu: Array,
-    previous_rate: Array,
-    wrenches: Array,
-    feet: Array,
-) -> int:
-    """``SensorBuffer.accept`` on matrices."""
+def _accept(samples: Unboxed[SampleMemory]) -> int:
+    """``SensorBuffer.accept`` of the sample in the memory."""
+    scales, new_joints, new_imu, new_wrenches, joints, imu, previous_rate, wrenches, feet = samples.record
     bad = 0
     if not _copy_finite(new_joints[:2], joints[:2]):
         bad += BAD_JOINTS
