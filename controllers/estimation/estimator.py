@@ -111,8 +111,9 @@ class StateEstimator:
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2 + encoders.offset**2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
-        parts = (self._buffer, self._feet, self._contacts, self._slip, self.filter, self._kinematics, self.observer)
-        self._stages = unbox(_Stages(*(part.memory for part in parts), np.zeros(2), np.zeros(3)))
+        feet = self._feet.memory, self._contacts.memory, self._slip.memory
+        body = self.filter.memory, self._kinematics.memory, self.observer.memory
+        self._stages = unbox(_Stages(self._buffer.memory, *feet, *body, np.zeros(2), np.zeros(3)))
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -259,8 +260,11 @@ def _advance(
     innovation, imu, changed = memory.state.innovation, buffer.imu, False
     if not missing & STALE:
         expected[0], expected[1] = left, right
-        torques_good = not missing & BAD_TORQUES
-        changed = judge_sensors(buffer.feet, buffer.wrenches, observer.state, torques_good, expected, dt, feet)
+        forces, torques_good = observer.state, not missing & BAD_TORQUES
+        changed = judge_sensors(
+            buffer.feet, buffer.wrenches, forces.measured, forces.estimated, forces.base[2], torques_good, expected, dt,
+            feet,
+        )  # fmt: skip
         assess_contacts(feet.used, buffer.feet, feet.fault, expected, dt, contacts)
         if watch_slips(innovation, contacts.confidence[:, 0], dt, contacts.densities, slips):
             changed = True

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.estimation.config import ContactConfig, FootNoise, FootSensorConfig, SlipConfig
-from controllers.estimation.observer import ForceObserver, ObserverState
+from controllers.estimation.observer import ForceObserver
 from models.numerics.compiled import njit
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
@@ -62,12 +62,11 @@ class SensorMemory(NamedTuple):
 
 @njit(cache=True)
 def judge_sensors(
-    samples: Array, readings: Array, observer: ObserverState, torques_good: bool, expected: Array, dt: float,
-    sensors: SensorMemory,
+    samples: Array, readings: Array, low_passed: Array, estimated: Array, total: float, torques_good: bool,
+    expected: Array, dt: float, sensors: SensorMemory,
 ) -> bool:  # fmt: skip
     """One step of ``FootSensorMonitor``; whether a fault has begun or ended."""
     limits, fault, timers, last, counts, used, doubt = sensors
-    low_passed, estimated, total = observer.measured, observer.estimated, observer.base[2]
     wrong_torques = abs(total - estimated[0, 2] - estimated[1, 2])
     wrong_sensors = abs(total - low_passed[0, 2] - low_passed[1, 2])
     doubt[0] = max(doubt[0] - dt, 0.0)
@@ -171,7 +170,10 @@ class FootSensorMonitor:
         ``torques_good`` is whether the joint torques of this sample are usable. ``expected`` is 1 for a stance foot of
         the gait schedule, 0 for a swing foot, or ``UNKNOWN`` (2,).
         """
-        judge_sensors(samples, readings, observer.state, torques_good, expected, dt, self.memory)
+        judge_sensors(
+            samples, readings, observer.measured, observer.estimated, observer.base[2], torques_good, expected, dt,
+            self.memory,
+        )  # fmt: skip
 
 
 class ContactLimits(NamedTuple):
