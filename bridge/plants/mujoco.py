@@ -1,7 +1,10 @@
 """The simulated robot: MuJoCo as a plant."""
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.plants.base import SimulatedPlant
 from bridge.plants.fault_plan import Faults
@@ -11,10 +14,39 @@ from bridge.plants.world import ALONE, MujocoWorld
 from controllers.joints.joint_servo import drive_torque
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import mujoco_to_pin
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.terrain import FLAT, Terrain
 from models.types import ContactState, JointCommand, Matrix, RobotState, SensorData, Vector
+
+
+class _Channels(NamedTuple):
+    """Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them."""
+
+    qpos: Vector
+    qvel: Vector
+    force: Vector
+    sensordata: Vector
+    joint_qpos: NDArray[np.int64]
+    joint_qvel: NDArray[np.int64]
+    actuator: NDArray[np.int64]
+    sensors: NDArray[np.int64]
+
+
+@njit(cache=True)
+def _gather(channels: Unboxed[_Channels], values: Vector) -> None:
+    """Copy the channels of ``SensorNoise`` (size,)."""
+    qpos, qvel, force, sensordata, joint_qpos, joint_qvel, actuator, sensors = channels.record
+    nj, first = len(actuator), len(values) - 12
+    for j in range(nj):
+        values[j], values[nj + j] = qpos[joint_qpos[j]], qvel[joint_qvel[j]]
+        values[2 * nj + j] = force[actuator[j]]
+    for i in range(len(sensors)):
+        values[3 * nj + i] = sensordata[sensors[i]]
+    for i in range(first, len(values)):  # foot on sole -> ground on foot, as foot_wrenches has it
+        values[i] = -values[i]
 
 
 class MujocoPlant(SimulatedPlant):
@@ -86,10 +118,12 @@ class MujocoPlant(SimulatedPlant):
         """Indices of the channels of ``SensorNoise`` in MuJoCo's arrays; views of those stay valid."""
         mj, data = self.mujoco, self.data
         feet = [mj.sole_force[0], mj.sole_torque[0], mj.sole_force[1], mj.sole_torque[1]]
-        self._sensor_index = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
+        sensors = np.concatenate([np.arange(s.start, s.stop) for s in (mj.gyro, mj.accel, *feet)])  # (18,)
         self._joint_qpos, self._joint_qvel = mj.joint_qpos - mj.qpos.start, mj.joint_qvel - mj.qvel.start
         self._qpos, self._qvel = data.qpos[mj.qpos], data.qvel[mj.qvel]  # of the robot
-        self._sensordata, self._force, self._ctrl = data.sensordata, data.actuator_force, data.ctrl
+        self._force, self._ctrl = data.actuator_force, data.ctrl
+        sources = self._qpos, self._qvel, self._force, data.sensordata
+        self._channels = unbox(_Channels(*sources, self._joint_qpos, self._joint_qvel, mj.actuator, sensors))
 
     @property
     def t(self) -> float:
@@ -141,14 +175,8 @@ class MujocoPlant(SimulatedPlant):
 
     def read(self) -> SensorData:
         if self._sample is None:
-            nj, mj = self.robot.nj, self.mujoco
             values = np.empty(self.noise.size)
-            # mode="clip" takes without a buffer; the indices are in range
-            self._qpos.take(self._joint_qpos, out=values[:nj], mode="clip")
-            self._qvel.take(self._joint_qvel, out=values[nj : 2 * nj], mode="clip")
-            self._force.take(mj.actuator, out=values[2 * nj : 3 * nj], mode="clip")
-            self._sensordata.take(self._sensor_index, out=values[3 * nj :], mode="clip")
-            np.negative(values[-12:], out=values[-12:])  # foot on sole -> ground on foot, as foot_wrenches has it
+            _gather(self._channels, values)
             self._sample = self.noise.measure(self.t, values)
             if self.faults.active:
                 self.faults.sense(self._tick, values, self._values)

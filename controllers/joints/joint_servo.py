@@ -2,14 +2,16 @@
 
 from enum import Enum
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from controllers.joints.torque_limiter import TorqueLimiter
+from controllers.joints.torque_limiter import TorqueLimiter, TorqueLimits, approach_torques, bound_torques
 from models.config import STRICT, NonNegative, Positive, default_config
 from models.errors import PoiseError
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.trajectory import TrajectorySampler, validate_trajectory
 from models.types import JointCommand, JointTrajectory, Matrix, Vector
@@ -74,6 +76,7 @@ class JointServo:
         self._damped, self._drive = np.zeros((2, 5, nj))
         self._command = JointCommand(*self._drive)
         self._torques = np.zeros((2, nj))  # desired and limited
+        self._memory = unbox(_Memory(self._limiter.limits, self._torques, self._drive))
         self._tau_at_fault = np.zeros(nj)
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
@@ -86,9 +89,9 @@ class JointServo:
         # Compiles the kernels now: the loop itself never waits for a compiler.
         q, v, tau, kp, kd = self._drive
         _accept(q, v, tau, kp, kd, self._low, self._high, self._faded)
-        _pd(q, v, tau, kp, kd, q, v, self._tau_at_fault)
         drive_torque(model, self._command, q, v)
-        _fit(self._damped, tau, tau, self._drive)
+        _limit(self._damped, q, v, 0.0, False, self._memory)
+        self._limiter.tau[:] = 0.0
 
     @property
     def sensor_faults(self) -> int:
@@ -195,12 +198,9 @@ class JointServo:
         else:
             desired = self._damped
             self._damp(t, desired)
-        desired_tau, limited = self._torques
-        desired_q, desired_v, feedforward, kp, kd = desired
-        _pd(desired_q, desired_v, feedforward, kp, kd, q, v, desired_tau)
-        limited[:] = desired_tau
-        tau = self._limiter.limit(q, v, dt, limited)
-        _fit(desired, desired_tau, tau, self._drive)
+        if not _limit(desired, q, v, dt, False, self._memory):
+            self._limiter.fade(np.array((q, v)), self._torques[1])
+            _limit(desired, q, v, dt, True, self._memory)
         return self._command
 
     def _track(self, t: float, q: Vector) -> Matrix:
@@ -292,12 +292,32 @@ def _finite_pd(
             tau[j] = 0.0
 
 
+class _Memory(NamedTuple):
+    """Arrays of ``JointServo``."""
+
+    limits: TorqueLimits
+    torques: Matrix  # desired and limited (2, nj)
+    drive: Matrix  # command of the drives (5, nj)
+
+
 @njit(cache=True)
-def _fit(desired: Matrix, desired_tau: Vector, tau: Vector, drive: Matrix) -> None:
-    """Command of the drives (5, nj): the setpoint where its torque is not limited, else the limited torque alone."""
+def _limit(desired: Matrix, q: Vector, v: Vector, dt: float, faded: bool, servo: Unboxed[_Memory]) -> bool:
+    """Command of the drives: the setpoint (5, nj) where its torque is not limited, else the limited torque alone.
+
+    Returns False when ``TorqueLimiter.fade`` has to limit the torques first; then call again with ``faded``.
+    """
+    limits, torques, drive = servo.record
+    desired_tau, limited, tau = torques[0], torques[1], limits.tau
+    if not faded:
+        _pd(desired[0], desired[1], desired[2], desired[3], desired[4], q, v, desired_tau)
+        limited[:] = desired_tau
+        if not bound_torques(q, v, limits, limited):
+            return False
+    approach_torques(limited, dt, limits)
     for j in range(tau.shape[0]):
         for i in range(5):
             drive[i, j] = desired[i, j]
         if tau[j] != desired_tau[j]:
             drive[2, j] = tau[j]
             drive[3, j] = drive[4, j] = 0.0
+    return True

@@ -1,5 +1,7 @@
 """Last guard between a law and the motors: torque, joint range, speed and torque-rate limits."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from models.numerics.compiled import njit
@@ -7,8 +9,18 @@ from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 
 
+class TorqueLimits(NamedTuple):
+    """Bounds of ``TorqueLimiter``, and its output."""
+
+    centre: Matrix  # of the box of q and v inside which no torque needs to fade (2, nj)
+    inverse_half: Matrix  # inverse half width of that box (2, nj)
+    most: Vector  # (nj,) [N.m]
+    rate: Vector  # (nj,) [N.m/s]
+    tau: Vector  # (nj,) [N.m]
+
+
 class TorqueLimiter:
-    """Limits desired torques to what motors and joints bear.
+    """Limits desired torques to what motors and joints bear; the kernels below need ``fade`` near the limits only.
 
     In this order, tau (nj,) [N.m] is
 
@@ -25,27 +37,17 @@ class TorqueLimiter:
         nj = model.nj
         self.tau = np.zeros(nj)
         self.sensor_faults = 0
-        self._tau_max, self._tau_rate_max = np.array(model.tau_max), np.array(model.tau_rate_max)
-        # Box of (q, v) inside which no torque needs to fade, as centre and inverse half width (2, nj)
+        self._tau_max = np.array(model.tau_max)
         half = np.maximum(0.5 * (model.q_upper - model.q_lower) - position_margin, np.finfo(np.float64).eps)
-        self._centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
-        self._inverse_half = 1.0 / np.array([half, model.v_max])
+        centre = np.array([0.5 * (model.q_upper + model.q_lower), np.zeros(nj)])
+        inverse_half = 1.0 / np.array([half, model.v_max])
+        self.limits = TorqueLimits(centre, inverse_half, self._tau_max, np.array(model.tau_rate_max), self.tau)
         self._fade_rate = np.array([np.full(nj, 1.0 / position_margin), 1.0 / (velocity_margin * model.v_max)])
         self._fade_high = np.array([model.q_upper, (1.0 + velocity_margin) * model.v_max])
         self._fade_low = np.array([model.q_lower, -(1.0 + velocity_margin) * model.v_max])
-        # Compiles both kernels now: the loop itself never waits for a compiler.
-        _bound(self.tau, self.tau, self._centre, self._inverse_half, self._tau_max, np.zeros(nj))
-        _approach(np.zeros(nj), self._tau_rate_max, 0.0, self.tau)
 
-    def limit(self, q: Vector, v: Vector, dt: float, target: Vector) -> Vector:
-        """Limited torques of one driver period (nj,): ``tau``, overwritten later; ``target`` is overwritten, too."""
-        if not _bound(q, v, self._centre, self._inverse_half, self._tau_max, target):
-            self._fade(np.array((q, v)), target)
-        _approach(target, self._tau_rate_max, dt, self.tau)
-        return self.tau
-
-    def _fade(self, measured: Matrix, target: Vector) -> None:
-        """Torque limits that shrink towards joint limits and beyond velocity limits; none where not measured."""
+    def fade(self, measured: Matrix, target: Vector) -> None:
+        """Apply limits that shrink near those of q, v (2, nj) to torques (nj,), which are zero where not measured."""
         up = np.minimum(((self._fade_high - measured) * self._fade_rate).min(axis=0), 1.0)  # (nj,)
         down = np.minimum(((measured - self._fade_low) * self._fade_rate).min(axis=0), 1.0)
         np.minimum(target, np.maximum(up, 0.0) * self._tau_max, out=target)
@@ -57,8 +59,9 @@ class TorqueLimiter:
 
 
 @njit(cache=True)
-def _bound(q: Vector, v: Vector, centre: Matrix, inverse_half: Matrix, most: Vector, target: Vector) -> bool:
-    """Limit torques where no torque needs to fade, inside ``centre`` and ``inverse_half`` (2, nj); False elsewhere."""
+def bound_torques(q: Vector, v: Vector, limits: TorqueLimits, target: Vector) -> bool:
+    """Limit torques (nj,) where none needs to fade; returns False elsewhere."""
+    centre, inverse_half, most = limits.centre, limits.inverse_half, limits.most
     for j in range(target.shape[0]):
         position, speed = (q[j] - centre[0, j]) * inverse_half[0, j], (v[j] - centre[1, j]) * inverse_half[1, j]
         if not (abs(position) <= 1.0 and abs(speed) <= 1.0):  # nor where it is not a number
@@ -69,8 +72,9 @@ def _bound(q: Vector, v: Vector, centre: Matrix, inverse_half: Matrix, most: Vec
 
 
 @njit(cache=True)
-def _approach(target: Vector, rate: Vector, dt: float, tau: Vector) -> None:
-    """Move torques towards their target, at most at a rate [N.m/s] for a time [s]; all (nj,)."""
+def approach_torques(target: Vector, dt: float, limits: TorqueLimits) -> None:
+    """Move ``tau`` towards the target (nj,), at most at the rate for a time [s]."""
+    tau, rate = limits.tau, limits.rate
     for j in range(tau.shape[0]):
         step, change = rate[j] * dt, target[j] - tau[j]
         tau[j] = target[j] if abs(change) <= step else tau[j] + np.maximum(np.minimum(change, step), -step)

@@ -1,6 +1,6 @@
 """Finds motors that do not give the commanded torque, and encoders that are stuck."""
 
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, Positive, default_config
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 
@@ -26,6 +27,21 @@ class JointMonitorConfig:
     offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
     margin: Annotated[float, Field(ge=0.0)]  # distance from a joint's limit within which no torque is judged [rad]
     grace: Annotated[float, Field(ge=0.0)]  # time after a start without a judgement [s]
+
+
+class _Memory(NamedTuple):
+    """Constants and state of ``JointMonitor``."""
+
+    #: kp, kd, largest torque, allowed error of the mean torque; of a motor without output: least commanded torque,
+    #: largest torque given; lowest and highest position and fastest velocity at which the drivers follow commands;
+    #: largest change of a torque in a tick (10, nj)
+    gains: Array
+    command: Array  # setpoints of position, velocity and torque that the drivers have (3, nj)
+    expected: Array  # torques (nj,) [N.m]
+    torques: Array  # expected and given in the last ticks (rows, 2, nj) [N.m]
+    last: Array  # positions and velocities (2, nj)
+    still: NDArray[np.int64]  # ticks for which both have been the same (nj,)
+    mean: Array  # of the torques expected and given, and of the size of the latter (3, nj) [N.m]
 
 
 class JointMonitor:
@@ -56,13 +72,12 @@ class JointMonitor:
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
         rate = period * model.tau_rate_max
-        self._gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside, rate])  # (10, nj)
-        self._expected = np.zeros(nj)
-        self._command, self._torques = np.zeros((3, nj)), np.zeros((rows, 2, nj))
-        self._last = np.full((2, nj), np.nan)
-        self._still, self._mean = np.zeros(nj, dtype=np.int64), np.zeros((3, nj))
+        gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside, rate])
+        command, torques, last, mean = (np.zeros(shape) for shape in ((3, nj), (rows, 2, nj), (2, nj), (3, nj)))
+        self._memory = _Memory(gains, command, np.zeros(nj), torques, last, np.zeros(nj, dtype=np.int64), mean)
+        self._unboxed, self._command = unbox(self._memory), tuple(command)
         self.reset()
-        self._watch(np.zeros(nj), np.zeros(nj), np.zeros(nj))  # compiles
+        _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), np.zeros(nj), 0, self._unboxed)  # compiles
         self.reset()
 
     def reset(self) -> None:
@@ -70,52 +85,39 @@ class JointMonitor:
         self.fault = ""
         self._tick = 0
         self._grace = round(self.config.grace / self._period)
-        self._expected[:] = self._torques[:] = 0.0
-        self._still[:] = 0
-        self._last[:] = np.nan
+        memory = self._memory
+        memory.expected[:] = memory.torques[:] = 0.0
+        memory.still[:] = 0
+        memory.last[:] = np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
         """One tick: the measured state, and the command that answers it, which the drivers have in the next tick."""
         if self._tick > 0 and not self.fault:
-            found = self._watch(state.q[7:], state.v[6:], state.tau)
+            found = _watch_joints(state.q, state.v, state.tau, self._tick, self._unboxed)
             if (found > 0 or (found < 0 and self._noisy)) and self._tick > self._grace:
                 self.fault = self._describe(found, state)
         self._tick += 1
-        self._command[0], self._command[1], self._command[2] = command.q, command.v, command.tau
-
-    def _watch(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> int:
-        found: int = _watch_joints(
-            q, v, tau, self._command, self._gains, self._tick,
-            self._expected, self._torques, self._last, self._still, self._mean,
-        )  # fmt: skip
-        return found
+        q, v, tau = self._command
+        q[:], v[:], tau[:] = command.q, command.v, command.tau
 
     def _describe(self, found: int, state: RobotState) -> str:
         joint = abs(found) - 1
         name = self.model.joint_names[joint]
         if found < 0:
             return f"encoder of '{name}' stuck at {state.q[7 + joint]:.4f} rad for {self.config.window:g} s"
-        expected, given, _ = self._mean[:, joint]
+        expected, given, _ = self._memory.mean[:, joint]
         figures = f"{given:.1f} N.m instead of {expected:.1f} N.m (means of {self.config.window:g} s)"
         return f"motor of '{name}' gives {figures}"
 
 
 @njit(cache=True)
-def _watch_joints(
-    q: Array, v: Array, tau: Array, command: Array, gains: Array, tick: int,
-    expected: Array, torques: Array, last: Array, still: NDArray[np.int64], mean: Array,
-) -> int:  # fmt: skip
+def _watch_joints(state_q: Array, state_v: Array, tau: Array, tick: int, memory: Unboxed[_Memory]) -> int:
     """One tick of every joint: 0 when all is well, 1 + the index of a motor at fault, or -1 - that of an encoder.
 
-    ``q`` [rad], ``v`` [rad/s] and ``tau`` [N.m] are measured (nj,); ``command`` are the setpoints of position, velocity
-    and torque that the drivers have (3, nj). Rows of ``gains`` (10, nj): kp, kd, largest torque, allowed error of the
-    mean torque; of a motor without output: least commanded torque, largest torque given; lowest and highest position
-    and fastest velocity at which the drivers follow commands; largest change of a torque in a tick.
-
-    In and out: ``expected`` torques (nj,) [N.m]; ``torques`` expected and given in the last ticks (rows, 2, nj) [N.m];
-    ``last`` positions and velocities (2, nj); ``still`` ticks for which both have been the same (nj,). Out: ``mean`` of
-    the torques expected and given, and of the size of the latter (3, nj) [N.m].
+    ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` [N.m] (nj,) are measured.
     """
+    gains, command, expected, torques, last, still, mean = memory.record
+    q, v = state_q[7:], state_v[6:]
     rows, nj = torques.shape[0], torques.shape[2]
     row, found = tick % rows, 0
     for j in range(nj):
@@ -133,11 +135,15 @@ def _watch_joints(
         last[0, j], last[1, j] = q[j], v[j]
         if still[j] >= rows:
             found = -1 - j
-        mean[:, j] = 0.0
-        for i in range(rows):
-            mean[0, j] += torques[i, 0, j] / rows
-            mean[1, j] += torques[i, 1, j] / rows
-            mean[2, j] += abs(torques[i, 1, j]) / rows
+    mean[:] = 0.0
+    for i in range(rows):
+        for j in range(nj):
+            mean[0, j] += torques[i, 0, j]
+            mean[1, j] += torques[i, 1, j]
+            mean[2, j] += abs(torques[i, 1, j])
+    for j in range(nj):
+        for i in range(3):
+            mean[i, j] /= rows
         wrong = abs(mean[1, j] - mean[0, j]) > gains[3, j]
         dead = abs(mean[0, j]) > gains[4, j] and mean[2, j] < gains[5, j]
         if (wrong or dead) and found == 0:

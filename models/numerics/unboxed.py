@@ -36,6 +36,7 @@ class Unboxed(structref.StructRefProxy, Generic[T]):
     """Handle of a record in compiled memory."""
 
     record: T  #: The record; only compiled code reads it
+    _numba_type_ = vars(structref.StructRefProxy)["_type"]  # every call reads it: the slot, not a property in Python
 
 
 structref.define_proxy(Unboxed, _UnboxedType, ["record"])
