@@ -14,6 +14,7 @@ from controllers.balance.motion_player import MotionPlayer
 from controllers.balance.posture_reference import PostureReference
 from controllers.balance.tick_kernels import (
     BalanceArrays,
+    blend_postures,
     blend_rotations,
     feedback_tick,
     standing_reference,
@@ -343,11 +344,12 @@ class BalanceController:
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
         """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""
         share = min_jerk(self._share)[0]
-        free, difference = self.motions.free, planned.posture - standing.posture
-        weight = np.where(free, 0.0, share)
-        posture = standing.posture + weight * difference
-        velocity = standing.posture_velocity + weight * (planned.posture_velocity - standing.posture_velocity)
-        acceleration = (1.0 - weight) * standing.posture_acceleration + weight * planned.posture_acceleration
+        posture, velocity, acceleration = blend_postures(
+            self.motions.free,
+            share,
+            (standing.posture, standing.posture_velocity, standing.posture_acceleration),
+            (planned.posture, planned.posture_velocity, planned.posture_acceleration),
+        )
         if self._share == 1.0:
             return replace(planned, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)
         bodies = np.empty((2, 3, 3))
