@@ -62,7 +62,8 @@ class CommandState(Struct, frozen=True):
     @property
     def moves(self) -> bool:
         """Whether the commanded velocity is not zero."""
-        return any(abs(value) > 1e-3 for value in self.target)
+        forward, left, turn = self.target
+        return abs(forward) > 1e-3 or abs(left) > 1e-3 or abs(turn) > 1e-3
 
     @property
     def over(self) -> bool:
@@ -135,11 +136,15 @@ class Commands:
         if state.route.steps:
             return state.counted(state.route.left if state.route.left <= self._config.preview else None)
         if state.moves:
+            if state.velocity == state.target and state.steps_left is None:
+                return state
             velocity = approached(state.velocity, state.target, self._config.velocity, dt)
             return structs.replace(state, velocity=velocity, steps_left=None)
         if stepping:
             return state.counted(2) if state.steps_left is None else state
-        return structs.replace(state, target=STILL, velocity=STILL)
+        return (
+            state if state.target == state.velocity == STILL else structs.replace(state, target=STILL, velocity=STILL)
+        )
 
     def landed(self, state: CommandState, soles: Sequence[Foothold]) -> CommandState:
         """After a touchdown, with the soles there now."""

@@ -247,47 +247,56 @@ class Soles:
             measured=soles.measured,
         )
 
-    def drift(self, soles: SoleState, measured: Measurement, swinging: int | None) -> Vector:
-        """Motion of the loaded soles since the last tick, weighted by load (2,) [m]: the drift of the estimate."""
-        x, y, total = 0.0, 0.0, 0.0
-        for foot, (old, new) in enumerate(zip(soles.measured, measured.soles, strict=True)):
-            load = measured.loads[foot]
+    def drift(self, soles: SoleState, measured: Measurement, swinging: int | None) -> Point:
+        """Motion of the loaded soles since the last tick, weighted by load [m]: the drift of the estimate."""
+        x = y = total = 0.0
+        for foot, load in enumerate(measured.loads):
             if foot != swinging and load >= self._config.anchor_load:
+                old, new = soles.measured[foot], measured.soles[foot]
                 x, y, total = x + load * (new.x - old.x), y + load * (new.y - old.y), total + load
-        return np.array([x / total, y / total]) if total > 0.0 else np.zeros(2)
+        return (x / total, y / total) if total > 0.0 else (0.0, 0.0)
 
     def followed(
         self,
         soles: SoleState,
         measured: Measurement,
-        drift: Vector,
+        drift: Point,
         swinging: int | None,
         landed: int | None,
         dt: float,
     ) -> SoleState:
-        """One tick: footholds move with the drift (2,) [m]; planted ones, and their slopes, approach the loaded soles.
+        """One tick: footholds move with the drift [m]; planted ones, and their slopes, approach the loaded soles.
 
         Position and heading, which the estimator cannot observe, drift for references and measurements alike.
         ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
         """
         config, ground = self._config, self._config.ground
-        x, y = drift.tolist()
-        holds = [hold.shifted(x, y) for hold in soles.holds]
-        shares = np.zeros((2, 1))  # of the way to the measured slopes
+        holds, shares = list(soles.holds), [0.0, 0.0]  # of the way to the measured slopes
         share = min(dt / config.anchor_time, 1.0)
         for foot in range(2):
+            hold = holds[foot] = holds[foot].shifted(*drift)
             if foot == swinging or measured.loads[foot] < config.anchor_load:
                 continue
-            shares[foot, 0] = min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0)
-            hold, sole = holds[foot], measured.soles[foot]
+            shares[foot] = min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0)
+            sole = measured.soles[foot]
             holds[foot] = Foothold(
                 hold.x + share * (sole.x - hold.x),
                 hold.y + share * (sole.y - hold.y),
                 hold.yaw + share * wrap(sole.yaw - hold.yaw),
                 hold.z + share * (sole.z - hold.z),
             )
-        tilts = soles.tilts + shares * (measured.tilts - soles.tilts)
+        tilts = _approached(soles.tilts, measured.tilts, *shares)
         return structs.replace(soles, holds=(holds[0], holds[1]), tilts=tilts, measured=measured.soles)
+
+
+@njit(cache=True)
+def _approached(tilts: Matrix, measured: Matrix, left: float, right: float) -> Matrix:
+    """Slopes of both soles a share of the way from ``tilts`` to ``measured`` (2, 2)."""
+    after = np.empty((2, 2))
+    for i in range(2):
+        after[0, i] = tilts[0, i] + left * (measured[0, i] - tilts[0, i])
+        after[1, i] = tilts[1, i] + right * (measured[1, i] - tilts[1, i])
+    return after
 
 
 @njit(cache=True)

@@ -9,6 +9,7 @@ from msgspec import structs
 
 from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.errors import CommandError
+from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector
 from planners.gait.adjustment import StepPlanner, Walk
@@ -18,7 +19,7 @@ from planners.gait.contact import AirborneDetector, GaitMeasurement, Measurement
 from planners.gait.dcm import DcmState
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
-from planners.gait.reaction import leg_lever, swing_reaction
+from planners.gait.reaction import SwingLeg, leg_lever, swing_reaction
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Footstep, Route
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
@@ -47,8 +48,9 @@ class GaitPlanner:
         self._commands = Commands(config)
         self._soles = Soles(model, config)
         self._swing = SwingFoot(config.swing)
-        self._lever = leg_lever(model)
-        self._plan = StepPlanner(config, self._soles, self._swing.shape, self._lever)
+        lever = leg_lever(model)
+        self._leg = unbox(SwingLeg(self._swing.shape, lever))
+        self._plan = StepPlanner(config, self._soles, self._swing.shape, lever)
         self._builder = ReferenceBuilder(model, config)
         self._airborne = AirborneDetector(model, config.lift)
         self._footing = Footing(model, config.footing)
@@ -148,7 +150,8 @@ class GaitPlanner:
         stands still, the reference is that of ``rest`` on the part of the soles that bears load.
         """
         gait = self.state
-        before, omega = gait.measured.dcm(self._omega()), self._omega()
+        omega = self._omega()
+        before = gait.measured.dcm(omega)
         gait.measured = measured = self._sensors.measure(state, gait.measured)
         share = min(dt / self.config.push_filter, 1.0)
         gait.dcm_rate = gait.dcm_rate + share * ((measured.dcm(omega) - before) / dt - gait.dcm_rate)
@@ -188,15 +191,15 @@ class GaitPlanner:
         """Move the whole plan with the loaded soles: their estimated pose in W drifts."""
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
-        drift = self._soles.drift(gait.soles, measured, swinging)
+        x, y = drift = self._soles.drift(gait.soles, measured, swinging)
+        shift = np.array(drift)
         gait.soles = self._soles.followed(gait.soles, measured, drift, swinging, landed, dt)
-        gait.dcm = gait.dcm.shifted(drift)
+        gait.dcm = gait.dcm.shifted(shift)
         if swinging is None:  # the next lift-off sets them
             return
-        gait.swing = gait.swing.shifted(drift)
-        x, y = drift.tolist()
+        gait.swing = gait.swing.shifted(x, y)
         gait.step = structs.replace(
-            gait.step, liftoff=gait.step.liftoff.shifted(x, y), touchdown=gait.step.touchdown + drift
+            gait.step, liftoff=gait.step.liftoff.shifted(x, y), touchdown=gait.step.touchdown + shift
         )
 
     def _in_stand(self, dt: float) -> None:
@@ -270,8 +273,8 @@ class GaitPlanner:
         gait = self.state
         target, measured = gait.soles.holds[1 - gait.stance], gait.measured
         left = gait.step.time - gait.elapsed
-        com, velocity, shape = measured.com, measured.com_velocity, self._swing.shape
-        return swing_reaction(self._omega(), left, gait.swing, (target.x, target.y), com, velocity, shape, self._lever)
+        com, velocity = measured.com, measured.com_velocity
+        return swing_reaction(self._omega(), left, gait.swing, (target.x, target.y), com, velocity, self._leg)
 
     def _stance_point(self) -> Vector:
         """ZMP point of the stance foot (2,) [m]."""

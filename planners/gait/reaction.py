@@ -31,6 +31,7 @@ import pinocchio as pin
 from models.constants import GRAVITY
 from models.errors import RobotModelError
 from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed
 from models.robot_model import Foot, RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
@@ -154,20 +155,20 @@ def rest_of_swing(
     return c * x - s * y, s * x + c * y
 
 
+class SwingLeg(NamedTuple):
+    """Constants of ``swing_reaction``."""
+
+    shape: SwingShape
+    lever: LegLever
+
+
 @njit(cache=True)
 def _rest_and_offset(
-    omega: float,
-    left: float,
-    motion: Matrix,
-    floor: float,
-    duration: float,
-    target: Point,
-    com: Vector,
-    com_velocity: Vector,
-    shape: SwingShape,
-    lever: LegLever,
-) -> tuple[Vector, Vector]:
+    omega: float, left: float, motion: Matrix, floor: float, duration: float, target: Point, com: Vector,
+    com_velocity: Vector, leg: Unboxed[SwingLeg],
+) -> tuple[Vector, Vector]:  # fmt: skip
     """``rest_of_swing``, and CMP minus CoP at this moment of the swing; in W, both (2,) [m]."""
+    shape, lever = leg.record
     rest, offset = np.empty(2), np.empty(2)
     rest[0], rest[1] = rest_of_swing(omega, left, motion, floor, duration, target, com, com_velocity, shape, lever)
     place, velocity, acceleration = motion[0], motion[1], motion[2]
@@ -194,12 +195,11 @@ def swing_reaction(
     target: Point,
     com: Vector,
     com_velocity: Vector,
-    shape: SwingShape,
-    lever: LegLever,
+    leg: Unboxed[SwingLeg],
 ) -> tuple[Vector, Vector]:
     """DCM that the rest of the swing uses up, and CMP minus CoP now, in W, both (2,) [m]; see ``rest_of_swing``."""
     rest, offset = _rest_and_offset(
-        omega, left, swing.motion, swing.floor, swing.duration, target, com, com_velocity, shape, lever
+        omega, left, swing.motion, swing.floor, swing.duration, target, com, com_velocity, leg
     )
     return rest, offset
 

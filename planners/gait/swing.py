@@ -49,10 +49,11 @@ class SwingState(Struct, frozen=True):
         velocity: Vector = self.motion[1]
         return velocity
 
-    def shifted(self, shift: Vector) -> SwingState:
-        """Moved in W (2,) [m]."""
+    def shifted(self, x: float, y: float) -> SwingState:
+        """Moved in W [m]."""
         motion = self.motion.copy()
-        motion[0, :2] += shift
+        motion[0, X] += x
+        motion[0, Y] += y
         return structs.replace(self, motion=motion)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from planners.gait import dcm
 from planners.gait.adjustment import StepPlanner, Walk
@@ -13,7 +14,7 @@ from planners.gait.commands import CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import GaitMeasurement, Measurement, Soles
 from planners.gait.footsteps import Foothold, limits_of, preview_footholds
-from planners.gait.reaction import leg_lever, swing_reaction, whole_swing
+from planners.gait.reaction import SwingLeg, leg_lever, swing_reaction, whole_swing
 from planners.gait.route import Route, plan_to_pose, route_of
 from planners.gait.swing import SwingFoot
 from tests.support import standing
@@ -112,7 +113,7 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
         at = planned.with_dcm(start)
         target = (nominal.x, nominal.y)
         rest, _ = swing_reaction(
-            OMEGA, single, swing, target, at.com, at.com_velocity, planned.swing.shape, planned.lever
+            OMEGA, single, swing, target, at.com, at.com_velocity, unbox(SwingLeg(planned.swing.shape, planned.lever))
         )
         start = dcm.single_support(point, landing + offset, OMEGA, single, np.zeros(2), np.zeros(2))[0] + rest
     step, time, end, solved = planned.plan.adjust(walk, planned.with_dcm(start), 0.0, single, nominal, swing)

@@ -9,9 +9,10 @@ import pytest
 from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import RobotModelError
+from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.reaction import LegLever, leg_lever, swing_reaction, swing_slope, whole_swing
+from planners.gait.reaction import LegLever, SwingLeg, leg_lever, swing_reaction, swing_slope, whole_swing
 from planners.gait.swing import SwingFoot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
@@ -20,6 +21,7 @@ DT = 0.001
 PERIOD = SINGLE + DOUBLE
 FOOT = SwingFoot(CONFIG)
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
+LEG = unbox(SwingLeg(FOOT.shape, LEVER))
 
 
 @pytest.mark.parametrize(("name", "hip_pitch"), [("g1", 0), ("talos", 2)])
@@ -67,7 +69,7 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        return swing_reaction(OMEGA, left, foot, (way[0], way[1]), com, velocity, FOOT.shape, LEVER)
+        return swing_reaction(OMEGA, left, foot, (way[0], way[1]), com, velocity, LEG)
 
     for i in range(round(SINGLE / DT)):
         com = start + velocity * i * DT

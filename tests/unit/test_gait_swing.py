@@ -86,7 +86,7 @@ def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float
     for i in range(ticks):  # its recent motion, close enough to its reference
         foot = FOOT.detect_trip(foot, place[0] - speed * (ticks - 1 - i) * DT, place[1], at, DURATION, DT)
     assert foot.trips == 0
-    foot = foot.shifted(np.array([lag, 0.0]))
+    foot = foot.shifted(lag, 0.0)
     return FOOT.detect_trip(foot, place[0], place[1], at, DURATION, DT), float(foot.position[2])
 
 
