@@ -25,7 +25,7 @@ class ReferenceBuilder:
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
-        self._posture = model.posture("stand")
+        self._posture = np.array(model.posture("stand"))  # kernels are compiled for writable arrays
         self._zero, self._still = np.zeros(model.nj), np.zeros((2, 6))
         data = model.data()
         pin.centerOfMass(model.pin, data, model.standing_configuration())
