@@ -114,15 +114,9 @@ def analyse(model: RobotModel, recording: Recording) -> Stability:
         balance(model, data, q, v, wrenches)
         for q, v, wrenches in zip(recording.q, recording.v, recording.wrenches, strict=True)
     ]
-    return Stability(
-        t=recording.t,
-        com=np.array([row.com for row in rows]),
-        com_velocity=np.array([row.com_velocity for row in rows]),
-        dcm=np.array([row.dcm for row in rows]),
-        zmp=np.array([row.cop for row in rows]),
-        soles=np.array([row.soles for row in rows]),
-        margin=np.array([_margin(row) for row in rows]),
-    )
+    names = ("com", "com_velocity", "dcm", "cop", "soles")
+    series = {name: np.array([getattr(row, name) for row in rows]) for name in names}
+    return Stability(recording.t, zmp=series.pop("cop"), margin=np.array([_margin(row) for row in rows]), **series)
 
 
 def _margin(row: Balance) -> float:

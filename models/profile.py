@@ -231,9 +231,10 @@ class Profile:
     source: str = ""  #: file the profile was read from; filled in by the loader
 
     def __post_init__(self) -> None:
+        known = ", ".join(sorted(self.motors))
         for name, joint in self.joints.items():
             if joint.motor not in self.motors:
-                raise ValueError(f"joint '{name}': unknown motor '{joint.motor}'; known: {_listed(self.motors)}")
+                raise ValueError(f"joint '{name}': unknown motor '{joint.motor}'; known: {known}")
         of: dict[tuple[str, ...], str] = {}
         for name, joint in self.joints.items():
             for each in (name, *joint.aliases):
@@ -263,10 +264,6 @@ class Profile:
         for posture in self.jig_postures:
             if posture != "zero" and posture not in self.postures:
                 raise ValueError(f"jig_postures: unknown posture '{posture}'")
-
-
-def _listed(names: dict[str, Motor]) -> str:
-    return ", ".join(sorted(names))
 
 
 def robot_names() -> list[str]:

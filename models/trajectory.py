@@ -1,12 +1,9 @@
 """Joint trajectories: validation, and the smooth curve through the points."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +12,9 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive, default_config
 from models.errors import JointNameError, TrajectoryError
+from models.robot_model import RobotModel
 from models.spline import evaluate_quintic, monotone_velocities, quintic_coefficients
 from models.types import JointTrajectory, Matrix, Vector
-
-if TYPE_CHECKING:
-    from models.robot_model import RobotModel
 
 
 class TrajectorySampler:
@@ -121,12 +116,6 @@ class TrajectoryLimits:
     checks_per_segment: Annotated[int, Field(ge=1)]  #: instants checked between two points [1]
 
 
-@cache
-def default_limits() -> TrajectoryLimits:
-    """Limits as packaged in ``models/config/trajectory.yaml``, read once."""
-    return default_config(TrajectoryLimits, "models", "trajectory")
-
-
 def validate_trajectory(
     traj: JointTrajectory,
     model: RobotModel,
@@ -149,7 +138,8 @@ def validate_trajectory(
     between points outside position, velocity or torque limits, or a start jump; the message names field, point and
     joint.
     """
-    _Check(traj, model, limits or default_limits(), require_all).all(start_q, start_v, elapsed, end_at_rest=end_at_rest)
+    limits = limits or default_config(TrajectoryLimits, "models", "trajectory")
+    _Check(traj, model, limits, require_all).all(start_q, start_v, elapsed, end_at_rest=end_at_rest)
 
 
 class _Check:

@@ -124,8 +124,8 @@ def _check_joint(joint: ET.Element, links: set[str], path: Path) -> str:
         limit = joint.find("limit")
         if limit is None:
             raise RobotModelError(f"{where}: has no <limit>")
-        values = {key: _number(limit.get(key), f"{where}: limit {key}") for key in ("lower", "upper")}
-        values |= {key: _number(limit.get(key), f"{where}: limit {key}") for key in ("effort", "velocity")}
+        keys = ("lower", "upper", "effort", "velocity")
+        values = {key: _number(limit.get(key), f"{where}: limit {key}") for key in keys}
         if not values["lower"] < values["upper"]:
             raise RobotModelError(f"{where}: lower limit {values['lower']} is not below upper limit {values['upper']}")
         for key in ("effort", "velocity"):

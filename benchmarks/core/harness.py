@@ -4,7 +4,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -79,18 +79,8 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """The one JSON object that every benchmark writes."""
-        return {
-            "bench": self.bench,
-            "robot": self.robot,
-            "contender": self.contender,
-            "seeds": self.seeds,
-            "figures": self.figures,
-            "cases": self.cases,
-            "versions": versions(),
-            "revision": revision(),
-            "load": self.load,
-            "passed": self.passed,
-        }
+        kept = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.name != "notes"}
+        return kept | {"versions": versions(), "revision": revision()}
 
 
 class LoadMeter:

@@ -5,14 +5,12 @@ A line is ``{"key", "bench", "robot", "seed", "scenario", "config", "revision", 
 revision and inputs.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -124,7 +122,7 @@ def append_line(path: Path, line: Line) -> None:
     """Add one line to a file of JSON lines; what was cut off in writing before it is taken away."""
     with path.open("a+b") as file:
         _take_away_the_rest(file)
-        file.write(_text(line).encode())
+        file.write(line_text(line).encode())
 
 
 def _take_away_the_rest(file: BinaryIO) -> None:
@@ -132,11 +130,12 @@ def _take_away_the_rest(file: BinaryIO) -> None:
     file.truncate(file.read().rfind(b"\n") + 1)
 
 
-def _text(line: Line) -> str:
+def line_text(line: Line) -> str:
+    """JSON of a line, with its end."""
     return json.dumps(worded(plain(line)), allow_nan=False) + "\n"
 
 
-class ResultsFile:
+class ResultsFile(AbstractContextManager["ResultsFile"]):
     """Finished cases by key; locks the file while open, else ``ConfigError``, and removes an incomplete last line."""
 
     def __init__(self, path: Path) -> None:
@@ -157,12 +156,7 @@ class ResultsFile:
         self.found = self.added = 0  #: Requested cases that were in the file, and cases written
         self.taken: dict[str, list[str]] = {}  #: Keys of the cases that each benchmark requested, in order
 
-    def __enter__(self) -> ResultsFile:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._file.close()
 
     def case(self, key: str) -> Line | None:
@@ -182,6 +176,6 @@ class ResultsFile:
         if line["key"] in self._lines:
             return
         self._lines[line["key"]] = line
-        self._file.write(_text(line).encode())
+        self._file.write(line_text(line).encode())
         self._file.flush()
         self.added += 1

@@ -17,20 +17,18 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
-from geometry_msgs.msg import Twist
 from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
 from benchmarks.core.machine import Use, UseMeter
+from benchmarks.graph.graph_kinds import User
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import CONTROL, REALTIME_NODES, ProcessSpec, process_specs
 from models.config import STRICT, Positive
 from models.errors import PoiseError
-from models.nodes import topics
-from models.nodes.qos import COMMAND
 from models.nodes.realtime import die_with_parent
 
 Count = Annotated[int, Field(ge=0)]
@@ -129,7 +127,6 @@ def _free_port() -> int:
 
 STAGED_CONTROL = ProcessSpec("benchmarks.graph.staged_control", CONTROL.nodes)
 
-VELOCITY_PERIOD = 0.05  # time between two walking velocities [s]
 COMPANION_START = 3.0  # of companions: imports and discovery [s]
 
 FAILED = "failed"  # file with the reason why one graph of a scenario has failed
@@ -212,7 +209,9 @@ def _stand_and_measure(
         (shared / f"stands_{index}").touch()
         _wait_for_others(shared, scenario.robots, scenario.robots * config.start_limit, graph.spin)
         meter = UseMeter({**{name.rpartition(".")[2]: pid for name, pid in graph.pids.items()}, **others})
-        _drive(graph, scenario, config)
+        if scenario.walk:
+            User(graph).walk(config.walk_speed)
+        graph.spin(config.duration + config.warm_up)
         use = meter.read()
     rows = [dict(np.load(files[name])) if files[name].exists() else {} for name in ("bridge", "laws")]
     return Run(rows[0], rows[1], use)
@@ -227,18 +226,3 @@ def _wait_for_others(shared: Path, count: int, timeout: float, spin: Callable[[f
         if time.monotonic() > end:
             raise PoiseError(f"{stand} of {count} graphs stand after {timeout:.0f} s")
         spin(LOOK_PERIOD)
-
-
-def _drive(graph: Graph, scenario: Scenario, config: LatencyConfig) -> None:
-    """Let the robot stand, or walk on, for the time that is measured."""
-    duration = config.duration + config.warm_up
-    if not scenario.walk:
-        graph.spin(duration)
-        return
-    publisher = graph.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
-    velocity = Twist()
-    velocity.linear.x = config.walk_speed
-    end = time.monotonic() + duration
-    while time.monotonic() < end:
-        publisher.publish(velocity)
-        graph.spin(VELOCITY_PERIOD)

@@ -1,6 +1,5 @@
 """A bridge with messages that are spoilt on command: ``/spoil`` takes ``TOPIC KIND COUNT``."""
 
-import sys
 from array import array
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +12,7 @@ from bridge.nodes.robot_driver import RobotDriver
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import set_stamp, stamp_ns
 from models.nodes.qos import EVENT
-from models.nodes.spin import run
+from models.nodes.spin import program
 
 SHIFT = NANOSECONDS  # how far an old or future stamp is off [ns]
 TICK = NANOSECONDS // 1000  # between two messages of a sensor [ns]
@@ -128,10 +127,5 @@ class SpoiltBridge(RobotDriver):
         self._spoilt[topic].spoil(spoil, int(count))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node as a process."""
-    sys.exit(run([SpoiltBridge], args, run_plant))
-
-
 if __name__ == "__main__":
-    main()
+    program(SpoiltBridge, loop=run_plant)()

@@ -1,7 +1,6 @@
 """The report of a suite: tables and pictures in ``report.md``, and ``report.html`` that holds all in one file."""
 
 import base64
-import json
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -13,7 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks.core.benchmark import bounds_of, catalogue
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.provenance import ROOT
-from benchmarks.core.results import plain, worded
+from benchmarks.core.results import line_text
 from benchmarks.report import report_plots
 from benchmarks.report.report_plots import Reports, robots_of, save
 from benchmarks.report.report_survival import DOING, draw_curves, draw_push_maps, draw_shares, draw_terrain, shares
@@ -272,11 +271,11 @@ def publish_report(folder: Path, docs: Path) -> list[Path]:
     for file in (docs / PLOTS).glob("*.png"):
         if file not in files:
             file.unlink()
-    kept = [{name: line[name] for name in line if name not in ("keys", "notes")} for line in latest_lines(folder)]
+    kept = [
+        {name: line[name] for name in line if name not in ("keys", "notes")} for line in latest_lines(folder).values()
+    ]
     lines = docs / REPORTS
-    lines.write_text(
-        "".join(json.dumps(worded(plain(line)), allow_nan=False) + "\n" for line in kept), encoding="utf-8"
-    )
+    lines.write_text("".join(map(line_text, kept)), encoding="utf-8")
     return [*files, lines]
 
 

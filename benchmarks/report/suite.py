@@ -21,6 +21,7 @@ from models.errors import ConfigError, PoiseError, WorkersError
 
 #: Files in a suite's folder, and the folder of tracebacks
 CASES, REPORTS, ERRORS = "cases.jsonl", "reports.jsonl", "errors"
+Part = tuple[str, str]  # bench and robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class Failure:
 
 def save_report(folder: Path, report: Report, keys: Sequence[str], command: str, *, anew: bool) -> None:
     """Append a report with the ``keys`` of its cases, unless the same is there and none was measured ``anew``."""
-    latest = _latest(folder).get((report.bench, report.robot), {})
+    latest = latest_lines(folder).get((report.bench, report.robot), {})
     if not anew and (latest.get("keys"), latest.get("command")) == (list(keys), command):
         return
     line = {name: value for name, value in report.to_dict().items() if name != "cases"}
@@ -70,10 +71,9 @@ def save_failure(folder: Path, bench: str, robot: str, error: Exception) -> Fail
 
 def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
     """Reports and failures of a suite's folder; ``ConfigError`` for a damaged line or a missing case."""
-    latest = latest_lines(folder)
     cases = {line["key"]: line for line in read_lines(folder / CASES)}
     saved, failures = [], []
-    for line in latest:
+    for line in latest_lines(folder).values():
         try:
             if "error" in line:
                 failures.append(Failure(**line))
@@ -84,13 +84,9 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
     return saved, failures
 
 
-def _latest(folder: Path) -> dict[tuple[str, str], Line]:
-    return {(line.get("bench", ""), line.get("robot", "")): line for line in read_lines(folder / REPORTS)}
-
-
-def latest_lines(folder: Path) -> list[Line]:
+def latest_lines(folder: Path) -> dict[Part, Line]:
     """The last line of each bench and robot of a suite's folder, in the order in which they were first measured."""
-    return list(_latest(folder).values())
+    return {_part(line): line for line in read_lines(folder / REPORTS)}
 
 
 def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:
@@ -103,7 +99,6 @@ def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:
 
 
 PLAN = "plan.jsonl"  # file in a suite's folder
-Part = tuple[str, str]  # bench and robot
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.machine import Machine, advice, read_machine
-from benchmarks.core.timed_run import QUANTILES, Spread, percentiles_of, spread
+from benchmarks.core.timed_run import MICRO, QUANTILES, Spread, percentiles_of, spread
 from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
 from bridge.driver.probes import ARRIVED, COMMANDED, ESTIMATED, LEFT, PLANNED, RIGHT, SOLVED, STAMP, LatencyProbe, cost
@@ -46,8 +46,6 @@ process of the laws; estimator: until the state is handed over, the wait for sam
 planner: until the gait's reference is there (standing, the hand-over alone); qp: the rest of the law's tick; command:
 encoding and publishing it; command_transport: until it comes out of the middleware in the bridge; driver: until the
 drivers have taken it."""
-
-MICRO = 1e-3  # nanoseconds to microseconds
 
 
 @dataclass(frozen=True, slots=True)

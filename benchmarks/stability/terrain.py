@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
@@ -158,6 +158,4 @@ class Terrain(Benchmark):
         axes.set_ylim(bottom=0.0)
         axes.set_title(f"terrain, {report.who}, seeds: {report.seeds}", fontsize=10)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8, frameon=False)
-        files = [folder / f"terrain-{report.robot}.png"]
-        figure.savefig(files[0], dpi=110)
-        return files + draw_failures(report, folder)
+        return [saved(figure, folder / f"terrain-{report.robot}.png"), *draw_failures(report, folder)]

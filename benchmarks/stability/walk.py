@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
@@ -140,8 +140,7 @@ def plot(report: Report, folder: Path) -> list[Path]:
             one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
             one.legend(loc="upper right", fontsize=8, ncols=3)
         figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
-        files.append(folder / f"walk-{report.robot}.png")
-        figure.savefig(files[-1], dpi=110)
+        files.append(saved(figure, folder / f"walk-{report.robot}.png"))
     return files + draw_failures(report, folder)
 
 

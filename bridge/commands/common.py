@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from models.types import CommandReply
 
 Network = Annotated[bool, typer.Option(help="The robot may run on another machine.")]
+say = typer.echo  #: Prints plain text without wrapping
 Namespace = Annotated[str, typer.Option(help="Namespace of the robot, such as robot_1.")]
 
 
@@ -26,11 +27,6 @@ def console(**options: Any) -> Console:
     from rich.console import Console
 
     return Console(**options)
-
-
-def say(text: str) -> None:
-    """Print plain text without wrapping."""
-    typer.echo(text)
 
 
 def need_ros() -> None:

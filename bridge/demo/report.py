@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -171,9 +172,15 @@ def judge_walk(model: RobotModel, recording: Recording, config: DemoConfig) -> t
     )
     detail = f"{walked:.2f} m and {np.degrees(turn):.0f} deg; ends {100 * closure:.1f} cm from where it began"
     checks = [Check(WALK, square and not fell(recording.q, recording.q[0, 2]), detail)]
-    checks.append(_judge_wave(model, recording, config))
-    checks.append(_judge_push(model, recording, config))
-    checks.append(_judge_stop(recording, places, config))
+    rest = places[recording.t >= recording.t[-1] - config.pause, :2]
+    judges: dict[str, Callable[[Recording], tuple[bool, str]]] = {
+        WAVE: lambda part: _judge_wave(model, part, config),
+        PUSH: lambda part: _judge_push(model, part, recording.q[0, 2], config),
+        STOP: lambda part: _judge_stop(rest, config),
+    }
+    for name, judged in judges.items():
+        part = _part(recording, name)
+        checks.append(Check(name, *((False, "did not happen") if part is None else judged(part))))
     drift, share = figures["drift_m"], figures["drift_percent"]
     text = f"estimate {100 * drift:.1f} cm off after {walked:.2f} m: {share:.2f} %"
     checks.append(Check("drift", share < 100.0 * config.drift_limit, text))
@@ -211,33 +218,23 @@ def _part(recording: Recording, name: str) -> Recording | None:
     return recording.between(starts[0], min(ends, default=np.inf))
 
 
-def _judge_wave(model: RobotModel, recording: Recording, config: DemoConfig) -> Check:
-    part = _part(recording, WAVE)
-    if part is None:
-        return Check(WAVE, False, "did not happen")
+def _judge_wave(model: RobotModel, part: Recording, config: DemoConfig) -> tuple[bool, str]:
     travel = hand_travel(model, part.q)
     loaded = part.wrenches[:, :, 2] > 0.5 * model.mass * GRAVITY  # (n, 2)
     steps = int((loaded[1:] & ~loaded[:-1]).sum())
     text = f"hand moved {100 * travel:.0f} cm during {steps} footsteps"
-    return Check(WAVE, travel > config.walk_hand_travel and steps >= config.walk_wave_steps, text)
+    return travel > config.walk_hand_travel and steps >= config.walk_wave_steps, text
 
 
-def _judge_push(model: RobotModel, recording: Recording, config: DemoConfig) -> Check:
-    part = _part(recording, PUSH)
-    if part is None:
-        return Check(PUSH, False, "did not happen")
+def _judge_push(model: RobotModel, part: Recording, height: float, config: DemoConfig) -> tuple[bool, str]:
     impulse = abs(config.walk_push) * model.mass
     shown = part.between(part.t[0], part.t[0] + 0.5)  # within half a second the push is over but not yet compensated
     speeds = np.linalg.norm(analyse(model, shown).com_velocity[:, :2], axis=1)
     rise = float(speeds.max() - speeds[0])
     text = f"{impulse:.0f} N.s, CoM {rise:.2f} m/s faster, walked on"
-    return Check(PUSH, not fell(part.q, recording.q[0, 2]) and rise > 0.3 * abs(config.walk_push), text)
+    return not fell(part.q, height) and rise > 0.3 * abs(config.walk_push), text
 
 
-def _judge_stop(recording: Recording, places: Matrix, config: DemoConfig) -> Check:
-    part = _part(recording, STOP)
-    if part is None:
-        return Check(STOP, False, "did not happen")
-    rest = places[recording.t >= recording.t[-1] - config.pause, :2]
+def _judge_stop(rest: Matrix, config: DemoConfig) -> tuple[bool, str]:
     moved = float(np.ptp(rest, axis=0).max())
-    return Check(STOP, moved < config.foot_limit, f"soles moved {1e3 * moved:.1f} mm in the last {config.pause:g} s")
+    return moved < config.foot_limit, f"soles moved {1e3 * moved:.1f} mm in the last {config.pause:g} s"

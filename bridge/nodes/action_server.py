@@ -1,6 +1,5 @@
 """Node ``action_server``: long motions as ROS 2 actions, made of the topics and services of the graph."""
 
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -22,7 +21,7 @@ from models.nodes.interfaces import interface
 from models.nodes.messages import doubles
 from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT
-from models.nodes.spin import run
+from models.nodes.spin import program
 from models.robot_model import RobotModel
 from models.status import MotionState, RouteState, RouteStatus
 from models.types import Mode
@@ -281,10 +280,7 @@ class ActionServerNode(PoiseNode):
         self.own(ActionServer.destroy, server)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node in a separate process."""
-    sys.exit(run([ActionServerNode], args, make=SingleThreadedExecutor))
-
+main = program(ActionServerNode, make=SingleThreadedExecutor)
 
 if __name__ == "__main__":
     main()

@@ -96,9 +96,8 @@ class DriverConfig:
     real_time: Literal["yield", "strict"]
     #: Age of the newest command from which simulated time waits [s]
     yield_lag: Annotated[float, Field(ge=0.001, le=1.0)]
-    yield_supervisor: Annotated[
-        float, Field(ge=0.001, le=1.0, description="Age of what the supervisor judged from which time waits [s]")
-    ]
+    #: Age of what the supervisor judged from which time waits [s]
+    yield_supervisor: Annotated[float, Field(ge=0.001, le=1.0)]
     yield_max: Annotated[float, Field(ge=0.0, le=60.0)]  #: Longest wait; then time goes on and the drivers time out [s]
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]  #: Seed of the simulated sensors' noise
     sensor_noise: bool  #: Noise, bias and quantisation of the profile

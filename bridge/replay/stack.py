@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -60,8 +61,8 @@ class ReplayedStack:
         self._inputs: dict[str, Callable[..., None]] = {
             "start": self._start,
             "sample": lambda _: None,  # has served to put the sample together
-            "dt": self._set_dt,
-            "law_dt": self._set_law_dt,
+            "dt": partial(setattr, self, "_dt"),
+            "law_dt": partial(setattr, self, "_law_dt"),
             "reset": self._reset,
             "mode": lambda name: stack.enter(Mode(name)),
             "follow": self._follow,
@@ -128,12 +129,6 @@ class ReplayedStack:
         self._stack.calibration = _calibration(start["calibration"])
         self._stack.reset_estimator(SensorData(t=start["sample"]["t"], **sample))
         self._estimating, self._steps = True, bool(start["steps"])
-
-    def _set_dt(self, dt: float) -> None:
-        self._dt = dt
-
-    def _set_law_dt(self, dt: float) -> None:
-        self._law_dt = dt
 
     def _reset(self) -> None:
         self._stack.reset_law(self._stack.state)

@@ -33,27 +33,22 @@ from models.types import CommandReply, Mode, Vector
 class ActionsConfig:
     """How long the actions wait, and what they take for rest."""
 
-    period: Annotated[float, Field(ge=0.01, le=1.0, description="Between two looks at what has happened [s]")]
-    feedback_period: Annotated[float, Field(ge=0.01, le=10.0, description="Between two messages of feedback [s]")]
-    answer_timeout: Annotated[
-        float, Field(gt=0.0, le=600.0, description="Longest wait for the answer of a service or the gait planner [s]")
-    ]
-    start_timeout: Annotated[
-        float, Field(gt=0.0, le=600.0, description="Longest wait for a motion to start, planning included [s]")
-    ]
-    halt_timeout: Annotated[
-        float, Field(gt=0.0, le=600.0, description="Longest wait for a motion that is stopped to slow down [s]")
-    ]
-    walk_timeout: Annotated[float, Field(gt=0.0, description="Longest walk to one goal [s]")]
-    stand_timeout: Annotated[
-        float, Field(gt=0.0, le=600.0, description="Longest wait for a standstill after the last footstep [s]")
-    ]
-    goal_period: Annotated[
-        float, Field(gt=0.0, le=60.0, description="Between two publications of a goal until it is answered [s]")
-    ]
-    words: Annotated[int, Field(ge=10, le=10000, description="Words of a topic that are remembered [1]")]
-    quiet: Annotated[int, Field(ge=1, le=100, description="Looks without motion after which it is at rest [1]")]
-    moved: Annotated[float, Field(gt=0.0, le=0.1, description="Change of a joint between looks that is a motion [rad]")]
+    period: Annotated[float, Field(ge=0.01, le=1.0)]  #: Between two looks at what has happened [s]
+    feedback_period: Annotated[float, Field(ge=0.01, le=10.0)]  #: Between two messages of feedback [s]
+    #: Longest wait for the answer of a service or the gait planner [s]
+    answer_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
+    #: Longest wait for a motion to start, planning included [s]
+    start_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
+    #: Longest wait for a motion that is stopped to slow down [s]
+    halt_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
+    walk_timeout: Annotated[float, Field(gt=0.0)]  #: Longest walk to one goal [s]
+    #: Longest wait for a standstill after the last footstep [s]
+    stand_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
+    #: Between two publications of a goal until it is answered [s]
+    goal_period: Annotated[float, Field(gt=0.0, le=60.0)]
+    words: Annotated[int, Field(ge=10, le=10000)]  #: Words of a topic that are remembered [1]
+    quiet: Annotated[int, Field(ge=1, le=100)]  #: Looks without motion after which it is at rest [1]
+    moved: Annotated[float, Field(gt=0.0, le=0.1)]  #: Change of a joint between looks that is a motion [rad]
 
 
 MOVING = (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value)  #: Modes in which an action may go on

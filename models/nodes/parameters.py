@@ -34,21 +34,18 @@ def describe(
     description: str,
     *,
     read_only: bool = True,
-    low: float | None = None,
-    high: float | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
     integer: tuple[int, int] | None = None,
 ) -> Any:
-    """Descriptor of one parameter; ``low`` and ``high`` bound a float, ``integer`` an integer, None: unbounded."""
+    """Descriptor of one parameter; ``low`` and ``high`` bound a float, ``integer`` an integer."""
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if integer is not None:
         descriptor.integer_range = [IntegerRange(from_value=integer[0], to_value=integer[1])]
-    if low is not None or high is not None:
+    if (low, high) != (-math.inf, math.inf):
         most = sys.float_info.max
-        descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=float(low if low is not None else -most), to_value=float(high if high is not None else most)
-            )
-        ]
+        bounds = FloatingPointRange(from_value=float(max(low, -most)), to_value=float(min(high, most)))
+        descriptor.floating_point_range = [bounds]
     return descriptor
 
 
@@ -125,14 +122,11 @@ def _descriptor(hint: Any, text: str, kind: type, read_only: bool) -> Any:
         for bound in getattr(info, "metadata", []):
             low = max(low, getattr(bound, "gt", -math.inf), getattr(bound, "ge", -math.inf))
             high = min(high, getattr(bound, "lt", math.inf), getattr(bound, "le", math.inf))
-    if (low, high) == (-math.inf, math.inf):
-        return describe(text, read_only=read_only)
-    if kind is int:
+    if kind is int and (low, high) != (-math.inf, math.inf):
         most = 2**63 - 1
         return describe(text, read_only=read_only, integer=(int(max(low, -most)), int(high) if high < most else most))
     if kind is float:
-        most_float = sys.float_info.max
-        return describe(text, read_only=read_only, low=max(low, -most_float), high=min(high, most_float))
+        return describe(text, read_only=read_only, low=low, high=high)
     return describe(text, read_only=read_only)
 
 

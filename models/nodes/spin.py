@@ -109,11 +109,13 @@ def run(
         traceback.print_exc()
         code = 1
     finally:
-        _shut_down(nodes)
+        for node in nodes:
+            node.trigger_shutdown()
         sys.stdout.flush()
         cancel = realtime.end_within(END_TIME, code)
         while nodes:
-            _end(executor, nodes.pop(0))
+            executor.remove_node(nodes[0])
+            nodes.pop(0).destroy_node()
         try_shutdown()
     del executor
     realtime.release()
@@ -121,20 +123,10 @@ def run(
     return code
 
 
-def program(*nodes: Callable[[], Any]) -> Callable[..., None]:
-    """Entry point of a process that runs nodes until a signal and exits with the code of ``run``."""
+def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
+    """Entry point of a process that runs nodes until a signal and exits with the code of ``run``, with its options."""
 
     def main(args: list[str] | None = None) -> None:
-        sys.exit(run(list(nodes), args))
+        sys.exit(run(list(nodes), args, **options))
 
     return main
-
-
-def _shut_down(nodes: Sequence[Any]) -> None:
-    for node in nodes:
-        node.trigger_shutdown()
-
-
-def _end(executor: Any, node: Any) -> None:
-    executor.remove_node(node)
-    node.destroy_node()

@@ -13,39 +13,38 @@ from models.profile import EncoderSensor, FootSensor, ImuSensor, Latency
 from models.proposal.propose import Proposal
 
 _WIDTH = 120  #: Longest line of a comment
-_HEAD = """\
+_TEXT = """\
 # {name}: proposed by `poise check-robot` from {urdf}.
 # {mass:.1f} kg, CoM {com:.3f} m above the soles, legs of {leg:.3f} m. Everything below that is not in the URDF is an
 # assumption: see the findings, then put the maker's figures in their place.
-"""
+{findings}name: {name}
+urdf: {file}
+base_link: {base_link}
 
-_DRIVES = """
 # Drives, scaled from those of the G1 and TALOS by mass, height and torque limit. armature: rotor inertia behind the
 # gear [kg.m^2]; damping [N.m.s/rad], frictionloss [N.m]; torque_rate [N.m/s]; kp [N.m/rad], kd [N.m.s/rad].
-"""
-
-_JOINTS = """
+motors:
+{motors}
 # Torque and velocity limits are the URDF's unless torque_limit [N.m] or velocity_limit [rad/s] is given here.
-"""
-
-_FEET = """
+joints:
+{joints}
 # Sole frames under the ankles, x forward, z up; rectangles x_min, x_max, y_min, y_max from the shapes of the feet [m].
-"""
+feet:
+{feet}  friction: {friction}  # rubber on a hard floor [-]
 
-_FRAMES = """
 # Names of REP-120 on links; xyz [m] and rpy [rad] in the link, those of gaze and imu with the axes of the base at zero.
-"""
-
-_POSTURES = """
+frames:
+{frames}
 # Knees a little bent, soles flat, CoM over their middle [rad].
-"""
-
-_SENSORS = """
+postures:
+  stand:
+{stand}
 # The G1's sensors, those of the feet scaled by the weight: put those of your data sheets in their place.
-"""
-
+sensors:
+{sensors}"""
 _HULLS = """
 # Capsules within the bounds of the links (link frame) [m], against the floor only.
+hulls:
 """
 
 
@@ -66,13 +65,6 @@ def profile_text(proposal: Proposal) -> str:
     """The profile as YAML with comments and units, ready for ``models.profile.load_profile``."""
     profile = proposal.profile
     data: dict[str, Any] = asdict(profile)
-    head = _HEAD.format(
-        name=profile.name,
-        urdf=proposal.source.name,
-        mass=proposal.mass,
-        com=proposal.com_height,
-        leg=proposal.leg_length,
-    )
     findings = "".join(
         fill(
             f"{f.severity}: {f.culprit}: {f.fault}: {f.remedy}", _WIDTH, initial_indent="# - ", subsequent_indent="#   "
@@ -80,22 +72,24 @@ def profile_text(proposal: Proposal) -> str:
         + "\n"
         for f in proposal.findings
     )
-    feet = data["feet"]
-    text = head + findings
-    text += "\n".join(f"{key}: {_flow(data[key])}" for key in ("name", "urdf", "base_link")) + "\n"
-    text += _DRIVES + "motors:\n" + _rows(data["motors"])
-    text += _JOINTS + "joints:\n" + _rows(data["joints"])
-    text += _FEET + "feet:\n" + _rows({"left": feet["left"], "right": feet["right"]})
-    text += f"  friction: {feet['friction']}  # rubber on a hard floor [-]\n"
-    text += _FRAMES + "frames:\n" + _rows(data["frames"])
-    text += _POSTURES + "postures:\n  stand:\n"
-    text += "".join(f"    {name}: {value}\n" for name, value in data["postures"]["stand"].items())
-    text += _SENSORS + "sensors:\n"
-    for key, schema in (("imu", ImuSensor), ("encoders", EncoderSensor), ("feet", FootSensor), ("latency", Latency)):
-        text += f"  {key}:\n" + _described(data["sensors"][key], schema)
-    if data["hulls"]:
-        text += _HULLS + "hulls:\n" + _rows(data["hulls"])
-    return text
+    feet, sensors = data["feet"], data["sensors"]
+    schemas = {"imu": ImuSensor, "encoders": EncoderSensor, "feet": FootSensor, "latency": Latency}
+    text = _TEXT.format(
+        name=_flow(profile.name),
+        urdf=proposal.source.name,
+        file=_flow(profile.urdf),
+        base_link=_flow(profile.base_link),
+        mass=proposal.mass,
+        com=proposal.com_height,
+        leg=proposal.leg_length,
+        findings=findings,
+        feet=_rows({"left": feet["left"], "right": feet["right"]}),
+        friction=feet["friction"],
+        stand="".join(f"    {name}: {value}\n" for name, value in data["postures"]["stand"].items()),
+        sensors="".join(f"  {key}:\n{_described(sensors[key], schema)}" for key, schema in schemas.items()),
+        **{key: _rows(data[key]) for key in ("motors", "joints", "frames")},
+    )
+    return text + (_HULLS + _rows(data["hulls"]) if data["hulls"] else "")
 
 
 def _flow(value: Any) -> str:

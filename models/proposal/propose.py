@@ -166,7 +166,8 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
         hulls=propose_hulls(robot, skeleton, legs, limbs),
     )
     names = skeleton.name
-    pairs = tuple((names(j), names(k)) for j, k in skeleton.partners.items() if j != k and _is_left(skeleton, j, k))
+    left_of = skeleton.origins[:, 1]
+    pairs = tuple((names(j), names(k)) for j, k in skeleton.partners.items() if left_of[j] > left_of[k])
     return Proposal(
         urdf,
         profile,
@@ -177,10 +178,6 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
         standing.com_height,
         skeleton.reach(list(legs.left)),
     )
-
-
-def _is_left(skeleton: Skeleton, joint: int, other: int) -> bool:
-    return bool(skeleton.origins[joint][1] > skeleton.origins[other][1])
 
 
 def _root(robot: ET.Element) -> str:

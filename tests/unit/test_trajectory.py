@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.config import default_config
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
-from models.trajectory import TrajectorySampler, default_limits, thin, validate_trajectory
+from models.trajectory import TrajectoryLimits, TrajectorySampler, thin, validate_trajectory
 from models.types import JointTrajectory
 
 KNEE = "left_knee_joint"
@@ -63,7 +64,7 @@ def test_empty(g1: RobotModel) -> None:
 
 def test_too_many_points(g1: RobotModel) -> None:
     with pytest.raises(TrajectoryError, match="5 points, at most 4"):
-        check(make(g1, n=5), g1, limits=replace(default_limits(), max_points=4))
+        check(make(g1, n=5), g1, limits=replace(default_config(TrajectoryLimits, "models", "trajectory"), max_points=4))
 
 
 @pytest.mark.parametrize("field", ["positions", "velocities", "efforts"])
