@@ -12,8 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bridge.closed_loop import ClosedLoop
-from bridge.plants.config import Fraction
-from models.config import STRICT, Positive, default_config
+from models.config import STRICT, Fraction, Positive, default_config
 from models.errors import ConfigError, PoiseError
 from models.mujoco_model import build_mujoco
 from models.proposal.config import ProposalConfig

@@ -11,7 +11,7 @@ from msgspec import structs
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, Positive
+from models.config import STRICT, Fraction, Positive
 from models.robot_model import RobotModel
 from models.types import FOOT_NAMES, JointCommand, Matrix, SensorData, Vector
 
@@ -75,7 +75,7 @@ class CalibrationLimits:
     encoder_offset: Positive  #: each joint [rad]
     force_offset: Positive  #: each axis [N]
     torque_offset: Positive  #: each axis [N.m]
-    force_gain: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of a gain from 1 [-]
+    force_gain: Fraction  #: deviation of a gain from 1 [-]
     keep: Annotated[int, Field(ge=1, le=100)]  #: previous files that are kept [1]
 
 

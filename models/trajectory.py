@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, default_config
+from models.config import STRICT, Count, NonNegative, Positive, default_config
 from models.errors import JointNameError, TrajectoryError
 from models.robot_model import RobotModel
 from models.spline import evaluate_quintic, monotone_velocities, quintic_coefficients
@@ -113,7 +113,7 @@ class TrajectoryLimits:
     velocity_tolerance: NonNegative  #: share of the velocity limit allowed on top [1]
     effort_tolerance: NonNegative  #: share of the torque limit allowed on top [1]
     rest_velocity: NonNegative  #: what still counts as rest [rad/s]
-    checks_per_segment: Annotated[int, Field(ge=1)]  #: instants checked between two points [1]
+    checks_per_segment: Count  #: instants checked between two points [1]
 
 
 def validate_trajectory(

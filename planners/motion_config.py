@@ -5,14 +5,14 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive
+from models.config import STRICT, Count, Fraction, NonNegative, Positive, Share
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class LimitConfig:
     """Limits of a motion, relative to those of the joints."""
 
-    velocity_fraction: Annotated[float, Field(gt=0.0, le=1.0)]  #: share of the velocity limit [1]
+    velocity_fraction: Share  #: share of the velocity limit [1]
     acceleration: Positive  #: largest joint acceleration [rad/s^2]
     slowdown: Annotated[float, Field(ge=1.0)]  #: largest factor that slows a whole motion [1]
     joint_margin: NonNegative  #: distance kept from joint limits [rad]
@@ -38,7 +38,7 @@ class CollisionConfig:
     margin: NonNegative  #: distance kept between bodies [m]
     path_slack: NonNegative  #: less distance allowed between key poses [m]
     trigger: Positive  #: distance at which the solver reacts [m]
-    near: Annotated[int, Field(ge=1)]  #: bodies this many joints apart are not checked [1]
+    near: Count  #: bodies this many joints apart are not checked [1]
     check_rate: Positive  #: checked points per second [Hz]
 
 
@@ -46,12 +46,12 @@ class CollisionConfig:
 class SolverConfig:
     """Iterations and tolerances."""
 
-    max_iterations: Annotated[int, Field(ge=1)]  #: steps towards one key pose [1]
+    max_iterations: Count  #: steps towards one key pose [1]
     step: Positive  #: largest joint step of one iteration [rad]
     settled: Positive  #: step at which a key pose has converged [rad]
     rounds: Annotated[int, Field(ge=2)]  #: times a key pose is solved anew [1]
-    relaxed_habits: Annotated[float, Field(gt=0.0, lt=1.0)]  #: factor on all but the targets' weights [1]
-    path_iterations: Annotated[int, Field(ge=1)]  #: steps at a point between key poses [1]
+    relaxed_habits: Fraction  #: factor on all but the targets' weights [1]
+    path_iterations: Count  #: steps at a point between key poses [1]
     position_tolerance: Positive  #: error of a reached position [m]
     orientation_tolerance: Positive  #: error of a reached orientation [rad]
     joint_tolerance: Positive  #: error of a reached joint target [rad]

@@ -14,13 +14,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, cast
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, run_cases
-from models.config import STRICT, parse_config, read_yaml
+from models.config import STRICT, Count, parse_config, read_yaml
 from models.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-Count = Annotated[int, Field(ge=1)]
 
 ROOT = Path(__file__).resolve().parents[1]  #: Folder of the benchmarks
 SECTION = "bench"  #: Key of the descriptions in a benchmark's YAML file

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -21,7 +21,7 @@ from benchmarks.faults.fault_acts import ACTS, Doing
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from bridge.plants.sensors import SensorErrors
-from models.config import STRICT, Positive, read_yaml
+from models.config import STRICT, NonNegative, Positive, read_yaml
 from models.errors import PoiseError
 from models.profile import load_profile
 from models.robot_model import RobotModel
@@ -58,7 +58,7 @@ class Row(AnyRow):
     faults: list[dict[str, Any]] = Field(default_factory=list)
     loop: LoopChanges = Field(default_factory=LoopChanges)
     box: bool = False
-    push: Annotated[float, Field(ge=0.0)] = 0.0
+    push: NonNegative = 0.0
 
 
 @schema(frozen=True, slots=True, config=STRICT)

@@ -11,14 +11,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter_ns, process_time_ns, thread_time_ns
-from typing import Annotated, Any
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Bound, at_least, at_most, settings
@@ -29,7 +28,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.loop.lockstep import PlantMonitor
 from bridge.plants.world import BarePhysics
 from controllers.safety.supervisor import Supervisor
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, NonNegative, Positive
 from models.nodes.realtime import each_thread
 
 #: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
@@ -198,9 +197,9 @@ class LoopBenchConfig:
     forward: float
     warm_up_stand: Positive
     warm_up_walk: Positive
-    pieces: Annotated[int, Field(ge=1)]
+    pieces: Count
     real_time_min: Positive
-    threads_max: Annotated[float, Field(ge=0.0)]
+    threads_max: NonNegative
 
 
 loop_config = partial(settings, LoopBenchConfig, "loop")

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as schema
 from scipy.optimize import nnls
 
-from benchmarks.core.benchmark import Benchmark, Bound, Count, at_least, saved, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import collector_off
@@ -31,7 +31,7 @@ from controllers.qp.active_set import QP
 from controllers.qp.solve import INFINITE, TOLERANCE, QPSolver, backends, solver_options, to_qpsolvers
 from controllers.whole_body.config import SolverConfig, WholeBodyConfig
 from controllers.whole_body.controller import WholeBodyController
-from models.config import STRICT, Positive, default_config
+from models.config import STRICT, Count, Positive, default_config
 from models.errors import ConfigError, PoiseError
 from models.types import Mode, Vector
 

@@ -13,14 +13,14 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Count, saved, settings
+from benchmarks.core.benchmark import Benchmark, saved, settings
 from benchmarks.core.executors import worker_processes
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, Sweep, run_cases
 from benchmarks.core.results import worded
 from benchmarks.stability.terrain import walk
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT
+from models.config import STRICT, Count, Positive
 
 HOUR = 3600.0  # [s]
 
@@ -32,7 +32,7 @@ class ScalingConfig:
     workers: Annotated[tuple[Count, ...], Field(min_length=1)]
     cases: Count
     scenario: str
-    warm_up: Annotated[float, Field(gt=0.0)]
+    warm_up: Positive
     planned: Count
 
 

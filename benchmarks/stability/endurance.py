@@ -7,21 +7,18 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from resource import RUSAGE_SELF, getrusage
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.loops import TorqueSteps
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive
+from models.config import STRICT, Positive, Proportion
 from models.errors import CommandError
 from models.types import Mode, Vector
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 Kind = Literal["velocity", "word", "push", "nonsense"]  # what may be done to the robot
 
@@ -36,7 +33,7 @@ class EnduranceConfig:
 
     duration: Positive
     pause: tuple[Positive, Positive]
-    velocity_share: Share
+    velocity_share: Proportion
     push_time: Positive
     push_stand: Positive
     push_walk: Positive
@@ -44,7 +41,7 @@ class EnduranceConfig:
     sample: Positive
     memory_limit: Positive
     torque_step_limit: Positive
-    shares: dict[Kind, Share]
+    shares: dict[Kind, Proportion]
     words: list[str]
 
 

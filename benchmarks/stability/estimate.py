@@ -14,22 +14,20 @@ import math
 import sys
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 from scipy.stats import chi2
 
-from benchmarks.core.benchmark import Benchmark, Bound, Count, at_most, settings
+from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import demand
 from benchmarks.core.timed_run import Stopwatch, blocks_growth, collector_off
 from benchmarks.stability.exercise import exercise, exercise_config
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, Fraction, Positive
 from models.types import Mode
 
 #: What a contact-aided estimator can observe, as rows of the error of pose and twist: the rest is yaw and position
@@ -58,7 +56,7 @@ class EstimateConfig:
     stop_time: Positive
     sample_period: Positive
     instant_period: Positive
-    confidence: Annotated[float, Field(gt=0.0, lt=1.0)]
+    confidence: Fraction
     timed_time: Positive
     velocity_rmse_max: Positive
     tilt_rmse_max: Positive

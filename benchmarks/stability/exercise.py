@@ -3,10 +3,8 @@
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
@@ -15,7 +13,7 @@ from benchmarks.stability.push import stance
 from benchmarks.stability.push_bounds import ankle_bound
 from bridge.closed_loop import ClosedLoop
 from bridge.stability import distance_along
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, Positive
 from models.types import Mode, Vector
 
 
@@ -29,7 +27,7 @@ class ExerciseConfig:
     push_period: Positive
     push_duration: Positive
     push_body: str
-    directions: Annotated[int, Field(ge=1)]
+    directions: Count
 
 
 exercise_config = partial(settings, ExerciseConfig, "exercise")

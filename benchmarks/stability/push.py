@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.projections.polar import PolarAxes
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
@@ -23,7 +22,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
 from bridge.stability import Balance, balance, distance_along
 from controllers.balance.controller import BalanceController
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, Positive
 from models.robot_model import RobotModel
 from models.types import RobotState, Vector
 
@@ -121,11 +120,11 @@ class PushConfig:
     """The push test; the units are those of ``benchmarks/config/push.yaml``."""
 
     body: str
-    directions: Annotated[int, Field(ge=1)]
+    directions: Count
     duration: Positive
     settle_time: Positive
     rest_time: Positive
-    rest_samples: Annotated[int, Field(ge=1)]
+    rest_samples: Count
     recover_time: Positive
     check_period: Positive
     first_ratio: Positive

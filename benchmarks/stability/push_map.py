@@ -24,7 +24,7 @@ from benchmarks.stability.falls import FAILED, GOAL, PASSED, draw_fall, moments_
 from benchmarks.stability.push import PushMap, PushMode, angles, direction_name, draw_map, stance
 from benchmarks.stability.push_bounds import ankle_bound, step_distance
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive, default_config
+from models.config import STRICT, Count, Fraction, NonNegative, Positive, default_config
 from models.constants import GRAVITY
 from models.errors import ConfigError, PoiseError
 from models.heading import heading
@@ -85,8 +85,8 @@ class PushMapConfig:
     """The push test with steps; the unit of every value stands in ``benchmarks/config/push_map.yaml``."""
 
     body: str
-    directions: dict[PushMode, Annotated[int, Field(ge=1)]]
-    phases: dict[PushMode, Annotated[int, Field(ge=1)]]
+    directions: dict[PushMode, Count]
+    phases: dict[PushMode, Count]
     first_seed: dict[PushMode, Annotated[int, Field(ge=0)]]
     duration: Positive
     stand_time: Positive
@@ -99,11 +99,11 @@ class PushMapConfig:
     stride: Positive
     resolution: Positive
     speed_tolerance: Positive
-    overlap_tolerance: Annotated[float, Field(ge=0.0)]
+    overlap_tolerance: NonNegative
     sole_thickness: Positive
     walk_window: Positive
-    walk_share: Annotated[float, Field(gt=0.0, lt=1.0)]
-    bound_steps: Annotated[int, Field(ge=1)]
+    walk_share: Fraction
+    bound_steps: Count
     record_period: Positive
     lead: Positive
     required: dict[PushMode, Required]

@@ -2,20 +2,17 @@
 
 import math
 from functools import cache, partial
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, settings
 from benchmarks.core.harness import Case, Options, Report
 from benchmarks.stability.push import PushConfig, bound_at_rest, stance
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive
+from models.config import STRICT, Positive, Proportion
 from models.types import Mode
-
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -32,7 +29,7 @@ class StandConfig:
     torque_step_limit: Positive
     motions: tuple[str, ...]
     push_ratio: Positive
-    push_window: tuple[Fraction, Fraction]
+    push_window: tuple[Proportion, Proportion]
     recover_time: Positive
 
 

@@ -3,10 +3,9 @@
 import math
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
@@ -15,12 +14,10 @@ from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
-from models.config import STRICT, NonNegative, Positive
+from models.config import STRICT, NonNegative, Positive, Share
 from models.heading import heading
 from models.robot_model import RobotModel
 from models.terrain import FLAT, terrain_named
-
-Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 @schema(frozen=True, slots=True, config=STRICT)

@@ -4,10 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
@@ -16,7 +15,7 @@ from benchmarks.core.harness import Case
 from benchmarks.core.loops import demand
 from benchmarks.stability.falls import last_moments
 from bridge.closed_loop import ClosedLoop
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, Positive, Share
 from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.heading import heading, turned
@@ -104,14 +103,14 @@ class WalkConfig:
     record_period: Positive
     shown: Positive
     random_period: Positive
-    random_share: Annotated[float, Field(gt=0.0, le=1.0)]
+    random_share: Share
     speed_error_limit: Positive
     top_duration: Positive
     top_tolerance: Positive
     stop_speed: Positive
     stop_after: Positive
     stop_limit: Positive
-    stop_steps: Annotated[int, Field(ge=1)]
+    stop_steps: Count
     stand_time: Positive
     stand_drift_limit: Positive
     robots: dict[str, RobotWalk]

@@ -3,17 +3,15 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Annotated
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 from std_msgs.msg import Float64
 
 from bridge.launch.graph import Graph
 from bridge.record.observer import Observer
-from models.config import STRICT, Positive
+from models.config import STRICT, Count, Positive
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.qos import EVENT, SENSOR
@@ -53,7 +51,7 @@ class DemoConfig:
     closure_limit: Positive
     turn_tolerance: Positive
     drift_limit: Positive
-    walk_wave_steps: Annotated[int, Field(ge=1)]
+    walk_wave_steps: Count
     walk_hand_travel: Positive
 
 

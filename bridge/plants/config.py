@@ -7,11 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, Positive, parse_config, parse_yaml, read_yaml
+from models.config import STRICT, Fraction, Positive, Proportion, parse_config, parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.profile import CameraSensor
-
-Fraction = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -39,15 +37,12 @@ class LoopConfig:
             raise ValueError(f"settle_limit {self.settle_limit} s is not longer than settle_time {self.settle_time} s")
 
 
-Share = Annotated[float, Field(ge=0, le=1)]
-
-
 @dataclass(frozen=True, slots=True, config=STRICT)
 class TargetConfig:
     """A ball that is in the pictures only."""
 
     radius: Annotated[float, Field(gt=0, le=5)]  #: Radius of the ball of camera/target [m]
-    colour: tuple[Share, Share, Share]  #: Its red, green and blue [-]
+    colour: tuple[Proportion, Proportion, Proportion]  #: Its red, green and blue [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

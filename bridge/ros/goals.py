@@ -17,7 +17,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from models.config import STRICT
+from models.config import STRICT, Positive
 from models.errors import CommandError, MessageError, PoiseError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
@@ -41,7 +41,7 @@ class ActionsConfig:
     start_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
     #: Longest wait for a motion that is stopped to slow down [s]
     halt_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
-    walk_timeout: Annotated[float, Field(gt=0.0)]  #: Longest walk to one goal [s]
+    walk_timeout: Positive  #: Longest walk to one goal [s]
     #: Longest wait for a standstill after the last footstep [s]
     stand_timeout: Annotated[float, Field(gt=0.0, le=600.0)]
     #: Between two publications of a goal until it is answered [s]

@@ -5,9 +5,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive
-
-Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+from models.config import STRICT, Count, Fraction, NonNegative, Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -49,9 +47,9 @@ class ChainConfig:
     max_sigma: Positive  #: posterior std of an offset that is refused above [rad]
     max_residual: Annotated[float, Field(gt=1.0)]  #: RMS of the whitened residual refused above [-]
     gate: Annotated[float, Field(gt=1.0)]  #: mean squared whitened innovation, weighed down above [-]
-    max_gated: Share  #: share of windows weighed down that is refused above [-]
+    max_gated: Fraction  #: share of windows weighed down that is refused above [-]
     iterations: Annotated[int, Field(ge=2)]  #: largest number of Gauss-Newton steps [1]
-    free_iterations: Annotated[int, Field(ge=1)]  #: first steps that weigh nothing down [1]
+    free_iterations: Count  #: first steps that weigh nothing down [1]
     placement: Positive  #: std of the unknown placement of the soles [m, rad]
     misalignment: Positive  #: least std of the IMU's mounting [rad]
     accel_bias: Positive  #: least std of the accelerometer's bias [m/s^2]
@@ -63,7 +61,7 @@ class PostureConfig:
 
     time: Positive  #: time to average over in each posture [s]
     min_time: Positive  #: a posture seen for less does not count [s]
-    min_postures: Annotated[int, Field(ge=1)]  #: fewer postures are refused [1]
+    min_postures: Count  #: fewer postures are refused [1]
     agreement: Positive  #: largest difference of an offset between postures [rad]
 
 
@@ -73,13 +71,13 @@ class FeetConfig:
 
     time: Positive  #: time to average over in the air [s]
     min_time: Positive  #: less is refused [s]
-    air_load: Share  #: force below which the feet are in the air, as a share of weight
-    stand_load: Share  #: force above which the robot stands, as a share of weight
-    air_spread: Share  #: std of a force in the air, as a share of weight
-    stand_spread: Share  #: std of the load on both feet, as a share of weight
+    air_load: Fraction  #: force below which the feet are in the air, as a share of weight
+    stand_load: Fraction  #: force above which the robot stands, as a share of weight
+    air_spread: Fraction  #: std of a force in the air, as a share of weight
+    stand_spread: Fraction  #: std of the load on both feet, as a share of weight
     gain_prior: Positive  #: standard deviation of a gain before any data [-]
     load_sigma: Positive  #: std of the vertical load at rest, as a share of weight
-    min_shift: Share  #: change of the left foot's share needed to distinguish both gains
+    min_shift: Fraction  #: change of the left foot's share needed to distinguish both gains
 
     def __post_init__(self) -> None:
         if self.air_load >= self.stand_load:

@@ -1,13 +1,12 @@
 """Finds motors that do not give the commanded torque, and encoders that are stuck."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, Positive, default_config
+from models.config import STRICT, NonNegative, Positive, Share, default_config
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
@@ -20,13 +19,13 @@ Array = NDArray[np.float64]
 class JointMonitorConfig:
     """Thresholds of a joint fault."""
 
-    window: Annotated[float, Field(gt=0.0, le=1.0)]  # of the mean torques, and of a stuck encoder [s]
+    window: Share  # of the mean torques, and of a stuck encoder [s]
     error: Positive  # of the mean torque at a fault, over the motor's largest one [-]
     commanded: Positive  # mean commanded torque of a motor without output, likewise [-]
     no_output: Positive  # mean torque that counts as none, likewise [-]
     offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
-    margin: Annotated[float, Field(ge=0.0)]  # distance from a joint's limit within which no torque is judged [rad]
-    grace: Annotated[float, Field(ge=0.0)]  # time after a start without a judgement [s]
+    margin: NonNegative  # distance from a joint's limit within which no torque is judged [rad]
+    grace: NonNegative  # time after a start without a judgement [s]
 
 
 class _Memory(NamedTuple):

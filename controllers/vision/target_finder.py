@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, default_config
+from models.config import STRICT, Count, Proportion, default_config
 from models.errors import ConfigError
 from models.types import Vector
 
@@ -16,7 +16,6 @@ _DEGREES_PER_HUE = 2.0  #: OpenCV counts hues of 8 bits in steps of two degrees
 _NOISE_KERNEL = np.ones((3, 3), dtype=np.uint8)  #: Patches that do not hold a square of this size are noise [pixel]
 
 Degrees = Annotated[float, Field(ge=0.0, le=360.0)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -25,9 +24,9 @@ class TargetConfig:
 
     hue_from: Degrees  #: First hue of the target on the circle of colours: red is 0, green 120, blue 240 [deg]
     hue_to: Degrees  #: Last hue; less than the first for a range that goes through 0 [deg]
-    saturation_min: Share  #: Least saturation: 0 is grey, 1 is pure colour [-]
-    value_min: Share  #: Least value: 0 is black, 1 is bright [-]
-    pixels_min: Annotated[int, Field(ge=1)]  #: Least size of the target [pixel]
+    saturation_min: Proportion  #: Least saturation: 0 is grey, 1 is pure colour [-]
+    value_min: Proportion  #: Least value: 0 is black, 1 is bright [-]
+    pixels_min: Count  #: Least size of the target [pixel]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

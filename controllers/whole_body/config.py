@@ -5,9 +5,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive
-
-Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
+from models.config import STRICT, NonNegative, Positive, Share
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -77,8 +75,8 @@ class HeightLimit:
 class LimitConfig:
     """Joint limits as acceleration bounds."""
 
-    torque: Fraction  #: Share of the torque limits that the QP may use [-]
-    velocity: Fraction  #: Share of the velocity limits [-]
+    torque: Share  #: Share of the torque limits that the QP may use [-]
+    velocity: Share  #: Share of the velocity limits [-]
     position_margin: NonNegative  #: Distance kept from position limits [rad]
     position_gain: Positive  #: Fastest approach to a position limit per distance to it [1/s]
     velocity_gain: Positive  #: Largest acceleration towards a velocity bound per distance to it [1/s]
@@ -164,4 +162,4 @@ class BalanceConfig(DcmFeedback):
     anchor_time_s: Positive  #: Time constant with which footholds and references follow the soles that bear load [s]
     stop_time_s: Positive  #: Time in which a motion that is stopped comes to rest [s]
     set_point_time_s: Positive  #: Least time in which a lone point without velocities is reached [s]
-    foothold_load: Fraction  #: Share of the weight that a foot must bear for its foothold to follow it [-]
+    foothold_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]

@@ -5,9 +5,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, Positive
-
-Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+from models.config import STRICT, Fraction, NonNegative, Positive
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -17,7 +15,7 @@ class RepairConfig:
     torque: Positive  # torque limit where there is none, over mass, gravity and length of the longest chain [-]
     velocity: Positive  # velocity limit where there is none [rad/s]
     range: Positive  # position limits where there are none, to both sides [rad]
-    light: Share  # mass moved by a joint without torque below which it is fixed, over the robot's mass [-]
+    light: Fraction  # mass moved by a joint without torque below which it is fixed, over the robot's mass [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -26,7 +24,7 @@ class SoleConfig:
 
     mirror: Positive  # largest distance of a joint from the mirror image of its partner [m]
     band: Positive  # height above the lowest point of a foot up to which its points belong to the sole [m]
-    inset: Annotated[float, Field(ge=0.0)]  # taken off every side of a sole whose outline is a mesh or a box [m]
+    inset: NonNegative  # taken off every side of a sole whose outline is a mesh or a box [m]
     length_min: Positive  # shortest sole that a robot can stand on, over the length of the leg [-]
     width_min: Positive  # narrowest such sole, over the length of the leg [-]
     lopsided: Annotated[float, Field(gt=1.0)]  # ratio of both overhangs of the ankle above which the longer is the toe
@@ -58,7 +56,7 @@ class PostureConfig:
 
     knee: Positive  # bend of the knees from the stretched leg [rad]
     gap: Positive  # least distance between the inner edges of the soles [m]
-    margin: Share  # distance of every joint from its limits, over its range [-]
+    margin: Fraction  # distance of every joint from its limits, over its range [-]
     level: Positive  # largest tilt of a sole that counts as flat [rad]
     residual: Positive  # largest miss of a position [m]
     # Wrist from the shoulder over the arm's length: ahead, outward, up [-].
