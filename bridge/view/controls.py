@@ -14,7 +14,7 @@ from bridge.view.listener import Snapshot, ViewConfig, Words
 from models.heading import heading
 from models.nodes.odometry import Velocity
 from models.robot_model import RobotModel
-from models.types import Mode, Vector
+from models.types import Vector
 from planners.gait.config import VelocityConfig
 
 #: Headings of pushes, from that of the robot [deg]
@@ -31,7 +31,7 @@ class Controls:
         self, gui: Any, operator: Operator, config: ViewConfig, words: Sequence[str], limits: VelocityConfig
     ) -> None:
         self._operator, self._yaw = operator, 0.0
-        self._status = gui.add_html("")
+        self._status = gui.add_html("waiting for the robot")
         self._follow = gui.add_checkbox("follow the robot", initial_value=True)
         self._answer = gui.add_markdown("")
         for name in MODE_SERVICES:
@@ -57,24 +57,28 @@ class Controls:
         """Show the newest answer."""
         self._answer.content = f"`{text[:ANSWER_MAX]}`"
 
-    def show(self, snapshot: Snapshot, words: Words) -> None:
-        """Show mode, state and faults."""
-        self._yaw = heading(*snapshot.q[3:7])
-        good = words.mode in (Mode.STAND.value, Mode.WALK.value, Mode.MOTION.value) and not words.faults
+    def show(self, snapshot: Snapshot | None, words: Words) -> None:
+        """Show mode, state, faults with their reasons, and what to do next."""
+        if snapshot is not None:
+            self._yaw = heading(*snapshot.q[3:7])
+        margin = math.nan if snapshot is None else snapshot.margin
         rows = [
             ("mode", words.mode or "unknown"),
             ("drivers", words.drivers or "unknown"),
             ("gait", words.phase or "unknown"),
             ("in command", words.commander or "none"),
-            ("capture margin", "-" if math.isnan(snapshot.margin) else f"{100 * snapshot.margin:.1f} cm"),
-            ("time", f"{snapshot.t:.1f} s"),
+            ("capture margin", "-" if math.isnan(margin) else f"{100 * margin:.1f} cm"),
+            ("real-time factor", "unknown" if math.isnan(words.factor) else f"{words.factor:.2f}"),
+            ("time", "unknown" if snapshot is None else f"{snapshot.t:.1f} s"),
+            ("next", words.next),
         ]
-        lines = [f"<b>{name}</b>: {html.escape(value)}" for name, value in rows]
+        lines = [f"<b>{words.waiting}</b>"] if words.waiting else []
+        lines += [f"<b>{name}</b>: {html.escape(value)}" for name, value in rows]
         lines += [
             f'<span style="color:{_BAD}"><b>{html.escape(node)}</b>: {html.escape(text)}</span>'
             for node, text in words.faults
         ]
-        edge = _GOOD if good else _BAD
+        edge = _BAD if words.faults else _GOOD
         self._status.content = (
             f'<div style="border-left:6px solid {edge};padding:4px 8px;margin:4px;font-size:13px">'
             + "<br>".join(lines)
@@ -179,8 +183,10 @@ class LivePlots:
 
     def add(self, snapshot: Snapshot, words: Words) -> None:
         """Add a snapshot and redraw."""
-        if self._rows and snapshot.t < self._rows[-1][0]:  # the simulation was reset
-            self._rows.clear()
+        if self._rows and snapshot.t <= self._rows[-1][0]:
+            if snapshot.t == self._rows[-1][0]:  # no new data
+                return
+            self._rows.clear()  # the simulation was reset
             self._shares.clear()
         self._rows.append((snapshot.t, words.tick_median, words.tick_tail, snapshot.margin))
         self._shares.append(snapshot.tau / self._model.tau_max)

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from bridge.ros.client import Client
+from bridge.ros.client import Client, next_step
 from bridge.ros.environment import ignore, newest
 from bridge.ros.processes import in_namespace
 from models.config import STRICT, Positive
@@ -46,6 +46,8 @@ class ViewConfig:
     push_force_max: Positive
     torques: Annotated[int, Field(ge=1)]
     answer_timeout: Positive
+    silence: Positive
+    slow: Positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +73,23 @@ class Words:
     drivers: str = ""  #: State of the joint drivers
     phase: str = ""  #: Of the gait
     commander: str = ""  #: Source in command
-    faults: tuple[tuple[str, str], ...] = ()  #: Latched faults, and the messages of nodes with errors, by node
+    factor: float = float("nan")  #: Real-time factor; NaN while unknown
+    faults: tuple[tuple[str, str], ...] = ()  #: What is not well, a topic, node or quantity, each with the reason
+    next: str = ""  #: What to do next
+    waiting: str = ""  #: What the picture waits for; empty while its data arrive
     tick_median: float = float("nan")  #: Of the controller's last ticks [us]; NaN before its first diagnostics
     tick_tail: float = float("nan")  #: 99th percentile of these [us]
 
 
-SILENCE = 3.0  #: Age of diagnostics above which a node counts as stopped, and of joints above which they are old [s]
+REFUSAL_TIME = 10.0  #: For which a refusal is shown [s]
+START = "poise up starts a robot; this page goes on by itself once its data arrive"
 
 
 class Listener:
     """Stores the newest message of every topic of the page; sensor subscriptions are polled once per picture."""
 
-    def __init__(self, model: RobotModel, client: Client) -> None:
-        self._model = model
+    def __init__(self, model: RobotModel, client: Client, config: ViewConfig) -> None:
+        self._client, self._config = client, config
         self._node = Node("poise_view", context=client.node.context, **in_namespace(client.namespace))
         subscribe = self._node.create_subscription
         self._joints = subscribe(JointState, topics.JOINT_STATES, ignore, SENSOR, raw=True)
@@ -97,30 +103,28 @@ class Listener:
         self._joint_state: tuple[Vector, Vector] | None = None
         self._wrenches, self._push = np.zeros((2, 6)), np.zeros(6)
         self._footsteps: tuple[tuple[int, Foothold], ...] = ()
-        self._margin, self._received = float("nan"), time.monotonic()
+        self._margin, self._since = float("nan"), time.monotonic()
         self._words = Words()
-        self._statuses: dict[str, tuple[float, Any]] = {}
-        self.refused = 0
+        self._received: dict[str, float] = {}  # monotonic time of the newest sample by topic [s]
+        self._statuses: dict[str, tuple[float, Any]] = {}  # the same, and diagnostics, by node
+        self._refusals: dict[str, tuple[float, str]] = {}  # the same, and reason, by node or topic
         listen = client.node.create_subscription
-        for field, topic in {
-            "mode": topics.MODE,
-            "drivers": topics.DRIVER_STATE,
-            "phase": topics.GAIT_PHASE,
-            "commander": topics.COMMANDER,
-        }.items():
-            listen(String, topic, self._word(field), LATCHED)
+        listen(String, topics.GAIT_PHASE, self._word("phase"), LATCHED)
+        listen(String, topics.COMMANDER, self._word("commander"), LATCHED)
+        listen(Float64, topics.REAL_TIME_FACTOR, self._word("factor"), LATCHED)
         listen(WrenchStamped, topics.EXTERNAL_WRENCH, self._on_push, SENSOR)
         listen(Float64, topics.GAIT_CAPTURE_MARGIN, self._on_margin, SENSOR)
+        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, LATCHED)
         listen(Path, topics.FOOTSTEPS, self._on_footsteps, EVENT)
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, EVENT)
         subscribe_status(client.node, ControlStatus, topics.CONTROL_STATUS, self._on_control)
 
     def poll(self) -> Snapshot | None:
-        """Newest state; None before joints and base have arrived. Malformed messages are counted in ``refused``."""
+        """Newest state; None before joints and base have arrived. Malformed messages are faults of ``words``."""
         joint_codec, odom_codec, foot_codecs = self._codecs
         if (joints := self._take(self._joints, joint_codec)) is not None:
             stamp, q, v, self._tau = joints
-            self._t, self._joint_state, self._received = to_seconds(stamp), (q, v), time.monotonic()
+            self._t, self._joint_state = to_seconds(stamp), (q, v)
         if (odom := self._take(self._odom, odom_codec)) is not None:
             self._base = odom[1:]
         for foot, subscription in enumerate(self._feet):
@@ -128,7 +132,7 @@ class Listener:
                 self._wrenches[foot] = sample[1]
         if self._base is None or self._joint_state is None:
             return None
-        walks = self._words.mode == Mode.WALK.value
+        walks = self._client.mode == Mode.WALK.value
         return Snapshot(
             t=self._t,
             q=np.concatenate([self._base[0], self._joint_state[0]]),
@@ -143,33 +147,50 @@ class Listener:
     def _take(self, subscription: Any, codec: Any) -> Any:
         """Newest decoded sample of a subscription; None without a new or valid one."""
         try:
-            data = newest(subscription)
-            return None if data is None else codec.decode(data)
-        except PoiseError:
-            self.refused += 1
+            if (data := newest(subscription)) is None:
+                return None
+            sample = codec.decode(data)
+        except PoiseError as error:
+            self._refuse(subscription.topic_name, str(error))
             return None
+        self._received[subscription.topic_name] = time.monotonic()
+        return sample
+
+    def _refuse(self, topic: str, reason: str) -> None:
+        self._refusals[topic] = time.monotonic(), reason
 
     def words(self) -> Words:
         """Status texts of the robot."""
-        now = time.monotonic()
-        faults = [
-            (name, str(status.message))
-            for name, (_, status) in sorted(self._statuses.items())
-            if status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-        ]
-        faults += [
-            (name, "silent") for name, (received, _) in sorted(self._statuses.items()) if now - received > SILENCE
-        ]
-        if now - self._received > SILENCE:
-            faults.append((topics.JOINT_STATES, "silent: the picture is old"))
-        return replace(self._words, faults=tuple(faults))
+        now, silence, client = time.monotonic(), self._config.silence, self._client
+        needed = [subscription.topic_name for subscription in (self._joints, self._odom, *self._feet)]
+        ages = {topic: now - self._received.get(topic, self._since) for topic in needed}
+        absent = [topic for topic in needed if topic not in self._received or ages[topic] > silence]
+        nodes = sorted(self._statuses.items())
+        alive = any(now - received <= silence for _, (received, _) in nodes)
+        faults = [(topic, f"no data for {ages[topic]:.0f} s") for topic in absent]
+        faults += [(node, "silent: its process may have ended") for node, (at, _) in nodes if now - at > silence]
+        faults += [(node, str(status.message)) for node, (_, status) in nodes if status.level != DiagnosticStatus.OK]
+        faults += [(topic, reason) for topic, (at, reason) in self._refusals.items() if now - at <= REFUSAL_TIME]
+        if alive and self._words.factor < self._config.slow:
+            reason = f"{self._words.factor:.2f}: other programs use the processor, or a lower speed was requested"
+            faults.append(("real-time factor", reason))
+        if client.mode in (Mode.OFF.value, Mode.DAMP.value):
+            faults.append(("mode", f"{client.mode}: no controller holds the robot up"))
+        return replace(
+            self._words,
+            mode=client.mode,
+            drivers=client.driver_state,
+            faults=tuple(faults),
+            next=next_step(client.status) if alive and client.status is not None else START,
+            waiting=f"waiting for data on {', '.join(absent)}" if absent else "",
+        )
 
     def close(self) -> None:
         """Leave the graph."""
         self._node.destroy_node()
 
     def _word(self, field: str) -> Any:
-        def on_word(message: String) -> None:
+        def on_word(message: Any) -> None:
             self._words = replace(self._words, **{field: message.data})
 
         return on_word
@@ -180,18 +201,22 @@ class Listener:
     def _on_margin(self, message: Float64) -> None:
         self._margin = float(message.data)
 
+    def _on_refusal(self, message: DiagnosticStatus) -> None:
+        self._refusals[message.name] = time.monotonic(), str(message.message)
+
     def _on_footsteps(self, message: Path) -> None:
         try:
             self._footsteps = tuple(
                 (SOLE_FRAMES.index(pose.header.frame_id), foothold_from_pose("footstep", pose.pose))
                 for pose in message.poses
             )
-        except (PoiseError, ValueError):
-            self.refused += 1
+        except (PoiseError, ValueError) as error:
+            self._refuse(topics.FOOTSTEPS, str(error))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self._statuses[status.name] = (time.monotonic(), status)
+            if not (space := self._client.namespace) or status.name.startswith(f"{space}/"):
+                self._statuses[status.name] = (time.monotonic(), status)
 
     def _on_control(self, status: ControlStatus) -> None:
         self._words = replace(self._words, tick_median=status.tick_median_us, tick_tail=status.tick_tail_us)

@@ -1,12 +1,11 @@
 """``poise view``: a page in the browser that shows a running robot and steers it."""
 
-import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
-import viser
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -16,10 +15,10 @@ from bridge.ros.operator import Operator
 from bridge.view.controls import Controls, LivePlots
 from bridge.view.listener import Listener, ViewConfig
 from bridge.view.scene import WORLD, BalanceScene, RobotScene
+from bridge.view.server import CAMERA, serve
 from controllers.commands.command_signature import Signer
 from controllers.safety.health import SupervisorConfig
 from models.config import default_config
-from models.errors import PoiseError
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config
@@ -132,8 +131,22 @@ class Gains:
         future.add_done_callback(done)
 
 
-CAMERA = ((2.2, -1.6, 1.4), (0.0, 0.0, 0.6))  #: Position and target of the first view, for a robot at the origin [m]
 TUNED = "balance_controller"  #: Node whose gains get sliders
+
+
+class Every:
+    """A rate [Hz] from a time [s] on: late or seldom calls do not shift what follows; ``next`` is when it is due."""
+
+    def __init__(self, rate: float, now: float) -> None:
+        self._period, self.next = 1.0 / rate, now
+
+    def due(self, now: float) -> bool:
+        """Whether a period has begun since the last call."""
+        late = now - self.next
+        if late < 0.0:
+            return False
+        self.next += self._period * (1.0 + late // self._period)
+        return True
 
 
 class Page:
@@ -143,12 +156,13 @@ class Page:
         self, model: RobotModel, client: Client, *, host: str, port: int, signer: Signer | None = None
     ) -> None:
         self._client, self._config = client, default_config(ViewConfig, "bridge", "view")
-        self._server = _serve(host, port, model.name)
-        self.url = f"http://{'localhost' if host == '0.0.0.0' else host}:{self._server.get_port()}"
+        self._server, self.url = serve(host, port, model.name)
         gui, scene = self._server.gui, self._server.scene
-        self._world = scene.add_frame(WORLD, show_axes=False)
+        self._flat = gui.add_html("")
+        self._waiting = scene.add_label("/waiting", "waiting for the robot", position=CAMERA[1], anchor="center-center")
+        self._world = scene.add_frame(WORLD, show_axes=False, visible=False)
         scene.add_grid(f"{WORLD}/floor", width=40.0, height=40.0, cell_size=0.25, section_size=1.0)
-        self._listener = Listener(model, client)
+        self._listener = Listener(model, client, self._config)
         self.robot = RobotScene(scene, model)
         self._balance = BalanceScene(scene, model, self._config)
         self._operator = Operator(client, lambda text: self._controls.report(text), signer)
@@ -169,23 +183,21 @@ class Page:
 
     def run(self, stop: Callable[[], bool]) -> None:
         """Show and steer until ``stop`` returns True."""
-        next_picture = next_plot = next_drive = time.monotonic()
+        rates = self._config.drive_rate, self._config.rate, self._config.plot_rate
+        drive, picture, plot = every = tuple(Every(rate, time.monotonic()) for rate in rates)
         while not stop():
             self._operator.do_posted()
-            now = time.monotonic()
-            browsers = self._server.get_clients()
-            if now >= next_drive:
-                next_drive = now + 1.0 / self._config.drive_rate
+            now, browsers = time.monotonic(), self._server.get_clients()
+            if drive.due(now):
                 self._operator.drive(self._controls.sticks.velocity(browsers))
-            if now >= next_picture:
-                next_picture = now + 1.0 / self._config.rate
-                plot = now >= next_plot
-                if browsers:
-                    self._show(plot=plot)
-                if plot:
-                    next_plot = now + 1.0 / self._config.plot_rate
-                    self._gains.ask()
-            self._client.spin(max(min(next_picture, next_drive) - time.monotonic(), 0.001))
+            pictures, plots = picture.due(now), plot.due(now)
+            if browsers and (pictures or plots):
+                self._show(plot=plots)
+                # On a busy machine pictures take half the time: plots and commands come first.
+                picture.next = max(picture.next, 2.0 * time.monotonic() - now)
+            if plots:
+                self._gains.ask()
+            self._client.spin(max(min(timer.next for timer in every) - time.monotonic(), 0.001))
 
     def close(self) -> None:
         """Release the sticks, leave the graph, and end the server."""
@@ -196,16 +208,20 @@ class Page:
 
     def _show(self, *, plot: bool) -> None:
         snapshot = self._listener.poll()
-        if snapshot is None:
-            return
         with self._server.atomic():
-            self._world.position = (*(-snapshot.q[:2] if self._controls.follow else (0.0, 0.0)), 0.0)
-            self.robot.show(snapshot.q)
-            self._balance.show(snapshot)
-            if plot:
-                words = self._listener.words()
-                self._controls.show(snapshot, words)
-                self._plots.add(snapshot, words)
+            if snapshot is not None:
+                self._world.visible = True
+                self._world.position = (*(-snapshot.q[:2] if self._controls.follow else (0.0, 0.0)), 0.0)
+                self.robot.show(snapshot.q)
+                state = self._balance.show(snapshot)
+        if not plot:
+            return
+        words = self._listener.words()
+        self._waiting.text, self._waiting.visible = words.waiting, bool(words.waiting)
+        self._controls.show(snapshot, words)
+        if snapshot is not None:
+            self._plots.add(snapshot, words)
+            self._flat.content = self._balance.flat(self.robot, snapshot, state)
 
 
 def view(
@@ -216,7 +232,7 @@ def view(
     network: bool = False,
     namespace: str = "",
     signer: Signer | None = None,
-    say: Callable[[str], object] = print,
+    say: Callable[[str], object] = partial(print, flush=True),
     timeout: float = 10.0,
 ) -> None:
     """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or where the port is in use."""
@@ -231,17 +247,3 @@ def view(
             page.run(lambda: stop.requested)
         finally:
             page.close()
-
-
-def _serve(host: str, port: int, robot: str) -> Any:
-    """Start viser's server; ``PoiseError`` when the port is in use, where viser would silently take the next one."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError as error:
-            raise PoiseError(f"{host}:{port} cannot be listened on: {error.strerror}; choose another --port") from error
-    server = viser.ViserServer(host=host, port=port, label=f"poise: {robot}", verbose=False)
-    server.scene.set_up_direction("+z")
-    server.initial_camera.position, server.initial_camera.look_at = CAMERA
-    return server

@@ -1,5 +1,6 @@
 """The robot's meshes, its balance and its footsteps in a viser scene."""
 
+import json
 import math
 import warnings
 from pathlib import Path
@@ -13,6 +14,7 @@ import trimesh
 from bridge.stability import LOADED_FRACTION, Balance, balance, support_polygon
 from bridge.view.listener import Snapshot, ViewConfig
 from models.constants import GRAVITY
+from models.heading import heading
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from models.urdf import data_folder
@@ -103,6 +105,8 @@ COLORS = {
     "left": (60, 120, 220),
     "right": (220, 120, 60),
 }
+GREY = (50, 50, 60)  #: Of the robot drawn as lines
+DOT, BONE, THIN = 8, 6, 2  #: Widths of what is drawn as lines: the balls, the robot, all else [px]
 RADIUS = 0.02  #: Of the balls at CoM, DCM and ZMP [m]
 LIFT = 0.003  #: Height of lines above the floor [m]
 
@@ -117,6 +121,7 @@ class BalanceScene:
             for name in ("com", "dcm", "zmp")
         }
         self._corners = [foot.corners for foot in model.feet]
+        self._lines: dict[str, tuple[Matrix, Any]] = {}  # drawn lines (n, 2, 3) and their colours, by name
 
     def show(self, snapshot: Snapshot) -> Balance:
         """Draw a snapshot; returns its balance."""
@@ -170,8 +175,26 @@ class BalanceScene:
         """Replace an object of changing size."""
         if there:
             add(name, points.astype(np.float32), colors)
+            self._lines[name] = points, colors
         else:
             self._scene.remove_by_name(name)
+            self._lines.pop(name, None)
+
+    def flat(self, robot: RobotScene, snapshot: Snapshot, state: Balance) -> str:
+        """The same as an HTML element of lines for ``page.js``: ends in W, width [px], colour."""
+        parents, frames = self._model.pin.parents, robot.frames
+        links = [[frames[parents[i]].position, frames[i].position] for i in frames if parents[i] in frames]
+        bones = np.concatenate([links, *map(_closed, state.corners)])
+        dots = [(np.array([[ball.position] * 2]), ball.color, DOT) for ball in self.balls.values() if ball.visible]
+        thin = [(points, colors, THIN) for points, colors in self._lines.values()]
+        lines = [
+            [*ends.ravel().round(3).tolist(), width, *map(int, color)]
+            for points, colors, width in [(bones, GREY, BONE), *thin, *dots]
+            for ends, color in zip(points, np.broadcast_to(colors, (len(points), 3)), strict=True)
+        ]
+        base = [*snapshot.q[:2], state.soles[:, 2].min()]
+        drawn = json.dumps({"base": base, "yaw": heading(*snapshot.q[3:7]), "lines": lines})
+        return f"<div class='poise-drawing' data-state='{drawn}'></div>"
 
 
 def outline(hold: Foothold, corners: Matrix, height: float) -> Matrix:

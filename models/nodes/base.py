@@ -72,7 +72,7 @@ class PoiseNode(LifecycleNode):
         self.level = DiagnosticStatus.OK
         self.message = "unconfigured"
         self.values: dict[str, str] = {}
-        self._refused_before = 0
+        self._counted: Counter[str] = Counter()  # ``counters`` at the last diagnostics
         self._last_report: dict[str, float] = {}
         self._causes: dict[tuple[str, str], tuple[int, int, float]] = {}  # refusals, next report at, last time [s]
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -207,12 +207,12 @@ class PoiseNode(LifecycleNode):
     def publish_diagnostics(self) -> None:
         """Publish the state of this node on ``/diagnostics`` (REP-107)."""
         self.before_diagnostics()
-        refused = sum(self.counters.values())
-        level, incompatible = self.level, self._qos.values()
-        if level == DiagnosticStatus.OK and (refused != self._refused_before or incompatible):
-            level = DiagnosticStatus.WARN
-        self._refused_before = refused
-        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=self.message)
+        incompatible = self._qos.values()
+        news = incompatible | {key: f"{count} more" for key, count in (self.counters - self._counted).items()}
+        self._counted = self.counters.copy()
+        level = DiagnosticStatus.WARN if self.level == DiagnosticStatus.OK and news else self.level
+        message = "; ".join([self.message, *(f"{key}: {text}" for key, text in news.items())])
+        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=message)
         status.hardware_id = self.robot
         items = {**self.values, **incompatible, **{key: str(count) for key, count in self.counters.items()}}
         status.values = [KeyValue(key=key, value=value) for key, value in items.items()]

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from trajectory_msgs.msg import JointTrajectory
 
@@ -51,6 +51,23 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
     bench.wait(lambda: len(reported) == 2)
     assert {item.key: item.value for item in reported[-1].values}["count"] == "1"
     assert node.counters["refused cmd_vel"] == 27
+
+
+def test_a_warning_in_the_diagnostics_names_its_reason(bench: Any) -> None:
+    messages: list[str] = []
+
+    def on_diagnostics(array: DiagnosticArray) -> None:
+        messages.extend(status.message for status in array.status if status.level == DiagnosticStatus.WARN)
+
+    bench.world.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, EVENT)
+    node = bench.add(Refuser)
+    bench.wait(lambda: bench.world.count_publishers("/diagnostics") > 0)
+    bench.spin(0.3)
+    node.refuse("cmd_vel", "stamp")
+    node.refuse("cmd_vel", "stamp")
+    bench.wait(lambda: messages)
+    bench.spin(0.5)
+    assert messages == ["active; refused cmd_vel: 2 more"]
 
 
 def test_many_causes_are_not_remembered_for_ever(bench: Any) -> None:

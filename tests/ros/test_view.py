@@ -1,8 +1,11 @@
 """The page's ears and hands, against a graph of a few fake topics."""
 
+import html
 import socket
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,12 +15,14 @@ from geometry_msgs.msg import Twist, WrenchStamped
 from nav_msgs.msg import Odometry, Path
 from rcl_interfaces.msg import SetParametersResult
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from bridge.ros.client import Client
 from bridge.ros.operator import SOURCE, Operator
-from bridge.view.listener import Listener
+from bridge.view.controls import Controls
+from bridge.view.listener import START, Listener, ViewConfig
+from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.messages import JointStateCodec, WrenchCodec
@@ -25,8 +30,9 @@ from models.nodes.odometry import OdometryCodec
 from models.nodes.parameters import describe
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.robot_model import SOLE_FRAMES, RobotModel
-from models.status import ControlStatus
-from models.types import SolveStatus
+from models.status import GET_UP, ControlStatus, SupervisorStatus
+from models.types import Mode, SolveStatus
+from planners.gait.config import load_gait_config
 from planners.gait.footsteps import LEFT, Foothold
 from planners.gait.route import Footstep
 from planners.nodes.footstep_messages import path_from_steps
@@ -35,6 +41,7 @@ from tests.support import standing
 
 viser = pytest.importorskip("viser")
 pytestmark = pytest.mark.ros
+CONFIG = default_config(ViewConfig, "bridge", "view")
 
 
 @pytest.fixture
@@ -54,7 +61,7 @@ def until(client: Client, bench: Bench, condition: Any, publish: Any = lambda: N
 
 
 def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: RobotModel) -> None:
-    listener = Listener(g1, client)
+    listener = Listener(g1, client, CONFIG)
     state, wrench = standing(g1), np.array([1.0, 2.0, 300.0, 0.1, 0.2, 0.3])
     world = bench.world
     joints = world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
@@ -85,6 +92,7 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
             and moment.wrenches[1, 2] == 300.0
             and bool(words.faults)
             and words.tick_tail > 0.0
+            and words.mode == "walk"
         )
 
     until(client, bench, heard, publish)
@@ -95,21 +103,92 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
     np.testing.assert_array_equal(moment.wrenches, [wrench, wrench])
     ((foot, hold),) = moment.footsteps
     assert foot == LEFT and (hold.x, hold.y, hold.yaw) == pytest.approx((0.3, 0.1, 0.2))
-    assert words.mode == "walk" and words.faults == (("/balance_controller", "late"),)
+    assert not words.waiting and words.faults == (("/balance_controller", "late"),)
     assert (words.tick_median, words.tick_tail) == (98.0, 150.0)
     listener.close()
 
 
 def test_a_malformed_message_is_counted_and_left_out(client: Client, bench: Bench, g1: RobotModel) -> None:
-    listener = Listener(g1, client)
+    listener = Listener(g1, client, CONFIG)
     joints = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
     until(
         client,
         bench,
-        lambda: listener.poll() is None and listener.refused > 0,
+        lambda: listener.poll() is None and listener.words().faults[-1][0] == "/joint_states",
         lambda: joints.publish(JointState(name=["tail"])),
     )
+    assert "0 values for 1 names" in listener.words().faults[-1][1]
     listener.close()
+
+
+def test_before_and_after_the_data_it_is_named_what_is_waited_for(client: Client, bench: Bench, g1: RobotModel) -> None:
+    listener = Listener(g1, client, replace(CONFIG, silence=0.5))
+    words = listener.words()
+    assert listener.poll() is None and words.next == START
+    assert words.waiting == "waiting for data on /joint_states, /odom, /foot/left/wrench, /foot/right/wrench"
+    assert words.faults[0] == ("/joint_states", "no data for 0 s")
+    state, zero = standing(g1), np.zeros(g1.nj)
+    joints = bench.world.create_publisher(JointState, topics.JOINT_STATES, SENSOR)
+    odom = bench.world.create_publisher(Odometry, topics.ODOM, SENSOR)
+
+    def publish() -> None:
+        joints.publish(JointStateCodec(g1).encode(STAMP, state.q[7:], state.v[6:], zero))
+        odom.publish(OdometryCodec().encode(STAMP, state))
+
+    feet = "waiting for data on /foot/left/wrench, /foot/right/wrench"
+    until(client, bench, lambda: listener.poll() is not None and listener.words().waiting == feet, publish)
+    until(client, bench, lambda: listener.poll() is not None and "/joint_states" in listener.words().waiting)
+    listener.close()
+
+
+def test_whatever_is_red_has_its_reason_and_the_remedy(
+    client: Client, bench: Bench, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listener, world = Listener(g1, client, CONFIG), bench.world
+    diagnostics = world.create_publisher(DiagnosticArray, "/diagnostics", EVENT)
+    factor = world.create_publisher(Float64, topics.REAL_TIME_FACTOR, LATCHED)
+    refusals = world.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED)
+    mode = world.create_publisher(String, topics.MODE, LATCHED)
+    supervisor = StatusTopic(world, topics.SUPERVISOR_STATUS, LATCHED)
+    status = DiagnosticStatus(name="/supervisor", level=DiagnosticStatus.ERROR, message="the robot has fallen")
+    fallen = SupervisorStatus("g1", Mode.DAMP, 0, "", ("the robot has fallen",), fallen=True)
+
+    def publish() -> None:
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        factor.publish(Float64(data=0.25))
+        refusals.publish(DiagnosticStatus(name="/supervisor", message="commands/teleop refused: unknown command 'jmp'"))
+        mode.publish(String(data="damp"))
+        supervisor.publish(fallen)
+
+    until(client, bench, lambda: len(listener.words().faults) == 8 and listener.words().next == GET_UP, publish)
+    assert listener.words().faults[4:] == (
+        ("/supervisor", "the robot has fallen"),
+        ("/supervisor", "commands/teleop refused: unknown command 'jmp'"),
+        ("real-time factor", "0.25: other programs use the processor, or a lower speed was requested"),
+        ("mode", "damp: no controller holds the robot up"),
+    )
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        shown = SimpleNamespace(content="")
+        monkeypatch.setattr(server.gui, "add_html", lambda _: shown)
+        controls = Controls(server.gui, Operator(client, print), CONFIG, ["wave"], load_gait_config(g1).velocity)
+        words = listener.words()
+        controls.show(None, words)
+        for name, reason in (*words.faults, ("next", GET_UP)):
+            assert f"<b>{name}</b>: {html.escape(reason)}" in shown.content
+        assert words.waiting in shown.content
+    finally:
+        server.stop()
+        listener.close()
+
+
+def test_a_rate_is_kept_by_late_and_by_seldom_calls() -> None:
+    from bridge.view.page import Every
+
+    for step, calls in ((0.001, 101), (1 / 30, 101), (0.0334, 101), (0.08, 101), (0.25, 41)):
+        every = Every(10.0, 0.0)
+        assert abs(sum(every.due(step * i) for i in range(round(10.0 / step) + 1)) - calls) <= 1
+    assert not every.due(every.next - 0.01)
 
 
 def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""The page in a real browser, on the real graph in lockstep: standing, walking, and after an emergency stop."""
+"""The page in a real browser without a GPU, on the real graph in lockstep: standing, walking, emergency stop, lost."""
 
 import io
 import os
@@ -23,14 +23,11 @@ pytest.importorskip("viser")
 webdriver = pytest.importorskip("selenium.webdriver")
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-OPTIONS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=900,800",
-)
+OPTIONS = ("--headless=new", "--no-sandbox", "--window-size=900,800")
+DRAWN = {  #: Options by what draws the scene
+    "software": ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    "no WebGL": ("--disable-gpu", "--disable-3d-apis"),
+}
 
 pytestmark = [
     pytest.mark.ros,
@@ -58,12 +55,12 @@ class Visitor:
     def text(self) -> str:
         return str(self.driver.find_element("tag name", "body").text)
 
-    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 90.0) -> None:
-        """Look until a condition holds; the graph's launcher goes on meanwhile."""
+    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 90.0, up: bool = True) -> None:
+        """Look until a condition holds; the launcher of a graph that is up goes on meanwhile."""
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f"not {what}; the page says: {self.text}"
-            self.graph.spin(0.2)
+            (self.graph.spin if up else time.sleep)(0.2)
 
     def press(self, label: str) -> None:
         for button in self.driver.find_elements("tag name", "button"):
@@ -80,8 +77,8 @@ class Visitor:
         return grey[grey.shape[0] // 5 :, : 2 * grey.shape[1] // 3]
 
 
-@pytest.fixture
-def visitor(tmp_path: Path) -> Iterator[Visitor]:
+@pytest.fixture(params=DRAWN)
+def visitor(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Visitor]:
     domain = free_domain()
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -91,21 +88,29 @@ def visitor(tmp_path: Path) -> Iterator[Visitor]:
     service = webdriver.ChromeService(DRIVER, popen_kw={"preexec_fn": lambda: os.nice(NICENESS)})
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for option in OPTIONS:
+    for option in (*OPTIONS, *DRAWN[request.param]):
         options.add_argument(option)
     with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "log", say=lambda text: None) as graph:
         graph.wait_standing(180.0)
-        page = subprocess.Popen([sys.executable, "-c", code], env=graph_environment(domain_id=domain))
+        printed = tmp_path / "printed"
+        with printed.open("w") as file:
+            environment = os.environ | graph_environment(domain_id=domain)
+            page = subprocess.Popen([sys.executable, "-u", "-c", code], env=environment, stdout=file)
         driver = webdriver.Chrome(options=options, service=service)
         try:
             end = time.monotonic() + 60.0
-            while socket.socket().connect_ex(("127.0.0.1", port)):
+            while not (link := printed.read_text().partition(" shows ")[0]):
                 assert page.poll() is None and time.monotonic() < end, "no page"
                 graph.spin(0.2)
             driver.set_page_load_timeout(120)
             driver.set_script_timeout(120)
-            driver.get(f"http://127.0.0.1:{port}")
-            yield Visitor(driver, graph, tmp_path)
+            driver.get(link)
+            visitor = Visitor(driver, graph, tmp_path)
+            visitor.wait(lambda: bool(driver.find_elements("id", "poise-drawing")), "drawn in two dimensions")
+            if request.param == "software":
+                driver.get(f"{link}&3d=1")
+                assert not driver.find_elements("id", "poise-drawing")
+            yield visitor
         finally:
             driver.quit()
             page.send_signal(signal.SIGINT)
@@ -124,3 +129,7 @@ def test_the_page_shows_and_steers_the_robot(visitor: Visitor) -> None:
     visitor.wait(lambda: "mode: damp" in visitor.text and "emergency stop" in visitor.text.lower(), "stopped")
     visitor.look("fault")
     assert visitor.graph.mode == "damp"
+    visitor.graph.stop()
+    visitor.wait(lambda: "waiting for data on" in visitor.text and "no data for" in visitor.text, "lost", up=False)
+    assert "next: poise up" in visitor.text
+    visitor.look("lost")

@@ -1,8 +1,11 @@
 """The page's scene: meshes of every robot, moved as Pinocchio says; footsteps where they are."""
 
+import json
 import math
+import re
 import socket
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -46,10 +49,11 @@ def test_every_visual_is_there_and_moves_with_its_joint(server: Any, name: str) 
 
 def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -> None:
     from bridge.view.listener import Snapshot, ViewConfig
-    from bridge.view.scene import BalanceScene
+    from bridge.view.scene import DOT, BalanceScene, RobotScene
 
     scene = BalanceScene(server.scene, g1, default_config(ViewConfig, "bridge", "view"))
-    state = standing(g1)
+    state, robot = standing(g1), RobotScene(server.scene, g1)
+    robot.show(state.q)
     weight = np.array([0.0, 0.0, 0.5 * 9.81 * g1.mass, 0.0, 0.0, 0.0])
     steps = ((0, Foothold(0.3, 0.1, 0.0)), (1, Foothold(0.6, -0.1, 0.0)))
     for wrenches, there in ((np.array([weight, weight]), True), (np.zeros((2, 6)), False)):
@@ -59,6 +63,14 @@ def test_balance_is_drawn_standing_and_in_the_air(server: Any, g1: RobotModel) -
         drawn = scene.show(moment)
         assert np.isfinite(drawn.cop).all() == there
         assert scene.balls["zmp"].visible == there
+        text = re.search("data-state='(.*)'", scene.flat(robot, moment, drawn))
+        assert text is not None
+        lines = np.array(json.loads(text[1])["lines"])
+        assert lines.shape[1] == 10 and np.isfinite(lines).all()
+        dots = lines[lines[:, 6] == DOT, :3]
+        assert len(dots) == (3 if there else 2) and len(lines) > g1.nj
+        np.testing.assert_allclose(dots[0], drawn.com, atol=1e-3)
+        np.testing.assert_allclose(lines[:, 2].min(), 0.0, atol=0.05)  # the soles
     np.testing.assert_allclose(scene.balls["com"].position, drawn.com)
 
 
@@ -107,3 +119,22 @@ def test_a_footstep_is_drawn_where_it_is() -> None:
     corners = np.array([[0.1, 0.03, 0.0], [-0.1, 0.03, 0.0], [-0.1, -0.03, 0.0], [0.1, -0.03, 0.0]])
     drawn = outline(Foothold(1.0, 2.0, 0.5 * math.pi), corners, 0.25)
     np.testing.assert_allclose(drawn[0], [1.0 - 0.03, 2.0 + 0.1, 0.25], atol=1e-12)
+
+
+def test_plots_take_new_data_alone(server: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bridge.view.controls import LivePlots
+    from bridge.view.listener import Snapshot, ViewConfig, Words
+
+    made: list[Any] = []
+
+    def add(*_: object, **__: object) -> Any:
+        made.append(SimpleNamespace(data=()))
+        return made[-1]
+
+    monkeypatch.setattr(server.gui, "add_uplot", add)
+    plots, state = LivePlots(server.gui, g1, default_config(ViewConfig, "bridge", "view")), standing(g1)
+    for t in (1.0, 1.1, 1.1, 1.2, 0.1, 0.2, 0.2):  # a slow robot repeats a sample; a reset starts again
+        plots.add(Snapshot(t, state.q, state.v, np.zeros(g1.nj), np.zeros((2, 6)), np.zeros(6), (), 0.0), Words())
+    assert len(made) == 3
+    for plot in made:
+        np.testing.assert_array_equal(plot.data[0], [0.1, 0.2])
