@@ -168,7 +168,8 @@ class Listener:
         nodes = sorted(self._statuses.items())
         alive = any(now - received <= silence for _, (received, _) in nodes)
         faults = [(topic, f"no data for {ages[topic]:.0f} s") for topic in absent]
-        faults += [(node, "silent: its process may have ended") for node, (at, _) in nodes if now - at > silence]
+        if alive:  # otherwise the whole robot is silent
+            faults += [(node, "silent: its process may have ended") for node, (at, _) in nodes if now - at > silence]
         faults += [(node, str(status.message)) for node, (_, status) in nodes if status.level != DiagnosticStatus.OK]
         faults += [(topic, reason) for topic, (at, reason) in self._refusals.items() if now - at <= REFUSAL_TIME]
         if alive and self._words.factor < self._config.slow:
