@@ -77,33 +77,42 @@ class Visitor:
         return grey[grey.shape[0] // 5 :, : 2 * grey.shape[1] // 3]
 
 
-@pytest.fixture(params=DRAWN)
-def visitor(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Visitor]:
-    domain = free_domain()
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    code = f"import sys; sys.argv[1:] = ['view', '--port', '{port}']; from bridge.cli import app; app()"
+        return int(probe.getsockname()[1])
+
+
+def browser(drawn: str) -> Any:
+    """Driver of a browser with the options of ``DRAWN``."""
     # It draws without a graphics card and would keep the graph from both cores.
     service = webdriver.ChromeService(DRIVER, popen_kw={"preexec_fn": lambda: os.nice(NICENESS)})
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for option in (*OPTIONS, *DRAWN[request.param]):
+    for option in (*OPTIONS, *DRAWN[drawn]):
         options.add_argument(option)
+    driver = webdriver.Chrome(options=options, service=service)
+    driver.set_page_load_timeout(120)
+    driver.set_script_timeout(120)
+    return driver
+
+
+@pytest.fixture(params=DRAWN)
+def visitor(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Visitor]:
+    domain, port = free_domain(), free_port()
+    code = f"import sys; sys.argv[1:] = ['view', '--port', '{port}']; from bridge.cli import app; app()"
     with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "log", say=lambda text: None) as graph:
         graph.wait_standing(180.0)
         printed = tmp_path / "printed"
         with printed.open("w") as file:
             environment = os.environ | graph_environment(domain_id=domain)
             page = subprocess.Popen([sys.executable, "-u", "-c", code], env=environment, stdout=file)
-        driver = webdriver.Chrome(options=options, service=service)
+        driver = browser(request.param)
         try:
             end = time.monotonic() + 60.0
             while not (link := printed.read_text().partition(" shows ")[0]):
                 assert page.poll() is None and time.monotonic() < end, "no page"
                 graph.spin(0.2)
-            driver.set_page_load_timeout(120)
-            driver.set_script_timeout(120)
             driver.get(link)
             visitor = Visitor(driver, graph, tmp_path)
             visitor.wait(lambda: bool(driver.find_elements("id", "poise-drawing")), "drawn in two dimensions")
@@ -133,3 +142,27 @@ def test_the_page_shows_and_steers_the_robot(visitor: Visitor) -> None:
     visitor.wait(lambda: "waiting for data on" in visitor.text and "no data for" in visitor.text, "lost", up=False)
     assert "next: poise up" in visitor.text
     visitor.look("lost")
+
+
+def test_a_page_that_lost_its_server_says_why() -> None:
+    from bridge.view.server import serve
+
+    port, driver = free_port(), browser("no WebGL")
+    server, link = serve("127.0.0.1", port, "g1")
+
+    def wait(text: str) -> None:
+        end = time.monotonic() + 60.0
+        while text not in (said := driver.find_element("tag name", "body").text):
+            assert time.monotonic() < end, said
+            time.sleep(0.2)
+
+    try:
+        driver.get(link)
+        wait("poise: g1")
+        server.stop()
+        wait("No connection to 'poise view'")
+        server, _ = serve("127.0.0.1", port, "g1")
+        wait("wrong token; open the link that 'poise view' printed at its last start")
+    finally:
+        driver.quit()
+        server.stop()
