@@ -1,9 +1,9 @@
 """``poise view``: a page in the browser that shows a running robot and steers it."""
 
+import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType
@@ -232,7 +232,7 @@ def view(
     network: bool = False,
     namespace: str = "",
     signer: Signer | None = None,
-    say: Callable[[str], object] = partial(print, flush=True),
+    say: Callable[[str], object] = print,
     timeout: float = 10.0,
 ) -> None:
     """Serve the page of the running robot until Ctrl-C; ``PoiseError`` without a robot or where the port is in use."""
@@ -242,6 +242,7 @@ def view(
         page = Page(model, client, host=host, port=port, signer=signer)
         try:
             say(f"{page.url} shows {model.name}; Ctrl-C ends it")
+            sys.stdout.flush()  # the link is printed nowhere else
             if page.robot.missing:
                 say(f"meshes that cannot be read are left out: {', '.join(page.robot.missing)}")
             page.run(lambda: stop.requested)
