@@ -16,10 +16,12 @@ from controllers.commands import command_signature
 from controllers.commands.arbitration import NO_SOURCE, Arbiter
 from controllers.commands.command_signature import VerifiedCommand, Verifier
 from controllers.commands.obstacle_stop import ObstacleStop
-from controllers.estimation import feet, samples
-from controllers.estimation.samples import EstimatorHealth, SensorBuffer
-from controllers.joints import joint_servo, torque_limiter
+from controllers.estimation import feet
+from controllers.estimation.feet import SensorLimits
+from controllers.estimation.samples import STALE, EstimatorHealth, SensorBuffer
+from controllers.joints import joint_servo
 from controllers.joints.joint_servo import JointServo
+from controllers.joints.torque_limiter import TorqueLimits, torque_limits
 from controllers.qp.solve import QPSolver
 from controllers.safety import preflight
 from controllers.safety.health import SupervisorConfig
@@ -30,7 +32,7 @@ from controllers.whole_body.controller import WholeBodyController
 from models import profile, trajectory
 from models.config import default_config
 from models.robot_model import RobotModel
-from models.types import CommandReply, JointCommand, Mode, SolveStatus
+from models.types import CommandReply, JointCommand, Mode, SensorData, SolveStatus
 from planners.gait.commands import Commands
 from planners.gait.contact import AirborneDetector
 
@@ -72,36 +74,27 @@ def _supervisor(**changes: Any) -> Guard:
     return _of(stack, "Supervisor", lambda model, gait: Supervisor(model, config, gait=gait))
 
 
-def _take_everything(
-    new_joints: Any, new_imu: Any, new_wrenches: Any, scales: Any, joints: Any, imu: Any, before: Any, *feet: Any
-) -> int:
-    wrenches, states = feet
-    before[:] = imu[0]
-    joints[:], imu[:], wrenches[:], states[:] = new_joints, new_imu, new_wrenches, 0.0
-    return 0
+_accept = SensorBuffer.accept
 
 
-_accept = samples._accept
+def _take_everything(self: SensorBuffer, sensors: SensorData) -> int:
+    missing, memory = _accept(self, sensors), self.memory
+    memory.joints[:], memory.imu[:], memory.wrenches[:] = memory.new_joints, memory.new_imu, memory.new_wrenches
+    memory.feet[:] = 0.0
+    return missing & STALE
 
 
-def _take_full_scale(new_joints: Any, new_imu: Any, new_wrenches: Any, scales: Any, *kept: Any) -> int:
-    return _accept(new_joints, new_imu, new_wrenches, np.full_like(scales, np.inf), *kept)
+def _take_full_scale(self: SensorBuffer, sensors: SensorData) -> int:
+    self.memory.scales[:] = np.inf
+    return _accept(self, sensors)
 
 
 def _count_no_drop_out(self: EstimatorHealth, missing: int, dt: float) -> None:
     self.coasting = 0.0
 
 
-def _believe_the_sensors(samples: Any, readings: Any, *others: Any) -> bool:
-    used = others[-2]
-    used[:] = readings
-    return False
-
-
-def _take_setpoint(*arguments: Any) -> bool:
-    *new, _, _, setpoint = arguments
-    setpoint[:] = new
-    return True
+def _believe_the_sensors(**limits: float) -> SensorLimits:
+    return SensorLimits(**(limits | dict.fromkeys(("load_error", "contact_error", "fault_time"), np.inf)))
 
 
 def _damp_at_once(self: WholeBodyController) -> tuple[JointCommand, SolveStatus]:
@@ -114,8 +107,8 @@ def _repeat_for_ever(self: WholeBodyController) -> tuple[JointCommand, SolveStat
     return self._last, SolveStatus.HELD
 
 
-def _at_any_rate(target: Any, rate: Any, dt: float, tau: Any) -> None:
-    tau[:] = target
+def _at_any_rate(model: RobotModel, *margins: float) -> TorqueLimits:
+    return torque_limits(model, *margins)._replace(rate=np.full(model.nj, np.inf))
 
 
 def _fault_without_latch(self: Supervisor, reason: str, *severity: Any) -> CommandReply:
@@ -138,9 +131,9 @@ MONITOR = _of(JointMonitor, "step", _always(None))
 DRIVERS = _of(JointServo, "overdue", _always(False))
 COASTING = _of(EstimatorHealth, "count", _count_no_drop_out)
 TILT = _of(stack, "tilt", _always(0.0))
-FINITE = _of(samples, "_accept", _take_everything)
+FINITE = _of(SensorBuffer, "accept", _take_everything)
 STAMPS = _of(SensorBuffer, "_goes_on", lambda self, t: True)
-FEET = _of(feet, "_judge", _believe_the_sensors)
+FEET = _of(feet, "SensorLimits", _believe_the_sensors)
 NO_TORQUES = _of(WholeBodyController, "fall_back", _repeat_for_ever)
 WALK = _of(Supervisor, "_walk", lambda self: self._enter(Mode.WALK, "at once"))
 NAMES = _of(trajectory, "_check_names", lambda traj, model, require_all: np.arange(model.nj))
@@ -162,7 +155,7 @@ GUARDS: dict[str, Guard] = {
     "stamps_old": COASTING,
     "stamps_old_10ms": STAMPS,
     "stamp_in_the_future": _of(SensorBuffer, "_goes_on", lambda self, t: self.t < t),
-    "gyro_saturated": _of(samples, "_accept", _take_full_scale),
+    "gyro_saturated": _of(SensorBuffer, "accept", _take_full_scale),
     "imu_out_20ms": FINITE,
     "imu_out_20ms_walk": FINITE,
     "imu_out_100ms": COASTING,
@@ -175,7 +168,6 @@ GUARDS: dict[str, Guard] = {
     "qp_infeasible": _of(QPSolver, "_relaxed", _always((None, np.nan))),
     "qp_nan_1_tick": _of(WholeBodyController, "fall_back", _damp_at_once),
     "qp_nan": NO_TORQUES,
-    "torque_nan_1_tick": _of(joint_servo, "_accept", _take_setpoint),
     "torque_nan": DRIVERS,
     "text_of_1_mb": _of(Supervisor, "text", lambda self, command: _text(self, command[:100])),
     "text_unknown": _supervisor(motions=("squat", "fly")),
@@ -220,7 +212,7 @@ GUARDS: dict[str, Guard] = {
 }
 """By row."""
 
-RATE = _of(torque_limiter, "_approach", _at_any_rate)
+RATE = _of(joint_servo, "torque_limits", _at_any_rate)
 """Of the drivers' torques, behind every row."""
 
 WITHOUT_GUARD: dict[str, str] = {
@@ -243,6 +235,7 @@ WITHOUT_GUARD: dict[str, str] = {
     "foot_stuck_on": "standing, the last reading is about right",
     "torque_limits_60": "feedback",
     "knee_half": "feedback",
+    "torque_nan_1_tick": "two of the drivers: they refuse the set-point, and limit what is no number to no torque",
     "text_flood": "words are cheap",
     "kicks": "feedback",
     "kicks_walk": "feedback",

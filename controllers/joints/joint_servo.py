@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from controllers.joints.torque_limiter import TorqueLimiter, TorqueLimits, approach_torques, bound_torques
+from controllers.joints.torque_limiter import TorqueLimits, limit_torques, torque_limits
 from models.config import STRICT, NonNegative, Positive, default_config
 from models.errors import PoiseError
 from models.numerics.compiled import njit
@@ -69,14 +69,14 @@ class JointServo:
         self._damping = self.config.damping_scale * model.kd
         self._high = np.array([model.q_upper, model.v_max, model.tau_max])  # (3, nj)
         self._low = np.array([model.q_lower, -model.v_max, -model.tau_max])  # (3, nj)
-        self._limiter = TorqueLimiter(model, self.config.position_margin, self.config.velocity_margin)
+        self._limits = torque_limits(model, self.config.position_margin, self.config.velocity_margin)
+        self.sensor_faults = 0  #: Steps with a measurement that was not finite
         # Rows of a setpoint: q, v, tau, kp, kd
         self._setpoint, self._faded = np.zeros((2, 5, nj))
         self._setpoint[3:] = self._gains
         self._damped, self._drive = np.zeros((2, 5, nj))
         self._command = JointCommand(*self._drive)
-        self._torques = np.zeros((2, nj))  # desired and limited
-        self._memory = unbox(_Memory(self._limiter.limits, self._torques, self._drive))
+        self._memory = unbox(_Memory(self._limits, np.zeros(nj), self._drive))
         self._tau_at_fault = np.zeros(nj)
         self._sampler: TrajectorySampler | None = None
         self._sampler_start = 0.0
@@ -90,18 +90,12 @@ class JointServo:
         q, v, tau, kp, kd = self._drive
         _accept(q, v, tau, kp, kd, self._low, self._high, self._faded)
         drive_torque(model, self._command, q, v)
-        _limit(self._damped, q, v, 0.0, False, self._memory)
-        self._limiter.tau[:] = 0.0
-
-    @property
-    def sensor_faults(self) -> int:
-        """Steps with a measurement that was not finite."""
-        return self._limiter.sensor_faults
+        _limit(self._damped, q, v, 0.0, self._memory)
 
     @property
     def torque(self) -> Vector:
         """Torques that the command of the last step gives at the state measured then (nj,) [N.m]."""
-        return self._limiter.tau
+        return self._limits.tau
 
     @property
     def setpoint(self) -> JointCommand:
@@ -129,7 +123,7 @@ class JointServo:
         """Go to damping and stay there until ``arm``."""
         if self.state is not ServoState.DAMPED:
             self.state = ServoState.DAMPED
-            self._tau_at_fault[:] = self._limiter.tau
+            self._tau_at_fault[:] = self._limits.tau
             self._fault_time = None
 
     def off(self) -> None:
@@ -198,9 +192,8 @@ class JointServo:
         else:
             desired = self._damped
             self._damp(t, desired)
-        if not _limit(desired, q, v, dt, False, self._memory):
-            self._limiter.fade(np.array((q, v)), self._torques[1])
-            _limit(desired, q, v, dt, True, self._memory)
+        if not _limit(desired, q, v, dt, self._memory):
+            self.sensor_faults += 1
         return self._command
 
     def _track(self, t: float, q: Vector) -> Matrix:
@@ -296,28 +289,22 @@ class _Memory(NamedTuple):
     """Arrays of ``JointServo``."""
 
     limits: TorqueLimits
-    torques: Matrix  # desired and limited (2, nj)
+    desired: Vector  # torques before limits (nj,) [N.m]
     drive: Matrix  # command of the drives (5, nj)
 
 
 @njit(cache=True)
-def _limit(desired: Matrix, q: Vector, v: Vector, dt: float, faded: bool, servo: Unboxed[_Memory]) -> bool:
+def _limit(setpoint: Matrix, q: Vector, v: Vector, dt: float, servo: Unboxed[_Memory]) -> bool:
     """Command of the drives: the setpoint (5, nj) where its torque is not limited, else the limited torque alone.
 
-    Returns False when ``TorqueLimiter.fade`` has to limit the torques first; then call again with ``faded``.
+    Returns whether all values were finite.
     """
-    limits, torques, drive = servo.record
-    desired_tau, limited, tau = torques[0], torques[1], limits.tau
-    if not faded:
-        _pd(desired[0], desired[1], desired[2], desired[3], desired[4], q, v, desired_tau)
-        limited[:] = desired_tau
-        if not bound_torques(q, v, limits, limited):
-            return False
-    approach_torques(limited, dt, limits)
-    for j in range(tau.shape[0]):
-        for i in range(5):
-            drive[i, j] = desired[i, j]
-        if tau[j] != desired_tau[j]:
-            drive[2, j] = tau[j]
+    limits, desired, drive = servo.record
+    _pd(setpoint[0], setpoint[1], setpoint[2], setpoint[3], setpoint[4], q, v, desired)
+    finite = limit_torques(desired, q, v, dt, limits)
+    drive[:] = setpoint
+    for j in range(desired.shape[0]):
+        if limits.tau[j] != desired[j]:
+            drive[2, j] = limits.tau[j]
             drive[3, j] = drive[4, j] = 0.0
-    return True
+    return finite
