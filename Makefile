@@ -23,11 +23,9 @@ view:  ## The running robot in a browser: buttons, sticks, plots, gains (start o
 	@.ci/setup view
 	@$(BIN)/poise view
 
-test:  ## The tests, without those marked slow, in parallel processes (WORKERS=2) but for the graphs
+test:  ## The tests, without those marked slow, in parallel processes (WORKERS=2)
 	@.ci/setup dev
-	@status=0; $(BIN)/python -m pytest -q -n $(WORKERS) --ignore=tests/ros || status=1; \
-	echo "graphs, one at a time: several of them share the processor in real time"; \
-	$(BIN)/python -m pytest -q tests/ros || status=1; exit $$status
+	@$(BIN)/python -m pytest -q -n $(WORKERS)
 
 test-slow:  ## The tests marked slow
 	@.ci/setup dev

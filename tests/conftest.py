@@ -23,10 +23,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.hookimpl(tryfirst=True)  # before the workers of pytest-xdist read the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Workers of pytest-xdist take whole files, for their fixtures; one of them takes all graphs in real time."""
+    """Workers of pytest-xdist take whole files, for their fixtures."""
     for item in items:
-        real_time = "eyes" in getattr(item, "fixturenames", ()) or item.get_closest_marker("real_time")
-        item.add_marker(pytest.mark.xdist_group("real time" if real_time else item.path.name))
+        item.add_marker(pytest.mark.xdist_group(item.path.name))
 
 
 @cache

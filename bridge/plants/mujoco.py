@@ -1,7 +1,5 @@
 """The simulated robot: MuJoCo as a plant."""
 
-from typing import NamedTuple
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +19,10 @@ from models.scan import Scan
 from models.terrain import FLAT, Terrain
 from models.types import ContactState, JointCommand, Matrix, RobotState, SensorData, Vector
 
-
-class _Channels(NamedTuple):
-    """Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them."""
-
-    qpos: Vector
-    qvel: Vector
-    force: Vector
-    sensordata: Vector
-    joint_qpos: NDArray[np.int64]
-    joint_qvel: NDArray[np.int64]
-    actuator: NDArray[np.int64]
-    sensors: NDArray[np.int64]
+# Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them. A plain tuple: the cache of compiled code
+# names the types of records, and every process that reads it would import this module, and MuJoCo with it.
+_Indices = NDArray[np.int64]
+_Channels = tuple[Vector, Vector, Vector, Vector, _Indices, _Indices, _Indices, _Indices]
 
 
 @njit(cache=True)
@@ -123,7 +113,8 @@ class MujocoPlant(SimulatedPlant):
         self._qpos, self._qvel = data.qpos[mj.qpos], data.qvel[mj.qvel]  # of the robot
         self._force, self._ctrl = data.actuator_force, data.ctrl
         sources = self._qpos, self._qvel, self._force, data.sensordata
-        self._channels = unbox(_Channels(*sources, self._joint_qpos, self._joint_qvel, mj.actuator, sensors))
+        channels: _Channels = (*sources, self._joint_qpos, self._joint_qvel, mj.actuator, sensors)
+        self._channels = unbox(channels)
 
     @property
     def t(self) -> float:
