@@ -89,6 +89,8 @@ class Info:
     #: Figures in the summary of the report, with their names in words
     keys: dict[str, str] = field(default_factory=dict)
     figures: tuple[str, ...] = ()  #: Figures in the table of the report
+    least: dict[str, float] = field(default_factory=dict)  #: Lower bounds of figures, in their units
+    most: dict[str, float] = field(default_factory=dict)  #: Upper bounds of figures, in their units
 
 
 class Benchmark(ABC):
@@ -111,8 +113,12 @@ class Benchmark(ABC):
         """Figures of the measured cases."""
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        """Bound of each figure that has one; figures that the report lacks are not judged."""
-        return {}
+        """Bound of each figure that has one, by default ``least`` and ``most`` of its ``Info``.
+
+        Figures that the report lacks are not judged.
+        """
+        listed = catalogue().get(self.name)
+        return at_least(listed.info.least) | at_most(listed.info.most) if listed else {}
 
     def notes(self, report: Report) -> list[str]:
         """Remarks for the reader: by default one line for each bound."""

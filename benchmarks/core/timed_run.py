@@ -10,12 +10,10 @@ from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_most
+from benchmarks.core.benchmark import Benchmark, Bound
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.machine import resident
-from models.config import STRICT, Positive
 from models.types import SolveStatus, Vector
 
 MICRO = 1e-3  # nanoseconds to microseconds
@@ -23,33 +21,6 @@ STATUSES = tuple(SolveStatus)
 
 #: Percentiles that a case keeps of every subject, for the plot [%]
 QUANTILES = (*np.linspace(0.0, 99.0, 100).tolist(), 99.5, 99.8, 99.9, 99.95, 100.0)
-
-
-@schema(frozen=True, slots=True, config=STRICT)
-class TickBounds:
-    """What a whole-body tick is held to; the unit of every value stands in the benchmark's YAML."""
-
-    placo_ratio_max: Positive
-    pinocchio_ratio_max: Positive
-    tail_ratio_max: Positive
-    residual_max: Positive
-    memory_time: Positive
-    growth_max: Positive
-    resident_max: Positive
-
-
-def tick_bounds(bounds: TickBounds) -> dict[str, Bound]:
-    """Bounds of the figures of a whole-body tick."""
-    limits = {
-        "ratio_to_placo": bounds.placo_ratio_max,
-        "ratio_to_pinocchio_calls": bounds.pinocchio_ratio_max,
-        "p99_over_median": bounds.tail_ratio_max,
-        "kkt_residual_max": bounds.residual_max,
-        "ticks_uncertified": 0.0,
-        "allocated_blocks_growth": bounds.growth_max,
-        "resident_growth_kib": bounds.resident_max,
-    }
-    return at_most(limits)
 
 
 @contextmanager

@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from PIL import Image
 
+from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.timed_run import QUANTILES, percentiles_of
 from benchmarks.faults.faults import config as fault_config
 from benchmarks.speed.loop import draw_stages
-from benchmarks.stability.estimate import WALK, drift, estimate_config
+from benchmarks.stability.estimate import WALK, drift
 from benchmarks.stability.walk_cases import walk_config
 from bridge.plots import new_figure
 from models.types import Vector
@@ -160,11 +161,11 @@ def draw_estimator(reports: Reports) -> Figure | None:
     robots = robots_of(reports, "estimate")
     if not robots:
         return None
-    limits, figure = estimate_config(), new_figure(9.0, 6.0)
+    limits, figure = catalogue()["estimate"].info.most, new_figure(9.0, 6.0)
     parts = (
-        ("velocity_rmse", "velocity, RMS [mm/s]", MILLI, limits.velocity_rmse_max, limits.walk_velocity_rmse_max),
-        ("tilt_rmse_deg", "roll and pitch, RMS [deg]", 1.0, limits.tilt_rmse_max, None),
-        ("height_rmse", "height, RMS [mm]", MILLI, limits.height_rmse_max, None),
+        ("velocity_rmse", "velocity, RMS [mm/s]", MILLI, limits["velocity_rmse"], limits["velocity_rmse_walk"]),
+        ("tilt_rmse_deg", "roll and pitch, RMS [deg]", 1.0, limits["tilt_rmse_deg"], None),
+        ("height_rmse", "height, RMS [mm]", MILLI, limits["height_rmse"], None),
     )
     *panels, last = figure.subplots(2, 2).ravel()
     of = {robot: reports["estimate", robot].cases for robot in robots}
@@ -176,7 +177,7 @@ def draw_estimator(reports: Reports) -> Figure | None:
             _draw_bound(axes, place, walking if name == WALK else bound, unit)
     drifts = _by_scenario(of, [WALK], lambda case: PERCENT * drift(case))
     draw_dots(last, reports, drifts, "drift of the position [% of the way]")
-    _draw_bound(last, 0, limits.drift_max, PERCENT)
+    _draw_bound(last, 0, limits["drift"], PERCENT)
     for axes in (*panels, last):
         axes.plot([], [], label="bound", **BOUND)
         axes.set_ylim(0.0, 1.08 * axes.dataLim.y1)

@@ -17,21 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_most, settings
-from benchmarks.core.harness import Case, Report, percentiles
+from benchmarks.core.benchmark import settings
+from benchmarks.core.harness import Case, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
     MICRO,
     QUANTILES,
     STATUSES,
     Stopwatch,
-    TickBounds,
     TimedBenchmark,
     blocks_growth,
     collector_off,
     resident_growth,
     solution_figures,
-    tick_bounds,
 )
 from benchmarks.speed.tick_peers import PinocchioCalls, PlacoTick
 from bridge.closed_loop import ClosedLoop
@@ -113,14 +111,13 @@ class TimedWalk:
 
 
 @schema(frozen=True, slots=True, config=STRICT)
-class GaitBenchConfig(TickBounds):
-    """The walk and its bounds; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
+class GaitBenchConfig:
+    """The walk; the unit of every value stands in ``benchmarks/config/gait.yaml``."""
 
     forward: float
     warm_up: Positive
     duration: Positive
-    gait_max: Positive
-    adjustment_max: Positive
+    memory_time: Positive
 
 
 _config = partial(settings, GaitBenchConfig, "gait")
@@ -199,8 +196,3 @@ class Gait(TimedBenchmark):
     """See the module's text."""
 
     measure = staticmethod(measure)
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        config = _config()
-        adjustment = {f"adjustment_us_{part}": config.adjustment_max for part in ("p50", "p99")}
-        return at_most({"gait_us_p99": config.gait_max, **adjustment}) | tick_bounds(config)

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_least, at_most, settings
+from benchmarks.core.benchmark import settings
 from benchmarks.core.harness import Case, Report, percentiles
 from benchmarks.core.loops import advance, demand, keep_upright
 from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off
@@ -28,7 +28,7 @@ from bridge.closed_loop import ClosedLoop
 from bridge.loop.lockstep import PlantMonitor
 from bridge.plants.world import BarePhysics
 from controllers.safety.supervisor import Supervisor
-from models.config import STRICT, Count, NonNegative, Positive
+from models.config import STRICT, Count, Positive
 from models.nodes.realtime import each_thread
 
 #: Parts of a tick of the loop: MuJoCo's step; sensor model; estimator; gait planner, walking only; the whole-body
@@ -192,14 +192,12 @@ NANO = 1e-9  # nanoseconds to seconds
 
 @schema(frozen=True, slots=True, config=STRICT)
 class LoopBenchConfig:
-    """What is run and its bounds; the unit of every value stands in ``benchmarks/config/loop.yaml``."""
+    """What is run; the unit of every value stands in ``benchmarks/config/loop.yaml``."""
 
     forward: float
     warm_up_stand: Positive
     warm_up_walk: Positive
     pieces: Count
-    real_time_min: Positive
-    threads_max: NonNegative
 
 
 loop_config = partial(settings, LoopBenchConfig, "loop")
@@ -251,11 +249,6 @@ class Loop(TimedBenchmark):
     """See the module's text."""
 
     measure = staticmethod(measure)
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        config = loop_config()
-        speeds = {f"real_time_{name}_cpu": config.real_time_min for name in SCENARIOS}
-        return at_least(speeds) | at_most({"other_threads_share": config.threads_max})
 
     def notes(self, report: Report) -> list[str]:
         speeds = (

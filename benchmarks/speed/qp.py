@@ -19,7 +19,7 @@ import numpy as np
 from pydantic.dataclasses import dataclass as schema
 from scipy.optimize import nnls
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, settings
+from benchmarks.core.benchmark import Benchmark, saved, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import collector_off
@@ -304,9 +304,6 @@ class QPBenchmark(Benchmark):
 
     def figures(self, cases: list[Case]) -> dict[str, float]:
         return summarise(cases, list(dict.fromkeys(case["solver"] for case in cases)))
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        return at_least({f"{OWN}_solved": 1.0})
 
     def run(self, options: Options) -> Report:
         load, file = LoadMeter(), Path(gettempdir()) / f"qps-{options.robot}-{uuid4().hex}.npz"

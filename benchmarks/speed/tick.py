@@ -20,21 +20,19 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
-from benchmarks.core.benchmark import Bound, at_most, settings
-from benchmarks.core.harness import Case, Report, percentiles
+from benchmarks.core.benchmark import settings
+from benchmarks.core.harness import Case, percentiles
 from benchmarks.core.loops import advance, demand
 from benchmarks.core.timed_run import (
     MICRO,
     QUANTILES,
     STATUSES,
     Stopwatch,
-    TickBounds,
     TimedBenchmark,
     blocks_growth,
     collector_off,
     resident_growth,
     solution_figures,
-    tick_bounds,
 )
 from benchmarks.speed.tick_peers import KinematicPeer, PinocchioCalls, PlacoTick, installed_peers
 from benchmarks.stability.exercise import exercise, exercise_config
@@ -207,7 +205,7 @@ def time_stack(model: RobotModel, seed: int, *, warm_up: float, duration: float,
 
 
 @schema(frozen=True, slots=True, config=STRICT)
-class TickConfig(TickBounds):
+class TickConfig:
     """The tick test; the unit of every value stands in ``benchmarks/config/tick.yaml``."""
 
     duration: Positive
@@ -215,7 +213,7 @@ class TickConfig(TickBounds):
     stack_warm_up: Positive
     stack_duration: Positive
     stack_speed: Positive
-    stack_us_max: Positive
+    memory_time: Positive
     stage_period: Annotated[int, Field(ge=2)]
     active_tolerance: Positive
 
@@ -317,7 +315,3 @@ class Tick(TimedBenchmark):
     """See the module's text."""
 
     measure = staticmethod(measure)
-
-    def bounds(self, report: Report) -> dict[str, Bound]:
-        stack = {f"stack_{mode}_us_p99": tick_config().stack_us_max for mode in MODES}
-        return tick_bounds(tick_config()) | at_most(stack)

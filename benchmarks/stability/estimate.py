@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as schema
 from scipy.stats import chi2
 
-from benchmarks.core.benchmark import Benchmark, Bound, at_most, settings
+from benchmarks.core.benchmark import Benchmark, Bound, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
 from benchmarks.core.loops import demand
 from benchmarks.core.timed_run import Stopwatch, blocks_growth, collector_off
@@ -58,13 +58,6 @@ class EstimateConfig:
     instant_period: Positive
     confidence: Fraction
     timed_time: Positive
-    velocity_rmse_max: Positive
-    tilt_rmse_max: Positive
-    height_rmse_max: Positive
-    walk_velocity_rmse_max: Positive
-    drift_max: Positive
-    step_us_max: Positive
-    growth_max: Positive
 
 
 estimate_config = partial(settings, EstimateConfig, "estimate")
@@ -252,23 +245,13 @@ class Estimate(Benchmark):
         return summarise(cases, estimate_config())
 
     def bounds(self, report: Report) -> dict[str, Bound]:
-        config = estimate_config()
-        limits = {
-            "velocity_rmse": config.velocity_rmse_max,
-            "tilt_rmse_deg": config.tilt_rmse_max,
-            "height_rmse": config.height_rmse_max,
-            "velocity_rmse_walk": config.walk_velocity_rmse_max,
-            "drift": config.drift_max,
-            "estimator_us_p50": config.step_us_max,
-            "allocated_blocks_growth": config.growth_max,
-            "fallen": 0.0,
-        }
+        confidence = estimate_config().confidence
         honest = {
-            f"nees_{part}_{name}": Bound(*interval(rows.size, report.seeds, config.confidence))
+            f"nees_{part}_{name}": Bound(*interval(rows.size, report.seeds, confidence))
             for part, rows in PARTS.items()
             for name in scenarios()
         }
-        return at_most(limits) | honest
+        return super().bounds(report) | honest
 
     def notes(self, report: Report) -> list[str]:
         fell = [case for case in report.cases if not case["ok"]]

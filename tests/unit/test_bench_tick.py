@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.core.benchmark import settings
-from benchmarks.core.timed_run import STATUSES, Stopwatch, tick_bounds
+from benchmarks.core.benchmark import catalogue, settings
+from benchmarks.core.timed_run import STATUSES, Stopwatch
 from benchmarks.speed.tick import (
     STAGES,
     SUBJECTS,
@@ -147,11 +147,11 @@ def test_figures_leave_out_preempted_and_split_ticks() -> None:
     assert [figures[f"{stage}_us_p50"] for stage in STAGES] == [pytest.approx(18.0)] * len(STAGES)
     assert figures["active_set_changes"] == 1.0
     assert figures["ticks_uncertified"] == 2.0
-    bounded = {name: bound.most for name, bound in tick_bounds(CONFIG).items()}
-    assert len(bounded) == 7 and bounded["ticks_uncertified"] == 0.0
-    assert bounded.keys() - figures.keys() == {"allocated_blocks_growth", "resident_growth_kib"}  # of ``measure``
-    assert bounded["ratio_to_placo"] == CONFIG.placo_ratio_max != CONFIG.pinocchio_ratio_max
-    assert bounded["ratio_to_pinocchio_calls"] == CONFIG.pinocchio_ratio_max
+    bounded = catalogue()["tick"].info.most
+    assert len(bounded) == 9 and bounded["ticks_uncertified"] == 0.0
+    stack = {"stack_stand_us_p99", "stack_walk_us_p99"}
+    assert bounded.keys() - figures.keys() == {"allocated_blocks_growth", "resident_growth_kib", *stack}  # ``measure``
+    assert bounded["ratio_to_placo"] < 1.0 < bounded["ratio_to_pinocchio_calls"]
 
 
 def test_a_tick_of_the_stack_is_its_step_and_the_supervision_after_it() -> None:
