@@ -109,13 +109,11 @@ def run(
         traceback.print_exc()
         code = 1
     finally:
-        for node in nodes:
-            node.trigger_shutdown()
+        _shut_down(nodes)
         sys.stdout.flush()
         cancel = realtime.end_within(END_TIME, code)
         while nodes:
-            executor.remove_node(nodes[0])
-            nodes.pop(0).destroy_node()
+            _end(executor, nodes.pop(0))
         try_shutdown()
     del executor
     realtime.release()
@@ -130,3 +128,16 @@ def program(*nodes: Callable[[], Any], **options: Any) -> Callable[..., None]:
         sys.exit(run(list(nodes), args, **options))
 
     return main
+
+
+# Functions, so that no variable of ``run`` keeps a node beyond its end
+
+
+def _shut_down(nodes: Sequence[Any]) -> None:
+    for node in nodes:
+        node.trigger_shutdown()
+
+
+def _end(executor: Any, node: Any) -> None:
+    executor.remove_node(node)
+    node.destroy_node()
