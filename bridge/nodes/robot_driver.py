@@ -178,12 +178,13 @@ class RobotDriver(PoiseNode):
         Each of both is waited for on its own: without a supervisor, commands are still waited for. Faults of the
         sensors make no time wait.
         """
+        if self._simulated is None or self.config.real_time != "yield":
+            return False
         given, commands, now = self.config, self.commands, time.monotonic()
         due = self.stamp - self._sensor_ticks * self._period_ns
         late = {"command": due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS}
         late["supervisor"] = bool(commands.judged) and due - commands.judged > given.yield_supervisor * NANOSECONDS
-        yields = self._simulated is not None and given.real_time == "yield" and self.drivers.awaits_command
-        yields &= not self.simulation.faults.corrupted
+        yields = self.drivers.awaits_command and not self.simulation.faults.corrupted
         since = {each: self._late_since.get(each, now) for each in late if yields and late[each]}
         self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())
         self._late_since = since
