@@ -215,7 +215,6 @@ def _plannable(model: RobotModel) -> bool:
 
 
 def _draw(model: RobotModel) -> Trial:
-    """Whether MuJoCo loads the robot with its meshes, which pictures need."""
     try:
         drawn = build_mujoco(model, visuals=True).model
     except PoiseError as error:

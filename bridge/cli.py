@@ -48,7 +48,6 @@ app.add_typer(record.log_app, name="log")
 
 
 def _robots() -> list[str]:
-    """Names of the profiles, for completion."""
     from models.profile import robot_names
 
     return list(robot_names())

@@ -360,7 +360,6 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
             self._guard.step()
 
     def _record(self) -> None:
-        """Row of the log after a tick, when one is due."""
         lockstep = self._lockstep
         if self.black_box is not None:
             self.black_box.tick(lockstep)

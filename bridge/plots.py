@@ -55,7 +55,6 @@ def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> Non
 
 
 def _balance(model: RobotModel, recording: Recording, stability: Stability) -> Figure:
-    """ZMP, DCM and CoM from above with the footsteps, and against time."""
     figure = new_figure(14.0, 7.0)
     grid = figure.add_gridspec(2, 2, width_ratios=[1.0, 1.2])
     series = {"ZMP": stability.zmp, "DCM": stability.dcm, "CoM": stability.com[:, :2]}
@@ -190,7 +189,6 @@ def _finish(figure: Figure, axes: Sequence[Axes], t: Vector, file: Path) -> Path
 
 
 def _draw_largest(axes: Axes, t: Vector, values: Matrix, names: Sequence[str], label: str) -> None:
-    """The joints with the largest values (n, nj)."""
     largest = np.nan_to_num(np.abs(values)).max(axis=0)
     for joint in np.argsort(-largest, kind="stable")[:JOINTS]:
         axes.plot(t, values[:, joint], linewidth=0.8, label=names[joint].removesuffix("_joint"))
@@ -198,7 +196,6 @@ def _draw_largest(axes: Axes, t: Vector, values: Matrix, names: Sequence[str], l
 
 
 def _record_overview(run: RecordedRun, file: Path) -> Path:
-    """Loads, torques near their limits, modes, time between samples, and ticks without an answer."""
     figure, axes = _stacked(5, 10.0)
     loads, torques, modes, steps, missing = axes
     stamps = np.array(sorted(run.joints))
@@ -244,7 +241,6 @@ def _recording(record: BlackBoxRecord) -> Recording:
 
 
 def _box_overview(model: RobotModel, record: BlackBoxRecord, file: Path) -> Path:
-    """Attitude, IMU, loads, tracking, torques and solver against time."""
     figure, axes = _stacked(7, 13.0)
     t, weight = record.t, model.mass * GRAVITY
     x, y = record.q[:, 3:5].T

@@ -24,8 +24,6 @@ Vector3 = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class _Foot:
-    """One foot sensor in the file."""
-
     force_offset: Vector3  #: [N]
     torque_offset: Vector3  #: [N.m]
     force_gain: float  #: [-]
@@ -33,8 +31,6 @@ class _Foot:
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class _File:
-    """Schema of a calibration file."""
-
     schema_version: Literal[1]
     robot: str
     written: str  #: when, ISO 8601 with a zone
@@ -198,7 +194,6 @@ class CalibrationStore:
         os.link(self.path, self._kept(1))
 
     def _close_gaps(self) -> None:
-        """Number the kept files 1, 2, ... again."""
         kept = [path for path in self.files() if path != self.path]
         for age, path in enumerate(kept, start=1):
             if path != self._kept(age):
@@ -226,7 +221,6 @@ def _text(calibration: Calibration, model: RobotModel, stamp: str) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Flush a renaming to the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

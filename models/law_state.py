@@ -286,7 +286,6 @@ def _address(array: NDArray[Any]) -> int:
 
 
 def _content(value: Any) -> Any:
-    """A container, or the attributes of an object by name."""
     return value if isinstance(value, _CONTAINERS) else attributes(value)
 
 

@@ -279,7 +279,6 @@ def _check_names(traj: JointTrajectory, model: RobotModel, require_all: bool) ->
 
 
 def _fields(traj: JointTrajectory) -> Iterator[tuple[str, Matrix]]:
-    """Name and values of every (n, k) field that the trajectory fills."""
     yield "positions", traj.positions
     if traj.velocities is not None:
         yield "velocities", traj.velocities

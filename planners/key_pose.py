@@ -114,7 +114,6 @@ class KeyPoseSolver:
         return np.flatnonzero(self._collision.distances(q, self._config.collision.trigger) < bounds.gaps - _TOUCH)
 
     def _missed(self, goal: PoseGoal, q: Vector) -> list[str]:
-        """Targets that a configuration misses, with the remaining error."""
         tolerances = self._config.solver
         pin.framesForwardKinematics(self._model.pin, self._data, q)
         missed: list[str] = []

@@ -31,7 +31,6 @@ POLL = 0.02  # period of the check for finished cases [s]
 
 
 async def _ask(address: str) -> None:
-    """Ask a scheduler for its identity."""
     async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
         await scheduler.identity(n_workers=0)
 
@@ -139,7 +138,6 @@ class DaskWorkers(Executor):
         return WorkersError(f"{self._name}: the scheduler has ended or cannot be reached any more; {kept}")
 
     def _refuse_to_wait(self, alone: float) -> None:
-        """Raise when the scheduler has had no worker for too long [s]."""
         if alone > ALONE_TIME:
             start = f"; start some: dask worker {self._address} --nworkers 2 --nthreads 1" if self._address else ""
             raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s{start}")

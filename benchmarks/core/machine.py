@@ -109,7 +109,6 @@ def read_machine(root: Path = Path("/")) -> Machine:
 
 
 def _permitted() -> tuple[bool, bool]:
-    """Whether SCHED_FIFO and locked memory are permitted, by trying them."""
     found = subprocess.run(
         [sys.executable, "-c", _PERMITTED], capture_output=True, text=True, check=False, env=dict(os.environ)
     )

@@ -113,7 +113,6 @@ def robot_of(name: str, changes: LoopChanges, folder: Path) -> RobotModel:
 
 
 def _merged(given: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """A mapping with changes, those of mappings in it likewise."""
     merged = dict(given)
     for key, value in changes.items():
         merged[key] = _merged(given.get(key, {}), value) if isinstance(value, dict) else value
@@ -124,8 +123,6 @@ BOX_TIME = 1.0  # watched longer where a black box must be left, which is writte
 
 
 class _Trial:
-    """One row on one robot."""
-
     def __init__(self, robot: str, seed: int, row: Row, folder: Path) -> None:
         self._model, self._row = robot_of(robot, row.loop, folder), row
         model = self._model

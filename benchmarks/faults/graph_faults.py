@@ -27,8 +27,6 @@ FALLEN = 0.5  # part of its height that is left of a robot that has fallen [-]
 
 
 class _Watch:
-    """One row on the stage."""
-
     def __init__(self, stage: GraphStage, row: GraphRow) -> None:
         self._stage, self._row = stage, row
         self._supervisor: set[str] = set()

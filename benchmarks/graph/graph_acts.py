@@ -149,7 +149,6 @@ def _second_publisher(stage: GraphStage) -> Iterator[float]:
 
 
 def _second_clock(stage: GraphStage) -> Iterator[float]:
-    """A second clock, one hour ahead, at half the rate of the plant's."""
     message = Clock()
     message.clock.sec = 3600
     with _publisher(stage, Clock, topics.CLOCK, SENSOR) as publisher:

@@ -41,7 +41,6 @@ class StagedEstimator(StateEstimatorNode):
         super().listen(kind, topic, on_joints, qos, **options)
 
     def deactivate(self) -> None:
-        """Write the recorded times."""
         super().deactivate()
         if self._file:
             PROBE.save(Path(self._file))
@@ -90,7 +89,6 @@ def _noted(step: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _followed(publish: Callable[[bytes], None]) -> Callable[[bytes], None]:
-    """A publication, its end recorded."""
 
     def followed(data: bytes) -> None:
         publish(data)

@@ -143,7 +143,6 @@ def draw_cost(reports: Reports) -> Figure | None:
 
 
 def _commands(name: str, walks: dict[str, list[Case]]) -> str:
-    """Name of a walk, and the commanded speed of each robot."""
     lines = [name]
     for robot, cases in walks.items():
         command = next((case["command"] for case in cases if case["scenario"] == name), (0.0, 0.0, 0.0))

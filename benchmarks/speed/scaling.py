@@ -108,7 +108,6 @@ class Scaling(Benchmark):
         return summarise(cases, _config().planned)
 
     def passed(self, report: Report) -> bool:
-        """Whether every case came out the same over any number of workers."""
         return same(report.cases)
 
     def notes(self, report: Report) -> list[str]:

@@ -168,7 +168,6 @@ class TimedController:
         self._result = self._track(self._state, self._dt)
 
     def _judge(self, row: int) -> None:
-        """Residual, status and active rows of the tick; not timed."""
         whole_body = self.controller.whole_body
         self.residual[row] = self._result.residual
         self.status[row] = STATUSES.index(self._result.status)

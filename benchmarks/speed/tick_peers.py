@@ -214,7 +214,6 @@ class KinematicPeer(ABC):
     _q: Vector
 
     def _begin(self, model: RobotModel, q: Vector, tasks: list[Any], solve: Callable[[list[Any]], Vector]) -> None:
-        """Hold the tasks at a configuration (nq,)."""
         for task in tasks:
             task.set_target_from_configuration(self._configuration)
         self._tasks, self._solve, self._q, self.velocity = tasks, solve, q, np.zeros(model.nv)

@@ -53,7 +53,6 @@ _robot = cache(RobotModel.load)
 
 
 def _errors(robot: RobotModel, way: str, seed: int) -> SensorErrors:
-    """Errors of the configured sizes and of signs that follow from the seed."""
     config, signs = _config(), np.random.default_rng(seed)
     encoders = config.encoder_offset * signs.choice([-1.0, 1.0], robot.nj)
     if way == "floor":

@@ -49,8 +49,6 @@ _config = partial(settings, EnduranceConfig, "endurance")
 
 
 class _Crowd:
-    """Everybody who commands and pushes the robot."""
-
     def __init__(self, loop: ClosedLoop, seed: int) -> None:
         self._loop, self._rng = loop, np.random.default_rng([seed, 3600])
         limits = loop.gait.config.velocity
@@ -104,8 +102,6 @@ class _Crowd:
 
 
 class _Hour:
-    """One robot, and what becomes of it."""
-
     def __init__(self, robot: str, seed: int) -> None:
         self._loop, self._seed = ClosedLoop(robot, seed=seed, record=False), seed
         self._crowd, self._steps = _Crowd(self._loop, seed), TorqueSteps(self._loop)

@@ -65,7 +65,6 @@ estimate_config = partial(settings, EstimateConfig, "estimate")
 
 @cache
 def _loop(robot: str) -> ClosedLoop:
-    """One closed loop for every run of this process; ``reset`` starts it over as a new one would."""
     return ClosedLoop(robot=robot, record=False)
 
 
@@ -263,7 +262,6 @@ class Estimate(Benchmark):
         return case["scenario"], bool(case["ok"])
 
     def run(self, options: Options) -> Report:
-        """See the class; the time of a step is a separate case ``estimate_step``, not in the report."""
         load = LoadMeter()
         step = [{"robot": options.robot}]
         timed = run_cases(time_steps, step, bench="estimate_step", options=options, alone=True)[0]

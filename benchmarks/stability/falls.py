@@ -201,7 +201,6 @@ def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
 
 
 def _draw_feet(axes: Axes, signals: Mapping[str, Matrix], name: str, label: str) -> None:
-    """A signal of both feet, and what was planned where there is a plan."""
     planned = signals.get(f"planned_{name}")
     for foot, (side, colour) in enumerate(_FEET):
         axes.plot(signals["t"], signals[name][:, foot], color=colour, linewidth=1.1, label=f"{side} foot")
@@ -219,7 +218,6 @@ def _draw_lines(axes: Axes, t: Matrix, lines: Mapping[str, Any], label: str) -> 
 
 
 def _draw_status(axes: Axes, t: Matrix, moments: Case) -> None:
-    """How the QP was solved, the better the higher, and in which mode the robot was."""
     levels = [status.value for status in reversed(SolveStatus)]
     axes.step(t, [levels.index(status) for status in moments["status"]], where="post", color="k", linewidth=1.0)
     axes.set_yticks(range(len(levels)), [level.replace("_", " ") for level in levels], fontsize=7)

@@ -54,7 +54,6 @@ _push_config = partial(settings, PushConfig, "push")
 
 @cache
 def _loop(robot: str, record: bool) -> ClosedLoop:
-    """One closed loop for every case of this process, logged in every tick or not at all."""
     return ClosedLoop(robot=robot, record=record, record_period_s=0.001)
 
 

@@ -66,7 +66,6 @@ def replay(
 
 
 def _replay(file: Path, robot: str) -> ReplayReport:
-    """Replay of a black box, which needs no ROS 2, or of a recording."""
     from controllers.recording.black_box_file import SUFFIX, BlackBoxRecord
 
     if file.suffix == SUFFIX:
@@ -81,7 +80,6 @@ def _replay(file: Path, robot: str) -> ReplayReport:
 
 
 def _lines(report: ReplayReport) -> list[str]:
-    """Lines that describe a replay."""
     since = "" if report.since is None else f", from t={report.since:.3f} s on"
     if report.identical:
         return [f"identical: {report.compared} commands of {report.ticks} ticks, to the last bit{since}"]

@@ -134,7 +134,6 @@ def _shared(nodes: list[PoiseNode]) -> set[str]:
 
 
 def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
-    """Rows of the table of topics, by name."""
     found: dict[str, tuple[str, str, list[str], list[str]]] = {}
     ends: list[tuple[PoiseNode, Any, bool]] = [(node, end, True) for node in nodes for end in node.publishers]
     ends += [(node, end, False) for node in nodes for end in node.subscriptions]
@@ -192,7 +191,6 @@ ABSOLUTE = frozenset({"/clock", "/diagnostics", "/tf", "/tf_static", "/parameter
 
 
 def _type(kind: Any) -> str:
-    """Such as ``sensor_msgs/Imu``."""
     if kind.__name__ == "TFMessage":
         return "tf2_msgs/TFMessage"
     return f"{kind.__module__.split('.')[0]}/{kind.__name__}"

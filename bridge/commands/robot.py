@@ -99,7 +99,6 @@ def reset(network: Network = False, namespace: Namespace = "") -> None:
 
 
 def _words() -> list[str]:
-    """Text commands, for completion."""
     from controllers.safety.health import SupervisorConfig
     from controllers.safety.supervisor import GAIT_WORDS
     from models.config import default_config

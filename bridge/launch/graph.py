@@ -244,7 +244,6 @@ class Graph:
             self._change(BRIDGE.nodes, transition)
 
     def _restart(self, process: GraphProcess) -> None:
-        """Restart a crashed process and bring its nodes up; the others continue."""
         if not count_restart(process, self._say):
             self._say(f"{process.spec.module} crashed {process.restarts} times: the graph goes on without it")
             self._processes.remove(process)

@@ -185,7 +185,6 @@ class WorldGraph:
         self.wait_for(lambda: all(graph.standing for graph in self.graphs.values()), timeout, "standing")
 
     def _restart(self) -> None:
-        """Restart the crashed world and bring every robot's bridge up; other nodes go on."""
         count_restart(self._world, self._say)
         self._world.start()
         for graph in self.graphs.values():

@@ -176,7 +176,6 @@ class Lockstep:
         self._note("hanging")
 
     def _reset(self, seed: int | None) -> None:
-        """Reset plant, drivers and supervisor; a new calibration takes effect."""
         self.plant.reset(seed)
         calibration = self.stack.calibration
         self._encoder_offsets = None if calibration is None else calibration.encoder_offsets
@@ -250,7 +249,6 @@ class Lockstep:
             self._queue.append((self.tick + self._delay_ticks, command))
 
     def _supervise(self) -> None:
-        """Update scores and supervisor; damp the drivers in mode 'damp'."""
         self.monitor.update()
         before = self.stack.mode
         mode = self.stack.supervise(self.plant.t, drivers_damped=self.servo.state is ServoState.DAMPED)

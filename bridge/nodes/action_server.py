@@ -192,7 +192,6 @@ class WalkTo:
         return self._kind.Result(success=outcome.success, message=outcome.message)
 
     async def _walk(self, handle: Any, turn: Turn) -> Outcome:
-        """Publish the goal until it is answered, and follow the route to its end."""
         robot, goal, begin = self._robot, handle.request.goal, time.monotonic()
         next_time, config = begin, robot.config
         while True:
@@ -261,7 +260,6 @@ class ActionServerNode(PoiseNode):
         self._offer(follow, FOLLOW, FollowJointTrajectory(robot, follow, self.model, motions.publish))
 
     def activate(self) -> None:
-        """Accept goals."""
         self._turns.closed = False
 
     def deactivate(self) -> None:

@@ -69,7 +69,6 @@ class RobotDriver(PoiseNode):
         self._late_since: dict[str, float] = {}  # of what simulated time waits for, monotonic time [s]
 
     def configure(self) -> None:
-        """Build the plant and the topics."""
         config = self.config
         plant = self._make_plant()
         simulated = plant if isinstance(plant, SimulatedPlant) else None
@@ -255,7 +254,6 @@ class RobotDriver(PoiseNode):
             self._status.publish_time(self.stamp)
 
     def before_diagnostics(self) -> None:
-        """Report the state of the drivers."""
         if not self.active:
             return
         self.message = "paused" if self.paused else self.drivers.state

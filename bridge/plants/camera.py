@@ -100,7 +100,6 @@ class SimulatedCamera:
         scene.ngeom += 1
 
     def _aim(self, position: Vector, axes: Matrix) -> None:
-        """Set both eyes of MuJoCo's scene to the pinhole."""
         near, pinhole = self._config.near, self.intrinsics
         half = near * 0.5 * pinhole.height / pinhole.focal[1]
         for eye in self._renderer.scene.camera:

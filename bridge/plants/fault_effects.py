@@ -206,7 +206,6 @@ def _wrong(fault: Fault, channels: Channels, period: float) -> Effect:
 
 
 def _bounded(fault: Fault, channels: Channels, rng: np.random.Generator) -> Effect:
-    """Random values, or the end of the range."""
     scale = channels.spread("scale", 1.0 if fault.scale is None else fault.scale)
     centre, half = 0.5 * (channels.high + channels.low), 0.5 * (channels.high - channels.low)
     if fault.kind == "garbage":

@@ -125,7 +125,6 @@ class Fault:
             raise self._refusal("end", f"{self.end} s is not after the start at {self.start} s")
 
     def _check_needed(self) -> None:
-        """Check required and mutually exclusive parameters of the kind."""
         own = PARAMETERS[self.kind]
         if self.kind in ("slow", "delayed") and getattr(self, own[0]) is None:
             raise self._refusal(own[0], "missing")

@@ -18,8 +18,6 @@ STREAM = 0xFA017  #: Separates random faults from the noise of the same seed
 
 @dataclass(slots=True)
 class _Injected:
-    """An injected fault."""
-
     fault: Fault
     channels: Channels  #: Its channels
     first: int  #: Ticks from the injection to its beginning and to its end

@@ -238,7 +238,6 @@ class MujocoPlant(SimulatedPlant):
         self._pushes.append((end, self.mujoco.bodies[body], vector))
 
     def _push(self) -> None:
-        """Apply the pushes of this step and remove expired ones."""
         self.data.xfrc_applied[self.mujoco.own_bodies] = 0.0
         self._pushes = [push for push in self._pushes if push[0] > self._tick]
         for _, body, force in self._pushes:

@@ -144,7 +144,6 @@ class MujocoWorld:
         mujoco.mj_forward(self.model, data)
 
     def _start(self, name: str) -> Vector:
-        """Start configuration of a robot (nq,)."""
         q = self._models[name].standing_configuration()
         place = self._places[name]
         if place != Place():

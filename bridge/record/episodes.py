@@ -110,7 +110,6 @@ def _stretches(tables: Mapping[str, _Table], first: int, end: int, fps: int, tas
 
 
 def _tables(run: RecordedRun) -> dict[str, _Table]:
-    """Samples of every sensor and the commands, in the order of ``observed``, without non-finite ones."""
     feet = run.feet if run.robot.profile.sensors.feet.fitted else ()
     return {
         "joints": _table({stamp: np.concatenate(values) for stamp, (_, *values) in run.joints.items()}),

@@ -110,7 +110,6 @@ def _text(name: str) -> str:
 
 
 def _closure(name: str) -> list[str]:
-    """The message and every message in it, each once."""
     found = [name]
     for each in found:
         package = each.partition("/")[0]

@@ -88,7 +88,6 @@ def read_run(path: Path, robot: str = "") -> RecordedRun:
 
 
 def _takers(run: RecordedRun) -> dict[str, Callable[[int, bytes], object]]:
-    """Handler for the messages of each topic."""
     joints, commands, imu = JointStateCodec(run.robot), JointCommandCodec(run.robot), ImuCodec(topics.IMU_FRAME)
     odometry = OdometryCodec()
 

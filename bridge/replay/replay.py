@@ -103,7 +103,6 @@ def replay(run: RecordedRun) -> ReplayReport:
 
 
 def _gaps(notes: list[TickInputs]) -> int:
-    """Number of missing notes between the first and the last."""
     numbers = {note.number for note in notes}
     return max(numbers) - min(numbers) + 1 - len(numbers)
 
@@ -143,7 +142,6 @@ def _ticks(
 
 
 def _between(stamps: list[int], low: int, high: int) -> list[int]:
-    """The sorted stamps strictly between two others."""
     first, last = np.searchsorted(stamps, [low + 1, high])
     return stamps[first:last]
 
@@ -250,7 +248,6 @@ def _row_sample(record: BlackBoxRecord, row: int) -> SensorData:
 
 
 def _command(record: BlackBoxRecord, row: int) -> JointCommand | None:
-    """The command of a row; None without one."""
     if record.status[row] < 0:
         return None
     return JointCommand(record.command_q[row], record.command_v[row], record.command_tau[row])

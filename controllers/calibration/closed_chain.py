@@ -181,8 +181,6 @@ def _prior(model: RobotModel, terms: ChainTerms, limits: ChainConfig) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """One pass over the data."""
-
     step: Vector  # change of the unknowns (n,)
     covariance: Matrix  # of the unknowns (n, n)
     residual: float  # RMS of the whitened innovations [-]

@@ -57,8 +57,6 @@ NO_SOURCE = "none"  #: Name for: no source is in command
 
 @dataclasses.dataclass(slots=True)
 class _Source:
-    """Last command of a source."""
-
     velocity: Velocity = STILL
     until: float = -math.inf  # expiry [s]
 

@@ -52,8 +52,6 @@ _SAME_WAY = math.cos(math.radians(45.0))
 
 @dataclasses.dataclass(slots=True)
 class _Stop:
-    """A direction in which the robot may not walk."""
-
     direction: Vector  # unit vector in B (2,)
     reason: str
     free_since: float | None = None  # stamp since which the gap has been long enough [s]; None while it is not

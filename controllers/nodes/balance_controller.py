@@ -75,7 +75,6 @@ class BalanceControllerNode(PoiseNode):
         self._black_box = BlackBoxKeeper(self, self._stack)
 
     def configure(self) -> None:
-        """Build the law, the codecs and the topics."""
         if self._gait is not None:
             self._gait.configure()
         config = StackConfig(balance=self._balance, whole_body=self._whole_body, head=self._head_config)
@@ -97,7 +96,6 @@ class BalanceControllerNode(PoiseNode):
             self._topics = StateTopics(self, self.on_state, qos)
 
     def activate(self) -> None:
-        """Start from the next state."""
         self._reset = True
         self._overruns = 0
         self._result = None
@@ -114,7 +112,6 @@ class BalanceControllerNode(PoiseNode):
         return super().on_deactivate(state)
 
     def deactivate(self) -> None:
-        """Discard the motion."""
         self._motions.forget()
         self._black_box.flush()
 
@@ -172,7 +169,6 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def _judge_time(self) -> None:
-        """Count ticks over their budget; repeated ones are reported to the supervisor at once."""
         if self._timer.last <= self._budget:
             self._overruns = 0
             return
@@ -182,7 +178,6 @@ class BalanceControllerNode(PoiseNode):
             self.alarm()
 
     def before_diagnostics(self) -> None:
-        """Report the newest result; write the black box when it is time."""
         self._black_box.poll()
         result = self._result
         if not self.active or result is None:

@@ -94,7 +94,6 @@ class BlackBoxKeeper:
             )
 
     def _on_supervisor(self, status: SupervisorStatus) -> None:
-        """Store the first faults that the supervisor reports."""
         if status.faults and not self._faults:
             self._faults = "; ".join(status.faults)[:1000]
             self._note(f"supervisor: {self._faults}")
@@ -143,7 +142,6 @@ class BlackBoxKeeper:
             box.sealed = False
 
     def _report(self) -> None:
-        """Counters and log of the writer thread."""
         outcome, self._outcome = self._outcome, None
         written, text = outcome or (False, "the writing thread failed")
         self._node.values["black box"] = text

@@ -46,7 +46,6 @@ class FootSensorNode(PoiseNode):
         self._max_gap = declare_ns(self, "max_gap", 0.05, text, low=0.001, high=1.0)
 
     def configure(self) -> None:
-        """Build the law, the codecs and the topics."""
         if not self.model.profile.sensors.feet.fitted:
             raise ConfigError(f"{self.robot}: no foot sensors are fitted by its profile (sensors.feet.fitted)")
         known = self._defaults
@@ -59,7 +58,6 @@ class FootSensorNode(PoiseNode):
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def activate(self) -> None:
-        """Start from the next samples."""
         self._pairs = FootPairs(self._max_age, self._max_gap)
         self._due = Due(self._period)
         self._bearing: list[bool | None] = [None, None]
@@ -96,12 +94,10 @@ class FootSensorNode(PoiseNode):
         self._cops[foot].publish(message)
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the simulated robot has been reset."""
         if message.data == topics.HELD and self.active:
             self.activate()
 
     def before_diagnostics(self) -> None:
-        """Report the feet in contact and the silent sensors."""
         if not self.active:
             return
         pairs = self._pairs

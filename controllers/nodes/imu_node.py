@@ -50,7 +50,6 @@ class ImuNode(PoiseNode):
         self._started = False
 
     def configure(self) -> None:
-        """Build the law, the codecs and the topics."""
         self._law = OrientationFilter(self._config)
         self._raw, self._codec = ImuCodec(topics.IMU_FRAME), OrientedImuCodec(topics.IMU_FRAME)
         self._filtered = self.announce(Imu, topics.IMU_FILTERED, STATE)
@@ -94,7 +93,6 @@ class ImuNode(PoiseNode):
                 self._rows += 1
 
     def _average(self, gyro: Vector, accel: Vector) -> None:
-        """Start from the mean of enough samples at rest."""
         self._first.append((gyro, accel))
         if len(self._first) < self._start_samples:
             return
@@ -104,12 +102,10 @@ class ImuNode(PoiseNode):
         self._started = True
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the simulated robot has been reset."""
         if message.data == topics.HELD and self._started:
             self._start_over()
 
     def before_diagnostics(self) -> None:
-        """Report the filter's estimates."""
         if not self.active:
             return
         self.message = "filtering" if self._started else "waiting for a robot at rest"

@@ -38,7 +38,6 @@ class MotorControllerNode(PoiseNode):
         self.every(WATCH_PERIOD, self._watch)
 
     def configure(self) -> None:
-        """Build the law, the codecs and the topics."""
         self._joints, self._commands = JointStateCodec(self.model), JointCommandCodec(self.model)
         self._torques = TorqueCodec(self.model)
         self._motors = self.announce(JointState, topics.MOTOR_COMMANDS, COMMAND)
@@ -80,7 +79,6 @@ class MotorControllerNode(PoiseNode):
             self._state.publish(String(data=state))
 
     def before_diagnostics(self) -> None:
-        """Report the state of the drivers."""
         if not self.active:
             return
         servo = self.law.servo

@@ -78,7 +78,6 @@ class SampleTopics:
             self._pass_on(self.assembler.add_joints(*self._joint_codec.decode(data)))
 
     def _pass_on(self, sensors: SensorData | None) -> None:
-        """Pass on the tick that a sample has completed."""
         if sensors is not None:
             stamp = self.assembler.stamp or 0
             self._take(sensors, stamp)

@@ -53,7 +53,6 @@ class StateEstimatorNode(PoiseNode):
         self._last_stamp = 0
 
     def configure(self) -> None:
-        """Build the law, the codecs and the topics."""
         law = self._stack.build_estimator(self.model, self._config)
         self._estimates = EstimateTopics(self, law, self._rates)
         self._samples = SampleTopics(
@@ -74,7 +73,6 @@ class StateEstimatorNode(PoiseNode):
         self._coasting_since: int | None = None
 
     def before_diagnostics(self) -> None:
-        """Report the estimator's health, each counter by name, and the estimated push."""
         if not self.active:
             return
         self.message = "waiting for a complete sample" if self._state is None else "estimating"
@@ -156,7 +154,6 @@ class StateEstimatorNode(PoiseNode):
         self._estimates.publish_odometry(self._state, self._last_stamp)
 
     def _on_driver_state(self, message: String) -> None:
-        """Start over when the simulated robot has been reset."""
         if message.data == topics.HELD and self._state is not None:
             self.activate()
 

@@ -69,7 +69,6 @@ class SupervisorNode(PoiseNode):
         self._key_window = declare(self, "command_window", 2.0, text, low=0.1, high=60.0)
 
     def configure(self) -> None:
-        """Build the law and the topics."""
         self._law = Supervisor(self.model, self._config)
         self._rates = {} if self._lockstep else dict.fromkeys(topics.sensor_topics(self.model), self._sensor_rate)
         self._probe, self._reports = PreflightProbe(self), HealthTopics(self, self._clock_timeout)
@@ -98,11 +97,9 @@ class SupervisorNode(PoiseNode):
         self.own(self.destroy_timer, self.every(self._period, self._update))
 
     def deactivate(self) -> None:
-        """Unsubscribe from the sensors."""
         self._probe.stop()
 
     def before_diagnostics(self) -> None:
-        """Report mode, faults and the reasons against arming."""
         if not self.active:
             return
         law = self._law
@@ -118,7 +115,6 @@ class SupervisorNode(PoiseNode):
         self.values |= self._commands.values()
 
     def _update(self) -> None:
-        """Update mode and preflight from the health, and publish changes."""
         if not self.active:
             return
         law = self._law

@@ -38,7 +38,6 @@ class VisionNode(PoiseNode):
         self._tolerance = declare_ns(self, "head_tolerance", 0.1, text, low=0.0)
 
     def configure(self) -> None:
-        """Build the laws and the topics."""
         self._finder = TargetFinder(self._config)
         self._gaze = Gaze(self.model) if self._follow else None
         self._angles = AngleHistory()

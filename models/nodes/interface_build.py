@@ -89,7 +89,6 @@ class InterfaceBuild:
         self._tell_ament()
 
     def _compile(self, work: Path, made: Path) -> None:
-        """Every library of the package, then the extension that Python imports."""
         import numpy as np
 
         folder = made / "lib"
@@ -207,7 +206,6 @@ def _sources(folder: Path) -> list[str]:
 
 
 def _compile(arguments: list[str]) -> None:
-    """Run the compiler; ``PoiseError`` with the end of its output."""
     compiler = ["g++", "-std=c++17"] if any(item.endswith(".cpp") for item in arguments) else ["gcc"]
     result = subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
     if result.returncode:

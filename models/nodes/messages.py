@@ -109,7 +109,6 @@ class Codec(Generic[S]):
         return (stamp_of(data), *values)  # type: ignore[return-value]
 
     def _values(self, message: Any) -> list[Vector]:
-        """Numbers of each field of a message with another layout."""
         for path, expected in self._fixed.items():
             if (found := field_of(message, path)) != expected:
                 raise MessageError(f"{path} is '{found}', expected '{expected}'")

@@ -120,7 +120,6 @@ def best_first(cores: Iterable[int]) -> list[int]:
 
 
 def _about(core: int, file: str) -> str:
-    """A property of a core as the kernel reports it; empty when unknown."""
     try:
         return (Path(_CORE.format(core)) / file).read_text(encoding="ascii").strip()
     except OSError:

@@ -192,7 +192,6 @@ class PostureSolver:
         return np.asarray(errors(final.x))
 
     def _place_hand(self, arm: tuple[int, ...], side: float) -> None:
-        """Bring the last joint of an arm to its place beside the body."""
         indices = self._index(arm)
         self._forward()
         length = self._skeleton.reach(list(arm))
@@ -212,7 +211,6 @@ class PostureSolver:
         self._q[indices] = np.clip(result.x, self._lower[indices], self._upper[indices])
 
     def _stuck(self) -> str:
-        """Leg joints that ended at a limit, or all of them."""
         stuck = []
         for j in (*self._legs.left, *self._legs.right):
             i = int(self._model.joints[j].idx_q)

@@ -93,7 +93,6 @@ def profile_text(proposal: Proposal) -> str:
 
 
 def _flow(value: Any) -> str:
-    """A value on one line of YAML."""
     plain = yaml.safe_dump(_plain(value), default_flow_style=True, sort_keys=False, width=10**6)
     return plain.removesuffix("\n").removesuffix("\n...")
 
@@ -110,7 +109,6 @@ def _rows(entries: dict[str, Any]) -> str:
 
 
 def _described(values: dict[str, Any], schema: type) -> str:
-    """One line a key, with the description of the schema behind it."""
     texts = descriptions(schema)
     lines = (f"    {key}: {_flow(value)}  # {texts[key]}\n" for key, value in values.items() if value is not None)
     return "".join(lines)

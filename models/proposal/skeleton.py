@@ -147,7 +147,6 @@ def _hangs(skeleton: Skeleton, joint: int) -> bool:
 
 
 def _lonely(skeleton: Skeleton) -> str:
-    """The joints at the base that have no partner, for the message."""
     names = [skeleton.name(j) for j in skeleton.children[BASE] if j not in skeleton.partners]
     return f"; without a mirror image: {named('joint', names)}" if names else ""
 

@@ -134,7 +134,6 @@ class GaitPlannerNode(PoiseNode):
         self._begun = False
 
     def configure(self) -> None:
-        """Build the law and the topics."""
         self._law = self._stack.build_gait(self.model, self._config)
         self._gait = GaitTopics(self, self._law, self._periods)
         now = lambda: self._stamp  # noqa: E731
@@ -146,7 +145,6 @@ class GaitPlannerNode(PoiseNode):
 
     @property
     def _walking(self) -> bool:
-        """Whether the robot is in mode ``walk``."""
         return self._mode == Mode.WALK.value
 
     def _on_velocity(self, message: Any) -> None:
@@ -225,7 +223,6 @@ class GaitPlannerNode(PoiseNode):
             self._routes.publish_end()
 
     def before_diagnostics(self) -> None:
-        """Report the gait and the outcome of the last step."""
         if not self.active:
             return
         if not (self._begun and self._walking):

@@ -157,7 +157,6 @@ class MotionPlannerNode(PoiseNode):
         self._folder = declare(self, "motions_folder", "", text)
 
     def configure(self) -> None:
-        """Build the law and the topics."""
         own = motion_files(Path(self._folder)) if self._folder else ()
         self._law = MotionPlanner(self.model, self._config, extra=[*calibration_motions(), *own])
         self._codec = JointStateCodec(self.model)
@@ -170,7 +169,6 @@ class MotionPlannerNode(PoiseNode):
         MotionService(self, self._law, self._start, self._trajectory.publish, self._points_max)
 
     def before_diagnostics(self) -> None:
-        """Report the motions that can be requested."""
         if self.active:
             self.message = f"motions: {', '.join(self._law.names)}"
 
