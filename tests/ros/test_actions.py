@@ -24,7 +24,7 @@ try:
 except PoiseError as _error:
     pytest.skip(str(_error), allow_module_level=True)
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 ABORTED, CANCELED, SUCCEEDED = 6, 5, 4
 """action_msgs/GoalStatus."""

@@ -23,7 +23,7 @@ from models.robot_model import RobotModel
 from models.types import CommandReply, Vector
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 SHARE = 0.05
 """What may be left of an injected error."""

@@ -14,7 +14,7 @@ import pytest
 
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 #: Type of each state topic that a standing robot publishes
 STATES = {

@@ -11,7 +11,7 @@ from models.nodes import topics
 from models.nodes.qos import EVENT, LATCHED
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 def test_a_killed_planner_is_restarted_alone(eyes: Eyes, undisturbed: None) -> None:

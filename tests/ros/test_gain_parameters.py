@@ -13,7 +13,7 @@ from models.robot_model import RobotModel
 from tests.ros.conftest import Eyes
 from tests.ros.test_control_nodes import Controlled
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 GAIN, POSTURE = "balance.dcm_gain", "whole_body.posture.kp"
 

@@ -18,7 +18,7 @@ from models.nodes import topics
 from models.nodes.qos import SENSOR
 from tests.ros.conftest import free_domain
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from bridge.ros.environment import free_domain
 from bridge.ros.processes import absolute_namespace
 from models.errors import PoiseError
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 OF_RCLPY = {"/parameter_events", "/rosout"}
 """Topics that every node has, wherever it is."""

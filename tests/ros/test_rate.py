@@ -11,7 +11,7 @@ from models.nodes import topics
 from models.nodes.qos import COMMAND, SENSOR
 from tests.ros.conftest import free_domain
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 def test_the_robot_stands_waves_and_walks_with_a_driver_of_500_hz(tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -15,7 +15,7 @@ from models.robot_model import RobotModel
 from tests.ros.conftest import Eyes
 from tests.ros.test_user_trajectory import arm, point
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 class Refuser(PoiseNode):

@@ -20,7 +20,7 @@ from models.nodes.messages import JointStateCodec
 from models.robot_model import RobotModel
 from models.types import Mode
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 MS = 1_000_000
 

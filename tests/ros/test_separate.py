@@ -13,7 +13,7 @@ from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 PROCESSES = "separate"
 GAIT = "planners.nodes.gait_planner"

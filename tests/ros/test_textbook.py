@@ -19,7 +19,7 @@ from bridge.ros.environment import free_domain
 from models.nodes.interfaces import interface, missing_types
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 FOLDER = Path(__file__).parents[2] / "examples" / "textbook"
 ANSWER_TIME = 60.0

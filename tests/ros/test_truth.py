@@ -13,7 +13,7 @@ from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import Processes
 from models.nodes import topics
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 NODES = ("balance_controller", "state_estimator", "gait_planner", "supervisor", "motion_planner")
 

@@ -17,7 +17,7 @@ from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 def point(names: list[str], positions: list[float], seconds: float, frame_id: str = "") -> JointTrajectory:

@@ -22,7 +22,7 @@ from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from tests.ros.conftest import Eyes
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 class WalkingGraph(Eyes):
