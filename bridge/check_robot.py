@@ -85,8 +85,7 @@ class Trials:
 
     def _squat(self, loop: ClosedLoop) -> Trial:
         start, first = float(loop.truth.q[2]), len(loop.log)
-        refusal = self._motion(loop, "squat")
-        if refusal:
+        if refusal := self._motion(loop, "squat"):
             return Trial("squat", False, refusal)
         sunk = start - float(loop.log.true_q[first:, 2].min())
         text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop, first)}"
@@ -94,8 +93,7 @@ class Trials:
 
     def _wave(self, loop: ClosedLoop) -> Trial:
         first = len(loop.log)
-        refusal = self._motion(loop, "wave")
-        if refusal:
+        if refusal := self._motion(loop, "wave"):
             return Trial("wave", False, refusal)
         hand = self._model.frame_id("r_wrist")
         heights = []

@@ -122,7 +122,6 @@ def _read(model: RobotModel, visuals: bool) -> Any:
 
 
 def _add_robot(spec: Any, model: RobotModel, payload_kg: float, terrain: Terrain, config: PlantConfig) -> None:
-    """The robot except its URDF and the parts for pictures."""
     _add_base(spec, model, config)
     _set_joints(spec, model, config)
     _add_frames(spec, model)

@@ -197,7 +197,6 @@ TURN, FORWARD, FREE_WAY = 0.3, 0.3, 1.0
 
 
 def _kick(loop: ClosedLoop) -> Doing:
-    """A kick from another side every four seconds."""
     force = loop.robot.mass * KICK_SPEED / KICK_TIME
     for number in range(1000):
         angle = 2.4 * number  # [rad] the golden angle: never the same side

@@ -280,7 +280,6 @@ def publish_report(folder: Path, docs: Path) -> list[Path]:
 
 
 def _write_page(folder: Path, out: Path) -> list[Path]:
-    """The page and its pictures of a suite's folder, written into another one or the same."""
     (saved, failures), progress = read_reports(folder), read_progress(folder)
     if not (saved or failures or progress.missing):
         raise ConfigError(f"{folder}: no benchmark is finished there; run: poise bench all --quick --out {folder}")

@@ -171,7 +171,6 @@ def _centre(rectangle: tuple[float, float, float, float]) -> Vector:
 
 
 def _placo_robot(model: RobotModel) -> placo.RobotWrapper:
-    """Placo's robot from the same URDF, without shapes, with the frames that the tasks need."""
     root = read_urdf(model.urdf)
     for link in root.findall("link"):
         for shape in (*link.findall("visual"), *link.findall("collision")):

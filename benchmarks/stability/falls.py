@@ -183,7 +183,6 @@ def draw_fall(moments: Case, title: str, file: Path) -> Path:
 
 
 def _draw_balance(axes: Axes, signals: Mapping[str, Matrix], k: int) -> None:
-    """DCM, CoP and commanded CMP against the edges of the soles; one that bears is filled."""
     t, low, high = signals["t"], signals["soles_low"], signals["soles_high"]
     for foot, (name, colour) in enumerate(_FEET):
         bears = signals["loads"][:, foot] > _BORNE

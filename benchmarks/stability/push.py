@@ -139,7 +139,6 @@ class PushConfig:
 
 @cache
 def _loop(robot: str, contender: str = "") -> ClosedLoop:
-    """Closed loop shared by every push of this process; each push begins with ``reset``."""
     if contender:
         return ContenderLoop(contender, robot)
     loop = ClosedLoop(robot=robot, record=False)

@@ -111,37 +111,32 @@ class Walk(Benchmark):
         return judge(report.robot, report.cases)[1][:10]
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
-        return plot(report, folder)
+        files = []
+        walked = [case for case in report.cases if case["kind"] == "steady"]
+        top = [case for case in report.cases if case["kind"] == "top"]
+        panels = 2 * bool(walked) + bool(top)
+        if panels:
+            figure = new_figure(1.0 + 4.0 * panels, 4.0)
+            axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
+            if walked:
+                _draw_scenarios(axes[0], walked, "speed_error", "|mean velocity - command| / |command| [-]")
+                _draw_limit(axes[0], walk_config().speed_error_limit, "allowed of the mean")
+                _draw_scenarios(axes[1], walked, "cost_of_transport", "cost of transport [-]")
+            if top:
+                axes[-1].plot([case["seed"] for case in top], [case["top_speed"] for case in top], "o", color=PASSED)
+                _draw_limit(axes[-1], robot_walk(report.robot).required_top_speed, "required")
+                axes[-1].set_xticks(sorted({case["seed"] for case in top}))
+                axes[-1].set(xlabel="seed", ylabel="top speed held [m/s]")
+            for one in axes:
+                one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
+                one.legend(loc="upper right", fontsize=8, ncols=3)
+            figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
+            files.append(saved(figure, folder / f"walk-{report.robot}.png"))
+        return files + draw_failures(report, folder)
 
     def survived(self, case: Case) -> tuple[str, bool] | None:
         """By scenario; the search for the top speed may fall."""
         return None if case["kind"] == "top" else (case["scenario"], not case["fell"])
-
-
-def plot(report: Report, folder: Path) -> list[Path]:
-    """Draw walks at a constant velocity, top speeds, and the first failure of each scenario, as far as present."""
-    files = []
-    walked = [case for case in report.cases if case["kind"] == "steady"]
-    top = [case for case in report.cases if case["kind"] == "top"]
-    panels = 2 * bool(walked) + bool(top)
-    if panels:
-        figure = new_figure(1.0 + 4.0 * panels, 4.0)
-        axes = [figure.add_subplot(1, panels, i + 1) for i in range(panels)]
-        if walked:
-            _draw_scenarios(axes[0], walked, "speed_error", "|mean velocity - command| / |command| [-]")
-            _draw_limit(axes[0], walk_config().speed_error_limit, "allowed of the mean")
-            _draw_scenarios(axes[1], walked, "cost_of_transport", "cost of transport [-]")
-        if top:
-            axes[-1].plot([case["seed"] for case in top], [case["top_speed"] for case in top], "o", color=PASSED)
-            _draw_limit(axes[-1], robot_walk(report.robot).required_top_speed, "required")
-            axes[-1].set_xticks(sorted({case["seed"] for case in top}))
-            axes[-1].set(xlabel="seed", ylabel="top speed held [m/s]")
-        for one in axes:
-            one.set_ylim(0.0, 1.25 * one.dataLim.y1 or 1.0)  # room for the legend above the data
-            one.legend(loc="upper right", fontsize=8, ncols=3)
-        figure.suptitle(f"walk, {report.who}, seeds: {report.seeds}", fontsize=10)
-        files.append(saved(figure, folder / f"walk-{report.robot}.png"))
-    return files + draw_failures(report, folder)
 
 
 def _draw_limit(axes: Axes, value: float, name: str) -> None:

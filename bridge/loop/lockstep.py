@@ -186,7 +186,6 @@ class Lockstep:
         self.hanging = False
 
     def _hang_and_average(self) -> SensorData:
-        """Hang under gravity compensation; returns the mean of the last sensor samples."""
         samples: list[SensorData] = []
         averaged = max(round(self._config.average_time / self.plant.period), 1)
         for remaining in range(round(self._config.hang_time / self.plant.period), 0, -1):

@@ -105,7 +105,6 @@ class LeRobotDataset:
         self.lengths.append((episode.task, n))
 
     def _write_frames(self, columns: Columns) -> None:
-        """Write one row group; a new file when the present one is large."""
         arrays = [
             pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1]) if values.ndim == 2 else values
             for values in columns.values()
@@ -176,7 +175,6 @@ def _path(pattern: str, file: int) -> str:
 
 
 def _statistics(columns: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, list[float] | list[int]]]:
-    """For each column of every feature: extremes, mean, standard deviation, number of frames and quantiles."""
     statistics: dict[str, dict[str, list[float] | list[int]]] = {}
     for feature, values in columns.items():
         table = values.reshape(len(values), -1).astype(float)  # (n, c)

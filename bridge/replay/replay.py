@@ -78,10 +78,7 @@ def replay(run: RecordedRun) -> ReplayReport:
     report = ReplayReport(gaps=_gaps([note for note in run.notes if note.stamp >= start.stamp]))
     last_command = max(run.commands, default=0)
     given: set[int] = set()
-    again: dict[int, list[TickInputs]] = {}
-    for each in run.notes:
-        if each.again:
-            again.setdefault(each.stamp, []).append(each)
+    again = _repeated(run.notes)
     begun: int | None = None
     for stamp, sensors, note, dt in _ticks(run, start.stamp, report):
         if stamp > last_command:
@@ -100,6 +97,12 @@ def replay(run: RecordedRun) -> ReplayReport:
             compare(run.robot.joint_names, stamp, run.commands.get(stamp), command, report)
     report.unmatched = len([s for s in run.commands if begun is not None and s >= begun and s not in given])
     return report
+
+
+def _repeated(notes: list[TickInputs]) -> dict[int, list[TickInputs]]:
+    """Notes of repeated answers, by their stamp [ns]."""
+    again = [note for note in notes if note.again]
+    return {stamp: [note for note in again if note.stamp == stamp] for stamp in {note.stamp for note in again}}
 
 
 def _gaps(notes: list[TickInputs]) -> int:
@@ -212,10 +215,7 @@ def replay_box(record: BlackBoxRecord, robot: str = "") -> ReplayReport:
     laws.restore(record.replay)
     notes = [TickInputs.read(text) for text in start["inputs"]]
     first = {note.stamp: note for note in notes if not note.again}
-    again: dict[int, list[TickInputs]] = {}
-    for note in notes:
-        if note.again:
-            again.setdefault(note.stamp, []).append(note)
+    again = _repeated(notes)
     report = ReplayReport(since=start["stamp"] / NANOSECONDS)
     for more in again.get(start["stamp"], ()):
         laws.again(more)

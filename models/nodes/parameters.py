@@ -104,7 +104,6 @@ def _declare_item(node: Any, name: str, value: Any, hint: Any, text: str, live: 
 
 
 def _plain(value: Any) -> Any:
-    """JSON form of a value that is not declared."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return dataclasses.asdict(value)
     if isinstance(value, tuple | list):

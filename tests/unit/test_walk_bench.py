@@ -163,7 +163,7 @@ def test_a_stop_that_fails_is_told_in_words() -> None:
 def test_the_plot_shows_what_was_measured(tmp_path: Path) -> None:
     def drawn(kinds: tuple[str, ...]) -> list[str]:
         report = Report("walk", "talos", 1, {}, [case for case in good() if case["kind"] in kinds], True, {})
-        return [file.name for file in walk.plot(report, tmp_path) if file.stat().st_size > 5_000]
+        return [file.name for file in walk.Walk("walk").plots(report, tmp_path) if file.stat().st_size > 5_000]
 
     assert drawn(("steady", "top")) == drawn(("top",)) == drawn(("steady",)) == ["walk-talos.png"]
     assert drawn(("stop",)) == []
