@@ -164,9 +164,10 @@ class MujocoWorld:
         data = self.data
         for plant in plants:
             plant.before_step()
-        moving = [plant.mujoco for plant in plants]
-        still = [mj for mj in self.robots.values() if not any(mj is each for each in moving)]
-        kept = [(data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()) for mj in still]
+        still, kept = [], []
+        if len(plants) < len(self.robots):
+            still = [mj for mj in self.robots.values() if not any(mj is plant.mujoco for plant in plants)]
+            kept = [(data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()) for mj in still]
         for substep in range(self.substeps):
             if substep:
                 for plant in plants:
