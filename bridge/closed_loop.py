@@ -211,7 +211,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     @property
     def foot_slip(self) -> Vector:
         """Largest slip of each stance foot (2,) [m]."""
-        return self._lockstep.monitor.foot_slip
+        return self._lockstep.monitor.foot_slip.copy()
 
     @property
     def truth(self) -> RobotState:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.plants.base import hanging_command, release_loaded
 from bridge.plants.config import LoopConfig
@@ -19,10 +20,53 @@ from controllers.stack import ControlStack
 from models.calibration import correct_encoders, encoder_command
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError
-from models.types import JointCommand, Mode, SensorData, SolveStatus, Vector
+from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
+from models.types import JointCommand, Matrix, Mode, SensorData, SolveStatus, Vector
 
 if TYPE_CHECKING:
     from bridge.loop.recorder import LoopRecorder
+
+
+class _Feet(NamedTuple):
+    """Soles and their slip, for compiled code."""
+
+    positions: Matrix  # of all sites (nsite, 3) [m]
+    rotations: Matrix  # of all sites (nsite, 9)
+    sites: NDArray[np.int64]  # of the soles (2,)
+    radius: Vector  # from the origin of each sole to its farthest corner (2,) [m]
+    load: float  # from which a foot stands [N]
+    standing: Vector  # 1 where a foot took load, else 0 (2,)
+    anchor: Matrix  # x, y, yaw of each sole when it last took load (2, 3)
+    slip: Vector  # (2,) [m]
+
+
+@njit(cache=True)
+def _measure_slip(wrenches: Matrix, feet: Unboxed[_Feet]) -> None:
+    """Update the slip of both feet."""
+    positions, rotations, sites, radius, load, standing, anchor, slip = feet.record
+    for foot in range(2):
+        rotation, position = rotations[sites[foot]], positions[sites[foot]]
+        yaw = math.atan2(rotation[3], rotation[0])
+        if not wrenches[foot, 2] > load:
+            standing[foot] = 0.0
+            continue
+        if standing[foot] == 0.0:
+            standing[foot] = 1.0
+            anchor[foot, 0], anchor[foot, 1], anchor[foot, 2] = position[0], position[1], yaw
+        turn = abs((yaw - anchor[foot, 2] + math.pi) % (2.0 * math.pi) - math.pi)
+        way = math.hypot(position[0] - anchor[foot, 0], position[1] - anchor[foot, 1])
+        slip[foot] = max(slip[foot], way + turn * radius[foot])
+
+
+@njit(cache=True)
+def _limb_on_floor(pairs: NDArray[np.int32], is_floor: NDArray[np.bool_], is_limb: NDArray[np.bool_]) -> int:
+    """Geom of a limb in contact with the floor, among pairs of geoms (ncon, 2); -1 when there is none."""
+    for k in range(pairs.shape[0]):
+        for i in range(2):
+            if is_floor[pairs[k, i]] and is_limb[pairs[k, 1 - i]]:
+                return int(pairs[k, 1 - i])
+    return -1
 
 
 class PlantMonitor:
@@ -40,22 +84,22 @@ class PlantMonitor:
         self._plant = plant
         self._config = config
         model, mj = plant.model, plant.mujoco
-        self._sites = np.array(mj.sole_sites)
-        soles = model.site_bodyid[self._sites]
+        sites = np.array(mj.sole_sites)
+        radius = np.array([np.linalg.norm(foot.corners, axis=1).max() for foot in plant.robot.feet])
         own = model.body_rootid[model.geom_bodyid] == mj.base_body  # (ngeom,)
-        self._is_limb = own & ~np.isin(model.geom_bodyid, soles)
-        self._is_floor = model.geom_bodyid == 0
-        self._radius = np.array([np.linalg.norm(foot.corners, axis=1).max() for foot in plant.robot.feet])
-        self._load = config.slip_load * GRAVITY * plant.robot.mass
+        is_limb = own & ~np.isin(model.geom_bodyid, model.site_bodyid[sites])
+        load = config.slip_load * GRAVITY * plant.robot.mass
+        self.foot_slip, self._standing, anchor = np.zeros(2), np.zeros(2), np.zeros((2, 3))
+        places, state = (plant.data.site_xpos, plant.data.site_xmat), (self._standing, anchor, self.foot_slip)
+        self._feet = unbox(_Feet(*places, sites, radius, load, *state))
+        self._grounds = model.geom_bodyid == 0, is_limb  # which geoms are floor, and which may not touch it (ngeom,)
         self.reset()
 
     def reset(self) -> None:
         """Start over; the present height of the base becomes the standing height."""
         self.fallen = False
         self.reason = ""
-        self.foot_slip = np.zeros(2)
-        self._standing = np.zeros(2, dtype=bool)
-        self._anchor = np.zeros((2, 3))  # x, y, yaw
+        self.foot_slip[:] = self._standing[:] = 0.0
         self._height = self._height_over_ground()
 
     def update(self) -> None:
@@ -63,7 +107,7 @@ class PlantMonitor:
         if not self.fallen:
             self.reason = self._find_fall()
             self.fallen = bool(self.reason)
-        self._measure_slip()
+        _measure_slip(self._plant.wrenches, self._feet)
 
     def _find_fall(self) -> str:
         data = self._plant.data
@@ -73,32 +117,15 @@ class PlantMonitor:
             return f"base {height:.2f} m over the ground, {height / self._height:.2f} of its standing height"
         if not upright >= math.cos(self._config.fall_tilt):
             return f"base tilted by {math.degrees(math.acos(max(min(upright, 1.0), -1.0))):.0f} deg"
-        pairs = data.contact.geom  # (ncon, 2)
-        forbidden = self._is_floor[pairs].any(axis=1) & self._is_limb[pairs].any(axis=1)
-        if forbidden.any():
-            pair = pairs[int(np.flatnonzero(forbidden)[0])]
-            body = self._plant.model.geom_bodyid[pair[0] if self._is_floor[pair[1]] else pair[1]]
+        limb = _limb_on_floor(data.contact.geom, *self._grounds)
+        if limb >= 0:
+            body = self._plant.model.geom_bodyid[limb]
             return f"{mujoco.mj_id2name(self._plant.model, mujoco.mjtObj.mjOBJ_BODY, body)} touches the floor"
         return ""
 
     def _height_over_ground(self) -> float:
         x, y, z = (float(value) for value in self._plant.data.qpos[self._plant.mujoco.qpos][:3])
         return z - self._plant.ground.height(x, y)
-
-    def _measure_slip(self) -> None:
-        data = self._plant.data
-        frames = data.site_xmat[self._sites]  # (2, 9)
-        now = np.empty((2, 3))
-        now[:, :2] = data.site_xpos[self._sites, :2]
-        now[:, 2] = np.arctan2(frames[:, 3], frames[:, 0])
-        standing = self._plant.wrenches[:, 2] > self._load
-        landed = standing & ~self._standing
-        self._anchor[landed] = now[landed]
-        moved = now - self._anchor
-        turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-        slip = np.hypot(moved[:, 0], moved[:, 1]) + turn * self._radius
-        self.foot_slip = np.where(standing, np.maximum(self.foot_slip, slip), self.foot_slip)
-        self._standing = standing
 
 
 class Lockstep:

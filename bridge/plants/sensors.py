@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from models.config import parse_yaml, read_yaml
 from models.errors import ConfigError
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, SensorData, Vector
 
@@ -116,20 +118,25 @@ class SensorNoise:
         self._sigma, self._bias_sigma = scale * sigma, scale * bias
         self._walk = scale * np.repeat([imu.gyro_bias_walk, imu.accel_bias_walk], 3) * np.sqrt(period)
         force, torque = feet.force_range or np.inf, feet.torque_range or np.inf
-        self._range = np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)  # (18,)
-        force, torque = feet.force_resolution, feet.torque_resolution  # 0: not rounded
-        self._step = np.repeat([imu.gyro_resolution, imu.accel_resolution, force, torque, force, torque], 3)
-        self._resolution = encoders.resolution
+        reach = np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)  # (18,)
+        step = np.zeros(self.size)  # 0: not rounded
+        if scale > 0.0:
+            force, torque = feet.force_resolution, feet.torque_resolution
+            step[:nj] = encoders.resolution
+            step[self._tail] = np.repeat([imu.gyro_resolution, imu.accel_resolution, force, torque, force, torque], 3)
+        else:
+            reach[:] = np.inf
         self._jitter = scale * min(sensors.latency.jitter / period, 1.0)
         self._given = errors or SensorErrors()
         self._given_bias = self._added(model)
         self._imu_spec, self._feet_spec = imu, feet
         self._exact = scale == 0.0 and errors is None and feet.fitted
         self._seed = seed
-        self._drawn = np.zeros(self.size + 6)
-        self._error, self._buffer = np.zeros(self.size), np.zeros(TAIL)
-        self._now, self._before = np.zeros(self.size), np.zeros(self.size)
-        self._ages = np.zeros(3)
+        self._drawn, self._ages = np.zeros(self.size + 6), np.zeros(3)
+        self._bias, self._error, self._now, self._before = np.zeros((4, self.size))
+        self._matrix = np.zeros((TAIL, TAIL))
+        state = self._bias, self._error, self._matrix, self._drawn, self._ages
+        self._unboxed = unbox(_Memory(self._sigma, self._walk, step, reach, *state))
         self.reset()
 
     def _added(self, model: RobotModel) -> Vector:
@@ -148,8 +155,9 @@ class SensorNoise:
         if self._seed < 0:
             raise ConfigError(f"seed: {self._seed} is negative")
         biases, white, constants, ages = np.random.SeedSequence(self._seed).spawn(4)
-        self._bias = self._bias_sigma * np.random.default_rng(biases).standard_normal(self.size) + self._given_bias
-        self._matrix = self._gains(np.random.default_rng(constants))
+        drawn = np.random.default_rng(biases).standard_normal(self.size)
+        self._bias[:] = self._error[:] = self._bias_sigma * drawn + self._given_bias
+        self._matrix[:] = self._gains(np.random.default_rng(constants))
         self._rng, self._age_rng = np.random.default_rng(white), np.random.default_rng(ages)
         self._ticks = self._measured = 0
         self.advance()
@@ -187,7 +195,7 @@ class SensorNoise:
         self._ticks += 1
         if self.scale > 0.0:
             self._rng.standard_normal(out=self._drawn)
-            _draw_errors(self._drawn, self._sigma, self._walk, self._bias, self._error)
+            _draw_errors(self._unboxed)
             if self._jitter > 0.0:
                 self._age_rng.random(out=self._ages)
 
@@ -197,21 +205,15 @@ class SensorNoise:
         if self._exact:
             return unpack(t, exact, nj)
         if self._jitter > 0.0:
-            self._delay(exact)
-        tail = exact[self._tail]
-        np.dot(self._matrix, tail, out=self._buffer)
-        tail[:] = self._buffer
-        if self.scale > 0.0:
-            _distort(exact, self._error, nj, self._resolution, self._step, self._range)
-        else:
-            exact += self._bias
+            self._remember(exact)
+        _distort(exact, self._before, self._jitter, nj, self._unboxed)
         sensors = unpack(t, exact, nj)
         if not self._feet_spec.fitted:
             sensors.wrenches[:] = np.nan
         return sensors
 
-    def _delay(self, exact: NDArray[np.float64]) -> None:
-        """Interpolate the values to a fraction of a tick earlier; the first sample has no past."""
+    def _remember(self, exact: NDArray[np.float64]) -> None:
+        """Keep the values, and those of the tick before; the first sample has no past."""
         if self._measured != self._ticks:
             if self._measured == self._ticks - 1 and self._ticks > 1:
                 self._now, self._before = self._before, self._now
@@ -219,40 +221,53 @@ class SensorNoise:
                 self._before[:] = exact
             self._now[:] = exact
             self._measured = self._ticks
-        _age(exact, self._before, self._ages, self._jitter, self._nj)
 
 
-@njit("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])", cache=True)
-def _draw_errors(drawn: Vector, sigma: Vector, walk: Vector, bias: Vector, error: Vector) -> None:
-    """Biases (size,) and errors (size,) of one tick, from white noise of channels and walking biases (size + 6,)."""
-    size, first = error.shape[0], error.shape[0] - TAIL
+class _Memory(NamedTuple):
+    """Constants and state of ``SensorNoise``; the last channels are those behind the joints (18,)."""
+
+    sigma: Vector  # (size,)
+    walk: Vector  # (6,)
+    step: Vector  # of the rounding, 0 without (size,)
+    reach: Vector  # full scale of the last channels (18,)
+    bias: Vector  # (size,)
+    error: Vector  # of the tick (size,)
+    matrix: Matrix  # A of the last channels (18, 18)
+    drawn: Vector  # white noise of channels and walking biases (size + 6,)
+    ages: Vector  # of encoders, IMU and feet as shares of the jitter (3,)
+
+
+@njit(cache=True)
+def _draw_errors(noise: Unboxed[_Memory]) -> None:
+    """Biases and errors of one tick, from white noise."""
+    memory = noise.record
+    size, first = memory.error.shape[0], memory.error.shape[0] - TAIL
     for i in range(6):
-        bias[first + i] += drawn[size + i] * walk[i]
+        memory.bias[first + i] += memory.drawn[size + i] * memory.walk[i]
     for i in range(size):
-        error[i] = sigma[i] * drawn[i] + bias[i]
+        memory.error[i] = memory.sigma[i] * memory.drawn[i] + memory.bias[i]
 
 
-@njit("void(float64[::1], float64[::1], float64[::1], float64, int64)", cache=True)
-def _age(values: Vector, before: Vector, ages: Vector, jitter: float, nj: int) -> None:
-    """Make the values (size,) older, in place; ages of encoders, IMU and feet as shares of the jitter (3,)."""
-    for i in range(values.shape[0]):
-        unit = 0 if i < 3 * nj else (1 if i < 3 * nj + 6 else 2)
-        values[i] += jitter * ages[unit] * (before[i] - values[i])
-
-
-@njit("void(float64[::1], float64[::1], int64, float64, float64[::1], float64[::1])", cache=True)
-def _distort(values: Vector, error: Vector, nj: int, resolution: float, step: Vector, reach: Vector) -> None:
-    """Add the errors, round to ``resolution`` and ``step``, and limit the values (size,), in place."""
-    for i in range(values.shape[0]):
-        values[i] += error[i]
-    if resolution > 0.0:
-        for i in range(nj):
-            values[i] = np.rint(values[i] / resolution) * resolution
+@njit(cache=True)
+def _distort(values: Vector, before: Vector, jitter: float, nj: int, noise: Unboxed[_Memory]) -> None:
+    """Turn exact values (size,) into measurements, in place; ``before`` are those of the tick before (size,)."""
+    memory = noise.record
+    first = 3 * nj
+    if jitter > 0.0:
+        for i in range(values.shape[0]):
+            unit = 0 if i < first else (1 if i < first + 6 else 2)
+            values[i] += jitter * memory.ages[unit] * (before[i] - values[i])
+    tail = values[first:].copy()
     for i in range(TAIL):
-        value = values[3 * nj + i]
-        if step[i] > 0.0:
-            value = np.rint(value / step[i]) * step[i]
-        values[3 * nj + i] = max(min(value, reach[i]), -reach[i])
+        total = 0.0
+        for k in range(TAIL):
+            total += memory.matrix[i, k] * tail[k]
+        values[first + i] = total
+    for i in range(values.shape[0]):
+        value, step = values[i] + memory.error[i], memory.step[i]
+        values[i] = np.rint(value / step) * step if step > 0.0 else value
+    for i in range(TAIL):
+        values[first + i] = max(min(values[first + i], memory.reach[i]), -memory.reach[i])
 
 
 def unpack(t: float, values: Vector, nj: int) -> SensorData:
