@@ -262,6 +262,21 @@ def factorise(matrix: Array) -> bool:
 
 
 @njit(cache=True)
+def _add_product(left: Array, right: Array, out: Array) -> None:
+    """``out += left right``, three rows of ``right`` at a time: that writes ``out`` a third as often."""
+    count = right.shape[0]
+    whole = count - count % 3
+    for i in range(out.shape[0]):
+        for r in range(0, whole, 3):
+            a, b, c = left[i, r], left[i, r + 1], left[i, r + 2]
+            for j in range(out.shape[1]):
+                out[i, j] = out[i, j] + a * right[r, j] + b * right[r + 1, j] + c * right[r + 2, j]
+        for r in range(whole, count):
+            for j in range(out.shape[1]):
+                out[i, j] += left[i, r] * right[r, j]
+
+
+@njit(cache=True)
 def correct(
     covariance: Array, plus: Index, minus: Index, residual: Array, noise: Array, gate: float, error: Array
 ) -> float:
@@ -322,12 +337,8 @@ def correct(
         for j in range(SIZE):
             gain[r, j] /= factor[r, r]
     # Joseph: M = (I - K H) P, then P <- M (I - K H)' + K N K' = M + (K N - M H') K'.
-    for i in range(SIZE):
-        for r in range(m):
-            pull = gain[r, i]
-            for j in range(SIZE):
-                covariance[i, j] -= pull * cross[r, j]
-    side = np.empty((SIZE, m))
+    side = -gain.T
+    _add_product(side, cross, covariance)
     for i in range(SIZE):
         for r in range(m):
             total = -covariance[i, plus[r]]
@@ -336,11 +347,7 @@ def correct(
             for k in range(m):
                 total += weight * gain[k, i] * noise[k, r]
             side[i, r] = total
-    for i in range(SIZE):
-        for r in range(m):
-            pull = side[i, r]
-            for j in range(SIZE):
-                covariance[i, j] += pull * gain[r, j]
+    _add_product(side, gain, covariance)
     for i in range(SIZE):
         for j in range(i):
             mean = 0.5 * (covariance[i, j] + covariance[j, i])

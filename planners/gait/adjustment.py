@@ -201,6 +201,7 @@ class StepPlanner:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._limits = limits_of(config.reach)
+        self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
         boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
         cop = config.adjustment.cop_share * soles.half
@@ -269,7 +270,7 @@ class StepPlanner:
             steps = command.route.ahead(walk.stance, count, self._limits)
             return np.array([walk.stance.pose, *(step.pose for step in steps)])
         period, steps_left = self._config.period, command.steps_left
-        return preview_poses(walk.stance, walk.foot, command.velocity, period, self._limits, count, steps_left)
+        return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
 
 
 def _reach_boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:

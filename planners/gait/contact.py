@@ -9,6 +9,7 @@ from msgspec import Struct, structs
 
 from models.constants import GRAVITY
 from models.numerics.compiled import njit, register_jitable
+from models.numerics.so3 import rotate
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
@@ -50,13 +51,27 @@ class Measurement(Struct, frozen=True):
         return dcm
 
 
-class _Sole(NamedTuple):
-    """Arrays of Pinocchio, which stay where they are."""
+@njit(cache=True)
+def filtered_dcm_rate(
+    rate: Vector, com_before: Vector, velocity_before: Vector, com: Vector, velocity: Vector, omega: float, dt: float,
+    share: float,
+) -> Vector:  # fmt: skip
+    """Rate of the DCM (2,) [m/s] after ``dt`` [s], a share of the way from the last one to that of two states."""
+    after = np.empty(2)
+    for i in range(2):
+        way = com[i] + velocity[i] / omega - (com_before[i] + velocity_before[i] / omega)
+        after[i] = rate[i] + share * (way / dt - rate[i])
+    return after
 
-    rotation: Matrix  # in W (3, 3)
-    position: Vector  # in W (3,) [m]
+
+class _Sole(NamedTuple):
+    """Arrays of Pinocchio, which stay where they are, and the sole in the frame of its joint."""
+
+    joint_rotation: Matrix  # in W (3, 3)
+    joint_position: Vector  # in W (3,) [m]
     spin: Vector  # angular velocity of the link in the frame of its joint (3,) [rad/s]
     mounting: Matrix  # rotation of the sole in that frame (3, 3)
+    offset: Vector  # origin of the sole in that frame (3,) [m]
 
 
 class GaitMeasurement:
@@ -66,11 +81,12 @@ class GaitMeasurement:
         self._pin, self._data = model.pin, model.data()
         self._weight = model.mass * GRAVITY
         self._com, self._com_velocity = self._data.com[0], self._data.vcom[0]
-        self._frames, soles = [foot.frame_id for foot in model.feet], []
-        for frame_id in self._frames:
-            frame, pose = model.pin.frames[frame_id], self._data.oMf[frame_id]
-            spin, mounting = self._data.v[frame.parentJoint].angular, np.array(frame.placement.rotation, order="F")
-            soles.append(_Sole(pose.rotation, pose.translation, spin, mounting))
+        soles = []
+        for foot in model.feet:
+            frame = model.pin.frames[foot.frame_id]
+            joint, mounting = self._data.oMi[frame.parentJoint], np.array(frame.placement.rotation)
+            spin, offset = self._data.v[frame.parentJoint].angular, np.array(frame.placement.translation)
+            soles.append(_Sole(joint.rotation, joint.translation, spin, mounting, offset))
         self._soles = unbox((soles[0], soles[1]))
 
     def measure(self, state: RobotState, last: Measurement | None = None) -> Measurement:
@@ -79,8 +95,6 @@ class GaitMeasurement:
         pin.centerOfMass(self._pin, data, state.q, state.v, False)
         tilts, turning = np.empty((2, 2)), np.empty((2, 2))
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
-        for frame_id in self._frames:
-            pin.updateFramePlacement(self._pin, data, frame_id)
         left, right = state.contacts
         first, second, loads = _read_soles(self._soles, left.wrench, right.wrench, self._weight, tilts, turning, cops)
         return Measurement(
@@ -108,10 +122,12 @@ def _read_soles(
     """Pose of each sole and its load as a share of the weight [N]: fields of ``Measurement``."""
     for foot in range(2):
         sole, wrench = soles.record[foot], left if foot == 0 else right
-        upright = max(sole.rotation[2, 2], _UPRIGHT_MIN)
+        normal = np.empty(3)
+        rotate(sole.joint_rotation, sole.mounting[:, 2], normal)
+        upright = max(normal[2], _UPRIGHT_MIN)
         for i in range(2):
             column = sole.mounting[:, i]
-            tilts[foot, i] = -sole.rotation[i, 2] / upright
+            tilts[foot, i] = -normal[i] / upright
             turning[foot, i] = column[0] * sole.spin[0] + column[1] * sole.spin[1] + column[2] * sole.spin[2]
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
@@ -120,8 +136,11 @@ def _read_soles(
 
 @register_jitable
 def _place(sole: _Sole) -> Place:
-    rotation, position = sole.rotation, sole.position
-    return position[0], position[1], math.atan2(rotation[1, 0], rotation[0, 0]), position[2]
+    forward, place = np.empty(3), np.empty(3)
+    rotate(sole.joint_rotation, sole.mounting[:, 0], forward)
+    rotate(sole.joint_rotation, sole.offset, place)
+    x, y, z = sole.joint_position
+    return x + place[0], y + place[1], math.atan2(forward[1], forward[0]), z + place[2]
 
 
 class SoleState(Struct, frozen=True):

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 
 from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix
 from planners.gait.config import ReachConfig
 
@@ -156,14 +157,14 @@ def next_pose(stance: Pose, side: float, advance: Pose, limits: StepLimits) -> P
 
 
 @njit(cache=True)
-def _preview(stance: Pose, foot: int, advance: Pose, limits: StepLimits, count: int) -> Matrix:
+def _preview(stance: Pose, foot: int, advance: Pose, limits: Unboxed[StepLimits], count: int) -> Matrix:
     """The stance, and below it ``count`` steps of alternating feet, ``foot`` first (1 + count, 3)."""
     poses = np.empty((1 + count, 3))
     poses[0, 0], poses[0, 1], poses[0, 2] = stance
-    side = 1.0 if foot == LEFT else -1.0
+    side, bounds = 1.0 if foot == LEFT else -1.0, limits.record
     for i in range(1, 1 + count):
         last = poses[i - 1]
-        poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, limits)
+        poses[i, 0], poses[i, 1], poses[i, 2] = next_pose((last[0], last[1], last[2]), side, advance, bounds)
         side = -side
     return poses
 
@@ -173,7 +174,7 @@ def preview_poses(
     foot: int,
     velocity: Velocity,
     period: float,
-    limits: StepLimits,
+    limits: Unboxed[StepLimits],
     count: int,
     stop_after: int | None = None,
 ) -> Matrix:
@@ -195,7 +196,7 @@ def preview_footholds(
     stop_after: int | None = None,
 ) -> list[Foothold]:
     """The next ``count`` footholds, ``foot`` first; with ``stop_after``, that many steps on the spot."""
-    poses = preview_poses(stance, foot, velocity, period, limits_of(reach), count, stop_after)
+    poses = preview_poses(stance, foot, velocity, period, unbox(limits_of(reach)), count, stop_after)
     return [Foothold(x, y, yaw, stance.z) for x, y, yaw in poses[1:].tolist()]
 
 

@@ -15,7 +15,7 @@ from models.types import ContactState, Reference, RobotState, Vector
 from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import AirborneDetector, GaitMeasurement, Measurement, Soles
+from planners.gait.contact import AirborneDetector, GaitMeasurement, Measurement, Soles, filtered_dcm_rate
 from planners.gait.dcm import DcmState
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
@@ -150,11 +150,11 @@ class GaitPlanner:
         stands still, the reference is that of ``rest`` on the part of the soles that bears load.
         """
         gait = self.state
-        omega = self._omega()
-        before = gait.measured.dcm(omega)
-        gait.measured = measured = self._sensors.measure(state, gait.measured)
+        before = gait.measured
+        gait.measured = measured = self._sensors.measure(state, before)
         share = min(dt / self.config.push_filter, 1.0)
-        gait.dcm_rate = gait.dcm_rate + share * ((measured.dcm(omega) - before) / dt - gait.dcm_rate)
+        states = before.com, before.com_velocity, measured.com, measured.com_velocity
+        gait.dcm_rate = filtered_dcm_rate(gait.dcm_rate, *states, self._omega(), dt, share)
         if rest is not None and gait.rest is not None and gait.phase is GaitPhase.STAND:  # a posture moves the CoM
             gait.body = structs.replace(gait.body, height=gait.body.height + rest.height - gait.rest.height)
         gait.rest = rest
