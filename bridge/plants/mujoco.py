@@ -19,8 +19,7 @@ from models.scan import Scan
 from models.terrain import FLAT, Terrain
 from models.types import ContactState, JointCommand, Matrix, RobotState, SensorData, Vector
 
-# Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them. A plain tuple: the cache of compiled code
-# names the types of records, and every process that reads it would import this module, and MuJoCo with it.
+# Arrays of MuJoCo, and where the channels of ``SensorNoise`` are in them
 _Indices = NDArray[np.int64]
 _Channels = tuple[Vector, Vector, Vector, Vector, _Indices, _Indices, _Indices, _Indices]
 

@@ -16,6 +16,7 @@ Arrays read from a handle are borrowed: kernels do not count references to them,
 kernel does. So a kernel must not return one, nor store it in another record.
 """
 
+from functools import cache
 from typing import Any, Generic, TypeVar
 
 from numba.core import cgutils, types
@@ -62,12 +63,21 @@ def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return value
 
 
-@njit(cache=True)
-def _keep(record: Any) -> Any:
-    return Unboxed(record)
+@cache
+def _keeper(module: str) -> Any:
+    """Compiled function that keeps the records of a module; one for each.
+
+    The index of its cache names the types of the records, and whoever reads it imports their modules.
+    """
+
+    def keep(record: Any) -> Any:
+        return Unboxed(record)
+
+    keep.__qualname__ = f"keep_{module}"  # names the index
+    return njit(cache=True)(keep)
 
 
 def unbox(record: T) -> Unboxed[T]:
     """Keep a record, of arrays, numbers and further records, in compiled memory."""
-    kept: Unboxed[T] = _keep(record)
+    kept: Unboxed[T] = _keeper(type(record).__module__)(record)
     return kept
