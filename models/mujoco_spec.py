@@ -17,7 +17,7 @@ from models.terrain import FLAT, Box, Ground, Terrain, blocks
 from models.types import Matrix, Vector
 from models.urdf import for_mujoco
 
-Count = Annotated[int, Field(ge=2)]
+Points = Annotated[int, Field(ge=2)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -25,7 +25,7 @@ class ContactConfig:
     """Contact of robot and floor; units in the YAML file."""
 
     corner_radius: Positive
-    sole_points: tuple[Count, Count]
+    sole_points: tuple[Points, Points]
     torsional_friction: NonNegative
     rolling_friction: NonNegative
     time_constant: Positive

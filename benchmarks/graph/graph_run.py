@@ -14,11 +14,11 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import NonNegativeInt, PositiveInt
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
@@ -27,11 +27,9 @@ from benchmarks.graph.graph_kinds import User
 from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain, graph_environment
 from bridge.ros.processes import CONTROL, REALTIME_NODES, ProcessSpec, process_specs
-from models.config import STRICT, Positive
+from models.config import STRICT, Positive, Share
 from models.errors import PoiseError
 from models.nodes.realtime import die_with_parent
-
-Count = Annotated[int, Field(ge=0)]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -39,15 +37,15 @@ class Scenario:
     """What runs beside the measured robot."""
 
     rate: Positive = 1000.0  #: Of sensors and laws [Hz]; physics and drivers keep theirs
-    stress: Count = 0  #: Busy processes, kept on the last core
-    subscribers: Count = 0  #: Further processes that subscribe to every topic of the tick
-    slow: Count = 0  #: As many with default QoS (depth 10) that sleep in their callbacks
+    stress: NonNegativeInt = 0  #: Busy processes, kept on the last core
+    subscribers: NonNegativeInt = 0  #: Further processes that subscribe to every topic of the tick
+    slow: NonNegativeInt = 0  #: As many with default QoS (depth 10) that sleep in their callbacks
     record: bool = False  #: Whether ``poise record`` runs
     view: bool = False  #: Whether ``poise view`` serves its page, without a browser
     walk: bool = False  #: Whether the robot walks instead of standing
-    robots: Annotated[int, Field(ge=1)] = 1  #: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO
+    robots: PositiveInt = 1  #: Graphs at a time, each in its ROS domain; only the first runs SCHED_FIFO
     #: Simulated over real time, for more robots than the cores can run otherwise [-]
-    speed: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    speed: Share = 1.0
     own_core: bool = False  #: Whether bridge and control keep to a core each
     stages: bool = True  #: Whether the process of the laws records when each stage ends
 

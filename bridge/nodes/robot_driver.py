@@ -181,13 +181,17 @@ class RobotDriver(PoiseNode):
             return False
         given, commands, now = self.config, self.commands, time.monotonic()
         due = self.stamp - self._sensor_ticks * self._period_ns
-        late = {"command": due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS}
-        late["supervisor"] = bool(commands.judged) and due - commands.judged > given.yield_supervisor * NANOSECONDS
-        yields = self.drivers.awaits_command and not self.simulation.faults.corrupted
-        since = {each: self._late_since.get(each, now) for each in late if yields and late[each]}
-        self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())
-        self._late_since = since
-        return any(now - begin < given.yield_max for begin in since.values())
+        late = []
+        if self.drivers.awaits_command and not self.simulation.faults.corrupted:
+            if due - max(commands.stamp, commands.due_since) > given.yield_lag * NANOSECONDS:
+                late.append("command")
+            if commands.judged and due - commands.judged > given.yield_supervisor * NANOSECONDS:
+                late.append("supervisor")
+        if late or self._late_since:
+            since = {each: self._late_since.get(each, now) for each in late}
+            self.counters["waits for commands"] += len(since.keys() - self._late_since.keys())
+            self._late_since = since
+        return any(now - begin < given.yield_max for begin in self._late_since.values())
 
     @property
     def _sensing(self) -> bool:

@@ -9,12 +9,11 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, default_config
+from models.config import STRICT, NonNegative, Positive, Share, default_config
 from models.robot_model import RobotModel
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
 JOINTS_V = 6  #: Index of the first joint in a velocity: the base's twist comes before
-Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -50,7 +50,7 @@ class Record:
 
 @pytest.fixture
 def busy() -> Iterator[None]:
-    """Two programs that never rest, each in a session of its own, so that each gets a whole share of the cores."""
+    """Two programs that never rest, each in a separate session, so that each gets a whole share of the cores."""
     command = [sys.executable, "-c", "while True: pass"]
     programs = [subprocess.Popen(command, start_new_session=True) for _ in range(2)]
     yield

@@ -1,4 +1,4 @@
-"""Subscribers as textbooks write them, with a depth and nothing else: they receive, and asleep they delay nobody."""
+"""Subscribers as textbooks write them, with a depth and nothing else: they receive, and sleeping ones delay no other."""
 
 import json
 import os
@@ -93,6 +93,6 @@ def test_a_subscriber_that_stops_reading_does_not_delay_the_control_path(
 
 
 def test_no_node_offers_best_effort(root: Path) -> None:
-    """The reference lists what each publisher offers, and is held to the code by a test of its own."""
+    """The reference lists what each publisher offers, and another test holds it to the code."""
     topics = (root / "docs/reference.md").read_text(encoding="utf-8").partition("## Services")[0]
     assert not re.findall(r"^\| `([^`]+)` \| [^|]+ \| best effort", topics, re.MULTILINE)

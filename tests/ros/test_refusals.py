@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 
 class Refuser(PoiseNode):
-    """Refuses what the test tells it to."""
+    """Refuses what the test asks for."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("refuser", **kwargs)
