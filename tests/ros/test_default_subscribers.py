@@ -1,4 +1,4 @@
-"""Subscribers as textbooks write them, with a depth and nothing else: they receive, and sleeping ones delay no other."""
+"""Subscribers as textbooks write them, with a depth and nothing else: they receive, and sleeping ones delay none."""
 
 import json
 import os

@@ -199,10 +199,10 @@ def test_a_stall_of_the_supervisor_is_no_silent_clock(bench: Any, world: World, 
 
 def test_a_request_right_after_the_drivers_damped_is_refused(bench: Any, world: World, g1: RobotModel) -> None:
     node = world.adopted(g1, lockstep=True)
-    node._on_driver_state(String(data=topics.DAMPED))  # before the next check
-    accepted, reason = world.call("mode/stand")
-    assert not accepted
-    assert "fell back to damping" in reason
+    node._on_driver_state(String(data=topics.DAMPED))
+    reply = node._set_mode("stand")  # before the next check
+    assert not reply.accepted
+    assert "fell back to damping" in reply.reason
 
 
 def test_damped_drivers_are_adopted_with_a_latched_fault(bench: Any, world: World) -> None:
