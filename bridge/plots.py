@@ -47,11 +47,20 @@ def plot_run(model: RobotModel, recording: Recording, stability: Stability, fold
     return [balance, torques]
 
 
+NEAR = 0.02  #: Time between two events that share a label, as a share of that of the plot [-]
+
+
 def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> None:
+    """Draw the events as lines; with ``text`` their names, those of nearly the same time together."""
+    labels: list[tuple[float, list[str]]] = []
     for time, name in recording.events:
         axes.axvline(time, color="0.75", linewidth=0.8, zorder=0)
         if text and not name.endswith(DONE):
-            axes.annotate(name, (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
+            if not labels or time - labels[-1][0] > NEAR * np.ptp(recording.t):
+                labels.append((time, []))
+            labels[-1][1].append(name)
+    for time, names in labels:
+        axes.annotate(", ".join(names), (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
 
 
 def _balance(model: RobotModel, recording: Recording, stability: Stability) -> Figure:
@@ -67,6 +76,7 @@ def _balance(model: RobotModel, recording: Recording, stability: Stability) -> F
         above.plot(*recording.estimate[:, :2].T, "k:", linewidth=0.9, label="base, estimated")
         above.plot(*recording.q[:, :2].T, "k", linewidth=0.7, label="base, true")
     above.set_aspect("equal")
+    above.locator_params(axis="x", nbins=6)
     above.set_xlabel("x [m]")
     above.set_ylabel("y [m]")
     above.legend(loc="best", fontsize=8)
