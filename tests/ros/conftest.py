@@ -204,13 +204,16 @@ class Eyes:
         self.graph.wait_for(refused, 5.0, f"refused by {node} with '{culprit}'")
 
 
+OPTIONS = ("PROCESSES", "PARAMETERS")  #: Variables of a module that ``eyes`` reads
+
+
 @pytest.fixture(scope="module")
 def eyes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
-    """A graph that stands, of the processes that ``PROCESSES`` of the module says."""
-    processes = getattr(request.module, "PROCESSES", "shared")
+    """A graph that stands, of the processes and with the parameters that ``PROCESSES`` and ``PARAMETERS`` name."""
+    options = {name.lower(): getattr(request.module, name) for name in OPTIONS if hasattr(request.module, name)}
     log = tmp_path_factory.mktemp("graph") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
-    with Graph("g1", processes=processes, domain_id=free_domain(), log=log, say=lambda text: None) as graph:
+    with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None, **options) as graph:
         seen = Eyes(graph)
         graph.wait_standing(90.0)
         graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")

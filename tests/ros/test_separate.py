@@ -16,6 +16,8 @@ from tests.ros.conftest import Eyes
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 PROCESSES = "separate"
+#: Time goes on before a killed process is there again, as on a real robot
+PARAMETERS = {"robot_driver": {"yield_max": 0.5}}
 GAIT = "planners.nodes.gait_planner"
 UPRIGHT = 0.65  #: Least height of the base of a standing G1 [m]
 
@@ -50,6 +52,7 @@ class Walker:
         """Command zero, and wait until the robot stands still."""
         self._speaks = False
         self._velocity.publish(Twist())
+        self.graph.spin(0.5)  # of two velocities that come together only the newer one is read
         self.graph.wait_for(lambda: (self.graph.mode, self.phase) == ("stand", "settled"), 60.0, "standing still")
 
     def _on_step(self, message: Path) -> None:
