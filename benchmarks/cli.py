@@ -138,12 +138,12 @@ def run_all(
 ) -> None:
     """All benchmarks: cases in JSON lines, a Markdown and an HTML report with plots; it goes on where it ended."""
     from benchmarks.report.report_page import write_report
-    from benchmarks.report.suite import CASES, entries_of, run_suite
+    from benchmarks.report.suite import CASES, parts_of, run_suite
 
     console, name = Console(), "quick" if quick else "full"
     with refused(console):
         with sweep_of(workers, scheduler, out / CASES) as sweep:
-            passed = run_suite(entries_of(name), catalogue(), out, sweep, console, name)
+            passed = run_suite(parts_of(name), catalogue(), out, sweep, console, name)
             if sweep.results is not None:
                 console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
         files = write_report(out)

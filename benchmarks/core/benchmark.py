@@ -120,19 +120,22 @@ class Benchmark(ABC):
         listed = catalogue().get(self.name)
         return at_least(listed.info.least) | at_most(listed.info.most) if listed else {}
 
+    def judged(self, report: Report) -> list[tuple[bool, str]]:
+        """Whether each bound holds, and its figure in words."""
+        figures, bounds = report.figures, self.bounds(report)
+        return [
+            (bounds[name].holds(figures[name]), f"{name} {bounds[name]}: {figures[name]:.4g}")
+            for name in bounds
+            if name in figures
+        ]
+
     def notes(self, report: Report) -> list[str]:
         """Remarks for the reader: by default one line for each bound."""
-        held = [
-            (bound.holds(report.figures[name]), f"{name} {bound}: {report.figures[name]:.4g}")
-            for name, bound in self.bounds(report).items()
-            if name in report.figures
-        ]
-        return [f"{'ok    ' if ok else 'FAILED'} {text}" for ok, text in held]
+        return [f"{'ok    ' if ok else 'FAILED'} {text}" for ok, text in self.judged(report)]
 
     def passed(self, report: Report) -> bool:
         """Whether every bound holds."""
-        bounds = self.bounds(report)
-        return all(bounds[name].holds(report.figures[name]) for name in bounds if name in report.figures)
+        return all(ok for ok, _ in self.judged(report))
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
         """Draw the report into a folder, by default every figure over its bound; returns the files written."""

@@ -2,7 +2,7 @@
 
 import gc
 import resource
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from time import perf_counter_ns, thread_time_ns
 from typing import Any
@@ -11,7 +11,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from benchmarks.core.benchmark import Benchmark, Bound
+from benchmarks.core.benchmark import Benchmark
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.machine import resident
 from models.types import SolveStatus, Vector
@@ -106,12 +106,20 @@ class TimedBenchmark(Benchmark):
     def figures(self, cases: list[Case]) -> dict[str, float]:
         return over_seeds(cases)
 
-    def passed(self, report: Report) -> bool:
-        return judge(report.cases, self.bounds(report))[0]
+    def judged(self, report: Report) -> list[tuple[bool, str]]:
+        """Whether each bound holds for every seed, and the figure of the worst in words."""
+        found = []
+        for name, bound in self.bounds(report).items():
+            values = [case["figures"][name] for case in report.cases]
+            # NaN counts as the worst
+            worst = int(np.argmax(values) if np.isinf(bound.least) else np.argmin(values))
+            text = f"{name} {bound}: worst {values[worst]:.4g}, seed {report.cases[worst]['seed']}"
+            found.append((bound.holds(values[worst]), text))
+        return found
 
     def notes(self, report: Report) -> list[str]:
         preempted = f"{report.figures['preempted_fraction']:.2%} of the ticks were pre-empted and left out"
-        return [*judge(report.cases, self.bounds(report))[1], f"wall-clock time; {preempted}"]
+        return [*super().notes(report), f"wall-clock time; {preempted}"]
 
 
 def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -> dict[str, float]:
@@ -122,20 +130,6 @@ def solution_figures(residual: NDArray[np.float64], status: NDArray[np.int64]) -
     certified = (SolveStatus.OPTIMAL, SolveStatus.FALLBACK_SOLVER)
     figures["ticks_uncertified"] = len(status) - sum(figures[f"ticks_{name.value}"] for name in certified)
     return figures
-
-
-def judge(cases: Sequence[Case], bounds: Mapping[str, Bound]) -> tuple[bool, list[str]]:
-    """Hold the figures of every seed against the bounds: whether all hold, and a line a figure with the worst seed."""
-    passed, lines = True, []
-    for name, bound in bounds.items():
-        values = [case["figures"][name] for case in cases]
-        # NaN counts as the worst
-        worst = int(np.argmax(values) if np.isinf(bound.least) else np.argmin(values))
-        held = bound.holds(values[worst])
-        passed &= held
-        word = "ok    " if held else "FAILED"
-        lines.append(f"{word} {name} {bound}: worst {values[worst]:.4g}, seed {cases[worst]['seed']}")
-    return passed, lines
 
 
 def over_seeds(cases: Sequence[Case]) -> dict[str, float]:

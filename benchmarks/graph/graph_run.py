@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -151,6 +151,9 @@ def run_graphs(robot: str, seed: int, scenario: Scenario, config: LatencyConfig)
             pool.submit(_run, robot, seed + k, scenario, config, k, domain, Path(folder))
             for k, domain in enumerate(domains)
         ]
+        for future in as_completed(futures):
+            if (error := future.exception()) is not None:
+                (Path(folder) / FAILED).write_text(str(error), encoding="utf-8")  # the others stop waiting
         return [future.result() for future in futures]
 
 
@@ -158,16 +161,6 @@ def _run(
     robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
 ) -> Run:
     """One graph; it starts when the one before stands, and is measured from when all of them do."""
-    try:
-        return _stand_and_measure(robot, seed, scenario, config, index, domain, shared)
-    except BaseException as error:
-        (shared / FAILED).write_text(str(error), encoding="utf-8")  # the others stop waiting
-        raise
-
-
-def _stand_and_measure(
-    robot: str, seed: int, scenario: Scenario, config: LatencyConfig, index: int, domain: int, shared: Path
-) -> Run:
     _wait_for_others(shared, index, index * config.start_limit, time.sleep)
     folder = shared / str(index)
     folder.mkdir()

@@ -11,34 +11,44 @@ from bridge.nodes.control import factories
 from controllers.nodes.balance_controller import BalanceControllerNode
 from controllers.nodes.state_estimator import StateEstimatorNode
 from models.nodes import topics
-from models.nodes.parameters import describe
+from models.nodes.parameters import declare
 from models.nodes.spin import run
-from models.types import Reference, RobotState
-from planners.gait.state import Rest
+from models.types import RobotState
 from planners.nodes.gait_planner import GaitPlannerNode
 
 PROBE = StageProbe()  # of this process: one tick at a time goes through all three nodes
 
 
+def record(call: Callable[..., Any], *, begins: int | None = None, ends: int | None = None) -> Callable[..., Any]:
+    """The function with the columns of ``StageProbe`` recorded in which its call begins and ends."""
+
+    def recorded(*arguments: Any) -> Any:
+        if begins is not None:
+            PROBE.note(begins)
+        result = call(*arguments)
+        if ends is not None:
+            PROBE.note(ends)
+        return result
+
+    return recorded
+
+
 class StagedEstimator(StateEstimatorNode):
-    """Notes when joints arrive."""
+    """Records when joints arrive."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        text = describe("Where to write when each stage of a tick ended; empty for nowhere")
-        self._file = str(self.declare_parameter("latency_file", "", text).value)
+        text = "Where to write when each stage of a tick ended; empty for nowhere"
+        self._file = declare(self, "latency_file", "", text)
 
     def listen(self, kind: type, topic: str, callback: Callable[[Any], None], qos: Any, **options: bool) -> None:
         """Subscribe; the joints' callback begins a row."""
-        if topic != topics.JOINT_STATES:
-            super().listen(kind, topic, callback, qos, **options)
-            return
 
         def on_joints(data: Any) -> None:
             PROBE.begin()
             callback(data)
 
-        super().listen(kind, topic, on_joints, qos, **options)
+        super().listen(kind, topic, on_joints if topic == topics.JOINT_STATES else callback, qos, **options)
 
     def deactivate(self) -> None:
         super().deactivate()
@@ -47,54 +57,26 @@ class StagedEstimator(StateEstimatorNode):
 
 
 class StagedPlanner(GaitPlannerNode):
-    """Notes when the reference of a walk is there."""
+    """Records when the reference of a walk is there."""
 
     def configure(self) -> None:
-        """Build the gait; the end of its tick is recorded from outside."""
         super().configure()
-        plan = self._law.step
-
-        def planned(state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
-            reference = plan(state, dt, rest)
-            PROBE.note(probes.PLANNED)
-            return reference
-
-        self._law.step = planned  # type: ignore[method-assign]
+        self._law.step = record(self._law.step, ends=probes.PLANNED)  # type: ignore[method-assign]
 
 
 class StagedController(BalanceControllerNode):
-    """Notes when a state comes, when the law begins and ends, and when the command is out."""
+    """Records state, begin of the law, which a gait planner within it moves, its end, and the command."""
 
     def configure(self) -> None:
         super().configure()
-        self._stack.control = _noted(self._stack.control)  # type: ignore[method-assign]
-        self._command.publish = _followed(self._command.publish)
+        law = record(self._stack.control, begins=probes.PLANNED, ends=probes.SOLVED)
+        self._stack.control = law  # type: ignore[method-assign]
+        self._command.publish = record(self._command.publish, ends=probes.COMMANDED)
 
     def on_state(self, state: RobotState, stamp: int) -> None:
         PROBE.state(stamp)
         super().on_state(state, stamp)
         PROBE.touch(self._stack.scheduled)
-
-
-def _noted(step: Callable[..., Any]) -> Callable[..., Any]:
-    """A law's tick, its begin and end recorded; a gait planner within it moves the begin."""
-
-    def recorded(*arguments: Any) -> Any:
-        PROBE.note(probes.PLANNED)
-        result = step(*arguments)
-        PROBE.note(probes.SOLVED)
-        return result
-
-    return recorded
-
-
-def _followed(publish: Callable[[bytes], None]) -> Callable[[bytes], None]:
-
-    def followed(data: bytes) -> None:
-        publish(data)
-        PROBE.note(probes.COMMANDED)
-
-    return followed
 
 
 if __name__ == "__main__":

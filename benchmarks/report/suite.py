@@ -13,7 +13,7 @@ from traceback import format_exception
 
 from rich.console import Console
 
-from benchmarks.core.benchmark import Listed, catalogue
+from benchmarks.core.benchmark import Listed, Part, catalogue
 from benchmarks.core.harness import Options, Report, Sweep
 from benchmarks.core.provenance import source_state
 from benchmarks.core.results import Line, ResultsFile, append_line, read_lines
@@ -21,7 +21,7 @@ from models.errors import ConfigError, PoiseError, WorkersError
 
 #: Files in a suite's folder, and the folder of tracebacks
 CASES, REPORTS, ERRORS = "cases.jsonl", "reports.jsonl", "errors"
-Part = tuple[str, str]  # bench and robot
+Subject = tuple[str, str]  # bench and robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +84,9 @@ def read_reports(folder: Path) -> tuple[list[SavedReport], list[Failure]]:
     return saved, failures
 
 
-def latest_lines(folder: Path) -> dict[Part, Line]:
+def latest_lines(folder: Path) -> dict[Subject, Line]:
     """The last line of each bench and robot of a suite's folder, in the order in which they were first measured."""
-    return {_part(line): line for line in read_lines(folder / REPORTS)}
+    return {_subject(line): line for line in read_lines(folder / REPORTS)}
 
 
 def _saved(line: Line, cases: dict[str, Line]) -> SavedReport:
@@ -134,19 +134,19 @@ class Progress:
         return f"{finished}; {left}" if self.missing else ""
 
 
-def save_plan(folder: Path, suite: str, commands: Mapping[Part, str]) -> None:
+def save_plan(folder: Path, suite: str, commands: Mapping[Subject, str]) -> None:
     """Append the plan of a suite, the command of each part in order, unless it is the latest plan."""
-    parts = [[*part, command] for part, command in commands.items()]
+    parts = [[*subject, command] for subject, command in commands.items()]
     line = {"suite": suite, "revision": source_state(), "parts": parts}
     plans = [found for found in read_lines(folder / PLAN) if "parts" in found]
     if plans[-1:] != [line]:
         append_line(folder / PLAN, line)
 
 
-def save_begun(folder: Path, part: Part, keys: Sequence[str]) -> None:
+def save_begun(folder: Path, subject: Subject, keys: Sequence[str]) -> None:
     """Append that a part begins, with the keys of all its cases known so far."""
-    reports = len(read_lines(folder / REPORTS))
-    found = {"bench": part[0], "robot": part[1], "revision": source_state(), "keys": list(keys), "reports": reports}
+    (bench, robot), reports = subject, len(read_lines(folder / REPORTS))
+    found = {"bench": bench, "robot": robot, "revision": source_state(), "keys": list(keys), "reports": reports}
     append_line(folder / PLAN, found)
 
 
@@ -157,8 +157,8 @@ def read_progress(folder: Path) -> Progress:
     if not plans:
         return Progress()
     plan = plans[-1]
-    begun = {_part(line): line for line in lines if "keys" in line and line["revision"] == plan["revision"]}
-    reported = {_part(line): (number, line) for number, line in enumerate(read_lines(folder / REPORTS))}
+    begun = {_subject(line): line for line in lines if "keys" in line and line["revision"] == plan["revision"]}
+    reported = {_subject(line): (number, line) for number, line in enumerate(read_lines(folder / REPORTS))}
     measured = {line["key"] for line in read_lines(folder / CASES) if "key" in line}
     missing = []
     for bench, robot, command in plan["parts"]:
@@ -171,36 +171,26 @@ def read_progress(folder: Path) -> Progress:
     return Progress(plan["suite"], len(plan["parts"]), tuple(missing))
 
 
-def _part(line: Line) -> Part:
+def _subject(line: Line) -> Subject:
     return line.get("bench", ""), line.get("robot", "")
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One benchmark of a suite: name of its reports, robots, number of seeds, chosen scenarios (the usual if empty)."""
-
-    bench: str
-    robots: tuple[str, ...]
-    seeds: int = 1
-    scenarios: tuple[str, ...] = ()
-
-
-def entries_of(suite: str) -> list[Entry]:
-    """Benchmarks of ``--quick`` or ``--full``, from their descriptions."""
+def parts_of(suite: str) -> dict[str, Part]:
+    """Part of each benchmark that ``--quick`` or ``--full`` measures, by the name of its reports, in order."""
     parts = {name: listed.info.quick if suite == "quick" else listed.info.full for name, listed in catalogue().items()}
-    return [Entry(name, part.robots, part.seeds, part.scenarios) for name, part in parts.items() if part is not None]
+    return {name: part for name, part in parts.items() if part is not None}
 
 
-def command_of(entry: Entry, listed: Listed, robot: str) -> str:
+def command_of(part: Part, listed: Listed, robot: str) -> str:
     """Command that measures one benchmark of a suite on one robot."""
-    words = ["poise", "bench", listed.command, "--robot", robot, "--seeds", str(entry.seeds)]
+    words = ["poise", "bench", listed.command, "--robot", robot, "--seeds", str(part.seeds)]
     if listed.command != listed.name:
         words += ["--mode", listed.info.mode]
-    return " ".join([*words, *(f"--{listed.info.choice} {each}" for each in entry.scenarios)])
+    return " ".join([*words, *(f"--{listed.info.choice} {each}" for each in part.scenarios)])
 
 
 def run_suite(
-    entries: Sequence[Entry],
+    parts: Mapping[str, Part],
     known: Mapping[str, Listed],
     folder: Path,
     sweep: Sweep,
@@ -210,49 +200,42 @@ def run_suite(
     """Run every benchmark, keep its report, and return whether all passed; only ``WorkersError`` ends it early."""
     if sweep.results is None:
         raise ConfigError("a suite needs a file of finished cases")
-    for entry in entries:
-        if entry.bench not in known:
-            raise ConfigError(f"suite: unknown benchmark '{entry.bench}'; known: {', '.join(known)}")
-    parts = {
-        (entry.bench, robot): command_of(entry, known[entry.bench], robot)
-        for entry in entries
-        for robot in entry.robots
-    }
-    save_plan(folder, suite, parts)
+    runs = [(bench, robot, part) for bench, part in parts.items() for robot in part.robots]
+    commands = {(bench, robot): command_of(part, known[bench], robot) for bench, robot, part in runs}
+    save_plan(folder, suite, commands)
     passed = True
-    for entry in entries:
-        for robot in entry.robots:
-            part = entry.bench, robot
-            sweep.results.taken.clear()
-            recorded = replace(sweep, began=_recorder(folder, part, sweep.results))
-            options = Options(robot, entry.seeds, scenarios=entry.scenarios, sweep=recorded)
-            try:
-                report = known[entry.bench].load().run(options)
-            except WorkersError:
-                raise
-            except Exception as error:
-                passed = False
-                failure = save_failure(folder, entry.bench, robot, error)
-                where = f" ({folder / failure.trace})" if failure.trace else ""
-                line = f"{entry.bench} {robot}: could not be run: {failure.error}{where}"
-                console.print(line, style="red", markup=False, soft_wrap=True)
-                continue
-            keys = sweep.results.taken.get(report.bench, [])
-            anew = part in [(missing.bench, missing.robot) for missing in read_progress(folder).missing]
-            save_report(folder, report, keys, parts[part], anew=anew)
-            passed = passed and report.passed
-            verdict = "[green]passed[/green]" if report.passed else "[red]not passed[/red]"
-            console.print(f"{entry.bench} {robot}: {len(report.cases)} cases, {verdict}")
+    for bench, robot, part in runs:
+        subject = bench, robot
+        sweep.results.taken.clear()
+        recorded = replace(sweep, began=_recorder(folder, subject, sweep.results))
+        options = Options(robot, part.seeds, scenarios=part.scenarios, sweep=recorded)
+        try:
+            report = known[bench].load().run(options)
+        except WorkersError:
+            raise
+        except Exception as error:
+            passed = False
+            failure = save_failure(folder, bench, robot, error)
+            where = f" ({folder / failure.trace})" if failure.trace else ""
+            line = f"{bench} {robot}: could not be run: {failure.error}{where}"
+            console.print(line, style="red", markup=False, soft_wrap=True)
+            continue
+        keys = sweep.results.taken.get(report.bench, [])
+        anew = subject in [(missing.bench, missing.robot) for missing in read_progress(folder).missing]
+        save_report(folder, report, keys, commands[subject], anew=anew)
+        passed = passed and report.passed
+        verdict = "[green]passed[/green]" if report.passed else "[red]not passed[/red]"
+        console.print(f"{bench} {robot}: {len(report.cases)} cases, {verdict}")
     return passed
 
 
-def _recorder(folder: Path, part: Part, results: ResultsFile) -> Callable[[Sequence[str]], None]:
+def _recorder(folder: Path, subject: Subject, results: ResultsFile) -> Callable[[Sequence[str]], None]:
     """Records the cases of a part as it asks for them, unless all of them are there."""
     asked: list[str] = []
 
     def began(keys: Sequence[str]) -> None:
         asked.extend(keys)
         if not results.has(keys):
-            save_begun(folder, part, asked)
+            save_begun(folder, subject, asked)
 
     return began

@@ -48,11 +48,6 @@ from models.types import ControlResult, RobotState
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
 
 
-def orders(subjects: int) -> tuple[tuple[int, ...], ...]:
-    """Orders that the ticks go through in turn: what ran before decides what is in the caches."""
-    return tuple(permutations(range(subjects)))
-
-
 #: Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point
 STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 
@@ -127,7 +122,8 @@ class TimedController:
             *(peer.step for peer in self._kinematic),
         )
         self.subjects = (*SUBJECTS, *(kinematic or {}))  #: With the names of ``kinematic``
-        self._orders = orders(len(self.subjects))
+        #: Orders that the ticks go through in turn: what ran before decides what is in the caches
+        self._orders = tuple(permutations(range(len(self.subjects))))
         self.count = self.placo_failed = 0  #: Ticks recorded, and those on which placo found no solution
         self._watch = watch = Stopwatch(ticks, len(self.subjects))
         #: Of ``Stopwatch`` (ticks, subjects)

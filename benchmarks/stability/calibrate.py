@@ -115,30 +115,21 @@ def _left(loop: ClosedLoop, way: str) -> Case:
     }
 
 
-def _step(loop: ClosedLoop, what: str) -> str:
-    """Calibrate something, or stand up anew when nothing is named; why not, empty when all went well."""
-    if what:
-        reply = loop.calibrate(what)
-        return "" if reply.accepted else reply.reason
-    loop.reset()
-    return ""
-
-
 def calibrate(robot: str, way: str, seed: int) -> Case:
     """Inject errors, calibrate by one of ``WAYS``, and let the robot stand without, with and with calibrated errors."""
     config, model = _config(), _robot(robot)
     errors = _errors(model, way, seed)
     loop = ClosedLoop(model, seed=seed, sensor_errors=errors, start="hang", record=False)
-    steps = ["imu", "feet", "joints"] if way == "jig" else ["imu", "feet", "", "feet", "joints", "", "joints"]
+    steps = ("imu", "feet", "joints") if way == "jig" else ("imu", "feet", "start", "feet", "joints", "start", "joints")
     reasons = []
-    for what in steps:
-        try:
-            reason = _step(loop, what)
-        except PoiseError as error:
-            reason = str(error)
-        if reason:
-            reasons.append(f"{what or 'start'}: {reason}")
-            break
+    try:
+        for step in steps:
+            if step == "start":
+                loop.reset()
+            elif not (reply := loop.calibrate(step)).accepted:
+                raise PoiseError(reply.reason)
+    except PoiseError as error:
+        reasons.append(f"{step}: {error}")
     left = _left(loop, way)
     reasons += [f"{name} {value:.3f}" for name, value in left.items() if not value <= config.share]
     clean = _stand(model, seed, None, None)

@@ -10,10 +10,9 @@ from typer.testing import CliRunner
 
 from benchmarks import cli
 from benchmarks.cli import app
-from benchmarks.core.benchmark import Info, Listed, catalogue
+from benchmarks.core.benchmark import Info, Listed, Part, catalogue
 from benchmarks.report import report_page, suite
-from benchmarks.report.suite import CASES, REPORTS, Entry, command_of, entries_of
-from models.errors import PoiseError
+from benchmarks.report.suite import CASES, REPORTS, command_of, parts_of
 
 RUNNER = CliRunner()
 
@@ -24,11 +23,11 @@ ROW = "stamp_in_the_future"
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
-    entries = (Entry("faults", ("g1",), 1, (ROW,)), Entry("stand", ("nobody",)))
+    parts = {"faults": Part(("g1",), 1, (ROW,)), "stand": Part(("nobody",))}
     keys = {"survived": "ended as they must", "absent": "absent"}
     info = Info("", choice="scenario", keys=keys, figures=("survived", "total", "nonsense"))
     listed = {"faults": Listed("faults", info, "benchmarks.faults.faults"), "stand": catalogue()["stand"]}
-    monkeypatch.setattr(suite, "entries_of", lambda name: entries)
+    monkeypatch.setattr(suite, "parts_of", lambda name: parts)
     for module in (cli, report_page):  # each has the name
         monkeypatch.setattr(module, "catalogue", lambda: listed)
 
@@ -96,27 +95,19 @@ def test_a_folder_without_lines_or_with_a_missing_case_is_refused(tmp_path: Path
 def test_the_packaged_suites_are_of_benchmarks_and_robots_that_there_are() -> None:
     from models.profile import robot_names
 
-    quick, full = entries_of("quick"), entries_of("full")
-    for entry in (*quick, *full):
-        assert set(entry.robots) <= set(robot_names())
-    assert [entry.bench for entry in full] == [name for name in catalogue() if name != "scaling"]
-    assert {entry.bench for entry in quick} <= {entry.bench for entry in full}
-    for entry in full:
-        assert catalogue()[entry.bench].info.keys and catalogue()[entry.bench].info.figures
+    quick, full = parts_of("quick"), parts_of("full")
+    for part in (*quick.values(), *full.values()):
+        assert set(part.robots) <= set(robot_names())
+    assert list(full) == [name for name in catalogue() if name != "scaling"]
+    assert set(quick) <= set(full)
+    for bench in full:
+        assert catalogue()[bench].info.keys and catalogue()[bench].info.figures
 
 
 def test_a_command_says_how_to_measure_again() -> None:
-    assert command_of(Entry("push_walk", ("g1",), 2, ("left",)), catalogue()["push_walk"], "g1") == (
+    assert command_of(Part(("g1",), 2, ("left",)), catalogue()["push_walk"], "g1") == (
         "poise bench push --robot g1 --seeds 2 --mode walk --direction left"
     )
-    assert command_of(Entry("walk", ("talos",), 1, ("stop", "top")), catalogue()["walk"], "talos") == (
+    assert command_of(Part(("talos",), 1, ("stop", "top")), catalogue()["walk"], "talos") == (
         "poise bench walk --robot talos --seeds 1 --scenario stop --scenario top"
     )
-
-
-def test_an_unknown_benchmark_is_refused(tmp_path: Path) -> None:
-    from benchmarks.core.harness import Sweep
-    from benchmarks.core.results import ResultsFile
-
-    with ResultsFile(tmp_path / CASES) as file, pytest.raises(PoiseError, match="unknown benchmark 'dance'"):
-        suite.run_suite([Entry("dance", ("g1",))], catalogue(), tmp_path, Sweep(None, file), console=None)  # type: ignore[arg-type]

@@ -12,12 +12,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from benchmarks.cli import app
-from benchmarks.core.benchmark import Benchmark, Info, Listed
+from benchmarks.core.benchmark import Benchmark, Info, Listed, Part
 from benchmarks.core.executors import InProcess
 from benchmarks.core.harness import Case, Options, Sweep
 from benchmarks.core.results import ResultsFile, read_lines
 from benchmarks.report import report_page, suite
-from benchmarks.report.suite import CASES, PLAN, REPORTS, Entry, command_of, read_progress, save_begun, save_plan
+from benchmarks.report.suite import CASES, PLAN, REPORTS, command_of, read_progress, save_begun, save_plan
 from models.errors import WorkersError
 from tests import sweep_cases
 
@@ -46,11 +46,11 @@ def made(*names: str) -> dict[str, Listed]:
     return {name: _Listed(name, Info(""), "") for name in names}
 
 
-def suite_of(folder: Path, modules: dict[str, Listed], *entries: Entry) -> tuple[bool, str]:
+def suite_of(folder: Path, modules: dict[str, Listed], **parts: Part) -> tuple[bool, str]:
     """Whether a suite passed, and what it said."""
     console = Console(record=True, width=200, file=StringIO())
     with ResultsFile(folder / CASES) as file:
-        passed = suite.run_suite(entries, modules, folder, Sweep(InProcess(), file), console, "full")
+        passed = suite.run_suite(parts, modules, folder, Sweep(InProcess(), file), console, "full")
     return passed, console.export_text()
 
 
@@ -59,7 +59,7 @@ def test_whatever_a_benchmark_raises_is_told_and_the_others_go_on(
 ) -> None:
     pytest.importorskip("markdown_it")
     modules = made("refused", "square")
-    passed, said = suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
+    passed, said = suite_of(tmp_path, modules, refused=Part(("g1",)), square=Part(("g1",)))
     assert not passed and "refused g1: could not be run: KeyError: 0" in said and "square g1: 1 cases, passed" in said
     trace = tmp_path / "errors/refused-g1.txt"
     assert "in refused" in trace.read_text() and str(trace) in said
@@ -79,7 +79,7 @@ def test_who_interrupts_and_who_has_no_workers_ends_the_suite(
     modules = made("refused", "square")
     monkeypatch.setattr("tests.sweep_cases.refused", ends)
     with pytest.raises(error):
-        suite_of(tmp_path, modules, Entry("refused", ("g1",)), Entry("square", ("g1",)))
+        suite_of(tmp_path, modules, refused=Part(("g1",)), square=Part(("g1",)))
     assert str(read_progress(tmp_path)) == (
         "partial: 0 of 2 parts of --full are finished; 0 of 1 cases of the unfinished that have begun, 1 not begun"
     )
@@ -89,14 +89,14 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     modules = made("square")
-    assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+    assert suite_of(tmp_path, modules, square=Part(("g1",), 2))[0]
     assert not read_progress(tmp_path).missing
-    suite_of(tmp_path, modules, Entry("square", ("g1",), 2))  # has all, and begins nothing
+    suite_of(tmp_path, modules, square=Part(("g1",), 2))  # has all, and begins nothing
     assert not read_progress(tmp_path).missing and len(read_lines(tmp_path / PLAN)) == 2
     save_begun(tmp_path, ("square", "g1"), [read_lines(tmp_path / CASES)[0]["key"], "more"])
     (part,) = read_progress(tmp_path).missing
     assert part.state == "1 of 2 cases; reported: an earlier measurement"
-    assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+    assert suite_of(tmp_path, modules, square=Part(("g1",), 2))[0]
     assert not read_progress(tmp_path).missing
     save_plan(tmp_path, "full", {("square", "g1"): "of more seeds"})  # as --full after --quick
     assert read_progress(tmp_path).missing
@@ -104,7 +104,7 @@ def test_another_revision_or_a_new_beginning_is_missing_until_it_is_reported(
     save_plan(
         tmp_path,
         "full",
-        {("square", "g1"): command_of(Entry("square", ("g1",), 2), modules["square"], "g1"), ("stand", "g1"): ""},
+        {("square", "g1"): command_of(Part(("g1",), 2), modules["square"], "g1"), ("stand", "g1"): ""},
     )
     assert [part.state for part in read_progress(tmp_path).missing] == [
         "not begun; reported: an earlier measurement", "not begun",
@@ -116,7 +116,7 @@ def test_a_part_with_a_case_that_cannot_be_run_here_is_finished_however_often(
 ) -> None:
     modules = made("lacking")
     for _ in range(2):  # the second run tries it again
-        assert suite_of(tmp_path, modules, Entry("lacking", ("g1",), 2))[0]
+        assert suite_of(tmp_path, modules, lacking=Part(("g1",), 2))[0]
         assert not read_progress(tmp_path).missing
     assert [line["seed"] for line in read_lines(tmp_path / CASES)] == [0]
 
@@ -125,7 +125,7 @@ def test_cases_that_were_measured_again_are_reported_again(tmp_path: Path, monke
     modules = made("square")
     for _ in range(2):
         (tmp_path / CASES).unlink(missing_ok=True)
-        assert suite_of(tmp_path, modules, Entry("square", ("g1",), 2))[0]
+        assert suite_of(tmp_path, modules, square=Part(("g1",), 2))[0]
         assert not read_progress(tmp_path).missing
     assert len(read_lines(tmp_path / REPORTS)) == 2
 
@@ -135,11 +135,11 @@ CASES_OF_ALL = 6
 COMMAND = """
 import sys
 from benchmarks.report import suite
+from benchmarks.core.benchmark import Part
 from benchmarks.cli import app
-from benchmarks.report.suite import Entry
 
-entries = (Entry("faults", ("g1",), 6, ("stamp_in_the_future",)), Entry("stand", ("nobody",)))
-suite.entries_of = lambda name: entries
+parts = {"faults": Part(("g1",), 6, ("stamp_in_the_future",)), "stand": Part(("nobody",))}
+suite.parts_of = lambda name: parts
 app(["all", "--full", "--out", sys.argv[1], "--workers", "2"])
 """
 """``poise bench all`` with a tiny suite."""

@@ -7,9 +7,14 @@ import pytest
 
 from benchmarks.core.benchmark import Bound, at_most
 from benchmarks.core.harness import Case, Options, Report
-from benchmarks.core.timed_run import TimedBenchmark, collector_off, judge, over_seeds
+from benchmarks.core.timed_run import TimedBenchmark, collector_off, over_seeds
 
-LIMITS = at_most({"tick_us_p99": 100.0, "ratio": 2.0})
+
+class Timed(TimedBenchmark):
+    """Two figures with an upper bound each."""
+
+    def bounds(self, report: Report) -> dict[str, Bound]:
+        return at_most({"tick_us_p99": 100.0, "ratio": 2.0})
 
 
 def cases(*ratios: float) -> list[Case]:
@@ -17,8 +22,15 @@ def cases(*ratios: float) -> list[Case]:
     return [{"seed": k, "figures": {"tick_us_p99": 90.0, "ratio": ratio}} for k, ratio in enumerate(ratios)]
 
 
+def judged(*ratios: float) -> tuple[bool, list[str]]:
+    """Verdict and notes of the seeds, without the last note."""
+    benchmark = Timed("tick")
+    report = Report("tick", "g1", len(ratios), {"preempted_fraction": 0.0}, cases(*ratios), False, {})
+    return benchmark.passed(report), benchmark.notes(report)[:-1]
+
+
 def test_all_within_their_limits_pass() -> None:
-    assert judge(cases(1.0, 2.0, 1.5), LIMITS) == (
+    assert judged(1.0, 2.0, 1.5) == (
         True,
         ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", "ok     ratio ≤ 2: worst 2, seed 1"],
     )
@@ -26,7 +38,7 @@ def test_all_within_their_limits_pass() -> None:
 
 @pytest.mark.parametrize(("bad", "told"), [(2.1, "2.1"), (math.nan, "nan"), (math.inf, "inf")])
 def test_one_seed_beyond_a_limit_fails_and_is_named_though_the_median_holds(bad: float, told: str) -> None:
-    passed, lines = judge(cases(1.0, 1.2, bad, 1.1), LIMITS)
+    passed, lines = judged(1.0, 1.2, bad, 1.1)
     assert not passed
     assert lines == ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", f"FAILED ratio ≤ 2: worst {told}, seed 2"]
 
