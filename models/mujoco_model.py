@@ -11,6 +11,7 @@ MuJoCo's arrays.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -69,26 +70,9 @@ class MujocoModel:
         data.eq_active[self.hold_equality] = 0
 
 
-def build_mujoco(
-    model: RobotModel,
-    *,
-    timestep: float = 0.001,
-    visuals: bool = False,
-    friction: float | None = None,
-    payload_kg: float = 0.0,
-    terrain: str | Terrain = FLAT,
-    config: PlantConfig | None = None,
-) -> MujocoModel:
-    """Build one simulated robot and its floor; see ``build_mujoco_world``."""
-    return build_mujoco_world(
-        {"": model},
-        timestep=timestep,
-        visuals=visuals,
-        friction=friction,
-        payload_kg={"": payload_kg},
-        terrain=terrain,
-        config=config,
-    )[""]
+def build_mujoco(model: RobotModel, *, payload_kg: float = 0.0, **options: Any) -> MujocoModel:
+    """Build one simulated robot and its floor; options are those of ``build_mujoco_world``."""
+    return build_mujoco_world({"": model}, payload_kg={"": payload_kg}, **options)[""]
 
 
 def build_mujoco_world(
@@ -163,7 +147,7 @@ def _rotation(xyzw: Vector) -> Matrix:
     return np.asarray(pin.Quaternion(xyzw[3], xyzw[0], xyzw[1], xyzw[2]).toRotationMatrix())
 
 
-def _index(compiled: mujoco.MjModel, model: RobotModel, prefix: str = "") -> MujocoModel:
+def _index(compiled: mujoco.MjModel, model: RobotModel, prefix: str) -> MujocoModel:
     def sensor(name: str) -> slice:
         start = int(compiled.sensor(prefix + name).adr[0])
         return slice(start, start + int(compiled.sensor(prefix + name).dim[0]))

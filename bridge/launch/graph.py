@@ -31,6 +31,7 @@ from bridge.ros.processes import (
     change_state,
     node_parameters,
     process_specs,
+    ros_arguments,
     stop_all,
 )
 from controllers.safety.health import SupervisorConfig
@@ -221,10 +222,10 @@ class Graph:
         if self._log is not None:
             self._log.parent.mkdir(parents=True, exist_ok=True)
             self._output = self._log.open("ab")
-        self._processes = [
-            GraphProcess(s, self._parameters, environment, self._output, self._namespace, Path(self._folder.name))
-            for s in self._specs
-        ]
+        for spec in self._specs:
+            file = Path(self._folder.name) / f"{spec.module}.yaml"
+            arguments = ros_arguments(spec.nodes, self._parameters, self._namespace, file)
+            self._processes.append(GraphProcess(spec, arguments, environment, self._output))
         for process in self._processes:
             process.start()
 

@@ -2,8 +2,8 @@
 
 import signal
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Any, Protocol
 
 from rich.console import Console
@@ -71,30 +71,31 @@ def run_until_signal(
 
     previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     code = 0
+
+    @contextmanager
+    def reported() -> Iterator[None]:
+        nonlocal code
+        try:
+            yield
+        except _Interrupted:
+            say("ending")
+        except PoiseError as error:
+            console.print(f"[red]{error}[/red]", highlight=False)
+            code = 1
+
     ending = ExitStack()
     try:
-        graph = make(say)
-        with graph:
-            try:
+        with reported(), make(say) as graph:
+            with reported():
                 say(f"{name} is up; Ctrl-C ends it")
                 while duration is None or time.monotonic() - begin < duration:
                     graph.spin(0.2)
-            except _Interrupted:
-                say("ending")
-            except PoiseError as error:
-                console.print(f"[red]{error}[/red]", highlight=False)
-                code = 1
             graph.stop()
             for module, exit_code in graph.exit_codes.items():
                 if exit_code not in CLEAN_EXITS:
                     say(f"{module} ended with code {exit_code}")
                     code = 1
             ending.callback(end_within(END_TIME, code))
-    except _Interrupted:
-        say("ending")
-    except PoiseError as error:
-        console.print(f"[red]{error}[/red]", highlight=False)
-        code = 1
     finally:
         ending.close()
         for number, handler in previous.items():

@@ -86,7 +86,7 @@ class WorldGraph:
         file, names = folder / "world.yaml", [absolute_namespace(name).strip("/") for name in robots]
         arguments = [*names, "--ros-args", "--params-file", str(file)]
         environment = graph_environment(domain_id=domain_id, network=network)
-        self._world = GraphProcess(BRIDGE, {}, environment, arguments=arguments)
+        self._world = GraphProcess(BRIDGE, arguments, environment)
         self.graphs: dict[str, Graph] = {}
         bridges: dict[str, Mapping[str, object]] = {}
         specs = [spec for spec in process_specs(processes, actions=actions) if spec is not BRIDGE]

@@ -71,11 +71,8 @@ async def _halt(robot: RobotClient) -> str:
     return "it holds its posture" if over else f"the motion has not ended within {config.halt_timeout:g} s"
 
 
-class ExecuteMotion:
+class ExecuteMotion(Action):
     """Plays a motion by name."""
-
-    def __init__(self, robot: RobotClient, kind: Any) -> None:
-        self._robot, self._kind = robot, kind
 
     def refusal(self, request: Any) -> Outcome | None:
         """Refuse words that are no motions: a walk has no end."""
@@ -97,16 +94,13 @@ class ExecuteMotion:
 
         return await followed(handle, robot, turn, feedback)
 
-    def result(self, outcome: Outcome) -> Any:
-        """Result message of an outcome."""
-        return self._kind.Result(success=outcome.success, message=outcome.message)
 
-
-class FollowJointTrajectory:
+class FollowJointTrajectory(Action):
     """Has the balance controller follow a trajectory of MoveIt, published on its topic."""
 
     def __init__(self, robot: RobotClient, kind: Any, model: RobotModel, publish: Callable[[Any], None]) -> None:
-        self._robot, self._kind, self._model, self._publish = robot, kind, model, publish
+        super().__init__(robot, kind)
+        self._model, self._publish = model, publish
 
     def refusal(self, request: Any) -> Outcome | None:
         """Refuse unknown joints; the controller checks the rest."""
@@ -166,15 +160,12 @@ class FollowJointTrajectory:
         return ""
 
 
-class WalkTo:
-    """Walks to a pose in ``odom``; ``publish`` publishes a goal on ``goal_pose``."""
+class WalkTo(Action):
+    """Walks to a pose in ``odom``, which the gait planner checks; ``publish`` publishes a goal on ``goal_pose``."""
 
     def __init__(self, robot: RobotClient, kind: Any, publish: Callable[[Any], None]) -> None:
-        self._robot, self._kind, self._publish = robot, kind, publish
-
-    def refusal(self, request: Any) -> Outcome | None:
-        """Refuse nothing: the gait planner checks the pose."""
-        return None
+        super().__init__(robot, kind)
+        self._publish = publish
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal; see ``WalkTo.action``."""
@@ -186,10 +177,6 @@ class WalkTo:
         if not await robot.until(lambda: robot.mode == Mode.WALK.value, robot.config.answer_timeout):
             return await self._stand(Outcome(False, f"mode '{robot.mode}' goes on"))
         return await self._stand(await self._walk(handle, turn))
-
-    def result(self, outcome: Outcome) -> Any:
-        """Result message of an outcome."""
-        return self._kind.Result(success=outcome.success, message=outcome.message)
 
     async def _walk(self, handle: Any, turn: Turn) -> Outcome:
         robot, goal, begin = self._robot, handle.request.goal, time.monotonic()

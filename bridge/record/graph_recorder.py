@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
@@ -22,7 +22,7 @@ from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.imu import ImuSample, OrientedImuCodec
 from models.nodes.messages import decode
-from models.nodes.qos import SENSOR_QUEUE
+from models.nodes.qos import SENSOR_QUEUE, keep_last
 from models.nodes.spin import Stop, make_executor
 
 LOOK = 0.1  #: Polling period for new topics [s]
@@ -131,12 +131,7 @@ class GraphRecorder:
         """Subscribe reliably and to latched messages where every publisher offers that."""
         reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
         latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-        qos = QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
+        qos = keep_last(DEPTH, reliable=reliable, latched=latched)
         package, _, short = kind.partition("/msg/")
         message = getattr(import_module(f"{package}.msg"), short)
         written = f"/{topic.removeprefix('/')}"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -239,17 +240,23 @@ class Turns:
         self._taken = False
 
 
-class Action(Protocol):
-    """Behaviour of an action."""
+class Action(ABC):
+    """Behaviour of an action of a type."""
+
+    def __init__(self, robot: RobotClient, kind: Any) -> None:
+        self._robot, self._kind = robot, kind
 
     def refusal(self, request: Any) -> Outcome | None:
         """Why a goal is refused beforehand; None for a valid one."""
+        return None
 
+    @abstractmethod
     async def run(self, handle: Any, turn: Turn) -> Outcome:
         """Execute the goal. Afterwards the robot is at rest or follows another client, whatever the outcome."""
 
     def result(self, outcome: Outcome) -> Any:
         """Result message of an outcome."""
+        return self._kind.Result(success=outcome.success, message=outcome.message)
 
 
 def goal(turns: Turns, action: Action, refused: Callable[[str], object]) -> Callable[[Any], Any]:

@@ -36,15 +36,6 @@ class ProcessSpec:
     optional: bool = False
 
 
-def ros_arguments(nodes: Sequence[str], parameters: Parameters) -> list[str]:
-    """Command line that sets the parameters of the given nodes; JSON is valid YAML, which ROS expects."""
-    arguments = ["--ros-args"]
-    for node in nodes:
-        for name, value in parameters.get(node, {}).items():
-            arguments += ["-p", f"{node}:{name}:={json.dumps(value)}"]
-    return arguments
-
-
 def absolute_namespace(namespace: str) -> str:
     """A namespace with its leading slash, empty for none; ``PoiseError`` when it is no valid name."""
     given = namespace.strip("/")
@@ -69,17 +60,15 @@ def in_namespace(namespace: str) -> dict[str, Any]:
     return {"namespace": namespace, "cli_args": ["--ros-args", *namespace_rules()]}
 
 
-def namespaced_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
-    """Command line of nodes in a namespace such as ``/robot_1``, with their parameters written to ``file``.
-
-    ``-p node:name:=value`` finds no node in a namespace.
-    """
+def ros_arguments(nodes: Sequence[str], parameters: Parameters, namespace: str, file: Path) -> list[str]:
+    """Command line of nodes in a namespace such as ``/robot_1`` or none, their parameters written to ``file``."""
     write_parameters(file, {f"{namespace}/{node}": parameters.get(node, {}) for node in nodes})
-    return ["--ros-args", "--params-file", str(file), "-r", f"__ns:={namespace}", *namespace_rules()]
+    rules = ["-r", f"__ns:={namespace}", *namespace_rules()] if namespace else []
+    return ["--ros-args", "--params-file", str(file), *rules]
 
 
 def write_parameters(file: Path, parameters: Parameters) -> None:
-    """Write a parameter file of ROS 2: values by full node name."""
+    """Write a parameter file of ROS 2: values by full node name; JSON is valid YAML, which ROS expects."""
     values = {node: {"ros__parameters": dict(given)} for node, given in parameters.items()}
     file.write_text(json.dumps(values), encoding="utf-8")
 
@@ -88,28 +77,18 @@ class GraphProcess:
     """Starts and ends one process.
 
     ``environment`` is in addition to that of this process; ``output`` is a file, this process's output when None, from
-    the next start on. ``namespace`` is as ``absolute_namespace`` returns it, with parameter files in ``folder``.
-    ``arguments`` replace the command line that follows from parameters and namespace.
+    the next start on.
     """
 
     def __init__(
         self,
         spec: ProcessSpec,
-        parameters: Parameters,
+        arguments: Sequence[str],
         environment: Mapping[str, str],
         output: IO[bytes] | None = None,
-        namespace: str = "",
-        folder: Path = Path(),
-        arguments: Sequence[str] | None = None,
     ) -> None:
         self.spec = spec
         self.restarts = 0
-        if arguments is not None:
-            arguments = list(arguments)
-        elif namespace:
-            arguments = namespaced_arguments(spec.nodes, parameters, namespace, folder / f"{spec.module}.yaml")
-        else:
-            arguments = ros_arguments(spec.nodes, parameters)
         self._command = [sys.executable, "-m", spec.module, *arguments]
         self._environment = {**os.environ, **environment}
         self.output = output

@@ -16,7 +16,8 @@ from rclpy.qos import (
 )
 
 
-def _keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: float | None = None) -> QoSProfile:
+def keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s: float | None = None) -> QoSProfile:
+    """Profile of a queue of ``depth`` messages; DDS watches the deadline [s], disabled when None."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -28,17 +29,17 @@ def _keep_last(depth: int, *, reliable: bool, latched: bool = False, deadline_s:
 
 #: Publishers of sensors and states: reliable, so that a subscriber with default QoS matches. With keep last a publisher
 #: never waits for a subscriber: the oldest message makes room, acknowledged or not
-STATE = _keep_last(10, reliable=True)
+STATE = keep_last(10, reliable=True)
 #: Subscribers of the graph to sensors and states: only the newest sample matters
-SENSOR = _keep_last(1, reliable=False)
+SENSOR = keep_last(1, reliable=False)
 #: Sensors for a subscriber that counts or logs: deep enough for a busy one
-SENSOR_QUEUE = _keep_last(100, reliable=False)
+SENSOR_QUEUE = keep_last(100, reliable=False)
 #: ``/robot_description``, ``/mode``: late subscribers get the last value
-LATCHED = _keep_last(1, reliable=True, latched=True)
+LATCHED = keep_last(1, reliable=True, latched=True)
 #: Requests and replies: none may be lost
-EVENT = _keep_last(10, reliable=True)
+EVENT = keep_last(10, reliable=True)
 #: Joint commands without an offered or requested deadline, for commanders slower than the controller
-COMMAND = _keep_last(1, reliable=True)
+COMMAND = keep_last(1, reliable=True)
 
 
 def sensor(*, lockstep: bool, waits: bool) -> QoSProfile:
@@ -47,8 +48,8 @@ def sensor(*, lockstep: bool, waits: bool) -> QoSProfile:
 
 
 def command(deadline_s: float | None = None) -> QoSProfile:
-    """Joint commands: reliable, newest only; DDS watches the deadline [s], disabled when None."""
-    return COMMAND if deadline_s is None else _keep_last(1, reliable=True, deadline_s=deadline_s)
+    """Joint commands: reliable, newest only."""
+    return keep_last(1, reliable=True, deadline_s=deadline_s)
 
 
 #: Time for which a mismatch counts without the graph: the event may precede the discovery of the other end [s]

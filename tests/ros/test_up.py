@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+import yaml
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
@@ -166,12 +167,14 @@ def test_a_plain_process_on_this_machine_reaches_the_graph(bench: Any, discovery
         plain.kill()
 
 
-def test_ros_arguments_quote_every_type() -> None:
+def test_ros_arguments_quote_every_type(tmp_path: Path) -> None:
     spec = ProcessSpec("module", ("a", "b"))
     values = {"a": {"text": "1", "flag": True, "list": [1.0, 2.0]}, "c": {"x": 1}}
-    assert ros_arguments(spec.nodes, values) == [
-        "--ros-args", "-p", 'a:text:="1"', "-p", "a:flag:=true", "-p", "a:list:=[1.0, 2.0]",
-    ]  # fmt: skip
+    file = tmp_path / "parameters.yaml"
+    assert ros_arguments(spec.nodes, values, "", file) == ["--ros-args", "--params-file", str(file)]
+    assert yaml.safe_load(file.read_text()) == {
+        "/a": {"ros__parameters": values["a"]}, "/b": {"ros__parameters": {}},
+    }  # fmt: skip
 
 
 def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,8 +40,7 @@ def test_deadlines_do_not_drift() -> None:
         late = pace.wait()
         assert late == pytest.approx(50e-6)
     assert clock.now - start == 1000 * MS + 50_000
-    assert pace.statistics.overruns == 0 and pace.statistics.ticks == 1000
-    assert pace.statistics.lateness_max == pytest.approx(50e-6)
+    assert pace.skipped == 0
 
 
 def test_a_late_tick_is_counted_and_moves_no_deadline() -> None:
@@ -52,7 +51,7 @@ def test_a_late_tick_is_counted_and_moves_no_deadline() -> None:
     assert pace.wait() == pytest.approx(0.5e-3)
     assert pace.wait() == 0.0
     assert clock.now - start == 2 * MS
-    assert (pace.statistics.ticks, pace.statistics.overruns, pace.statistics.skipped) == (2, 1, 0)
+    assert pace.skipped == 0
 
 
 def test_long_stall_is_skipped_not_made_up_for() -> None:
@@ -61,9 +60,7 @@ def test_long_stall_is_skipped_not_made_up_for() -> None:
     pace = pacer(clock)
     clock.now += 100 * MS + MS // 2
     assert pace.wait() == pytest.approx(0.5e-3)
-    statistics = pace.statistics
-    assert (statistics.ticks, statistics.overruns, statistics.skipped) == (1, 1, 99)
-    assert statistics.missed_fraction == 1.0
+    assert pace.skipped == 99
     assert pace.wait() == 0.0
     assert clock.now - start == 101 * MS
     assert clock.slept == 1
@@ -86,7 +83,6 @@ def test_real_clock_keeps_the_mean_period() -> None:
     for _ in range(100):
         pace.wait()
     assert time.monotonic() - begin >= 0.2 - 1e-4
-    assert pace.statistics.ticks + pace.statistics.skipped >= 100
 
 
 @pytest.mark.parametrize("period", [0.0, -1.0])
