@@ -39,7 +39,6 @@ from models.errors import PoiseError
 from models.types import ControlResult, Reference, RobotState
 from planners.gait.adjustment import StepPlanner
 from planners.gait.planner import GaitPlanner
-from planners.gait.state import Rest
 
 #: What is timed: the planner's tick; in it one step adjustment with its preview; the law's tick with its QP, without
 #: the planner; beside it, at the same state, placo's dynamics solver and the bare Pinocchio calls
@@ -82,8 +81,8 @@ class TimedWalk:
         ):
             yield
 
-    def _plan(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
-        reference: Reference = self.watch.measure(self.count, GAIT, self._plan_step, state, dt, rest)
+    def _plan(self, *arguments: Any) -> Reference:
+        reference: Reference = self.watch.measure(self.count, GAIT, self._plan_step, *arguments)
         return reference
 
     def _tick(self, state: RobotState, dt: float) -> ControlResult:

@@ -27,7 +27,7 @@ from controllers.whole_body.tasks import Task
 from models.config import default_config
 from models.constants import GRAVITY
 from models.errors import TrajectoryError
-from models.numerics.unboxed import unbox
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel, corners_of
 from models.spline import min_jerk
 from models.types import (
@@ -42,6 +42,7 @@ from models.types import (
     Vector,
 )
 from planners.gait.config import leg_length
+from planners.gait.contact import BodyMotion
 from planners.gait.state import GaitPhase, Rest
 
 _UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
@@ -64,7 +65,9 @@ class Gait(Protocol):
     def stop(self) -> None:
         """Come to a standstill within two steps."""
 
-    def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
+    def step(
+        self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
+    ) -> Reference:
         """One tick: the reference to track; ``rest`` is where a standing robot comes to rest."""
 
 
@@ -279,7 +282,7 @@ class BalanceController:
         )
         if not self._gait_started:
             self._begin(state)
-        planned = gait.step(state, dt, rest)
+        planned = gait.step(state, dt, rest, self.whole_body.terms.motion)
         self._advance(gait.phase, dt)
         if self._share == 0.0:
             return replace(standing, sole_areas=planned.sole_areas)

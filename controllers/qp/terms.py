@@ -15,6 +15,7 @@ from models.numerics.so3 import exponential, multiply, quaternion_matrix, rotati
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
+from planners.gait.contact import BodyMotion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -144,6 +145,8 @@ class Terms:
             _columns(robot, parents),
         )
         self.unboxed = unbox(ModelTerms(self.dynamics, centroid, tree, model.mass))  #: All terms, for compiled code
+        motion = BodyMotion(self.com, self.com_velocity, poses[: len(model.feet)], twists[: len(model.feet)])
+        self.motion = unbox(motion)  #: Of CoM and soles, for a gait
 
     def update(self, state: RobotState) -> None:
         """Evaluate everything at one state; the arrays of this object are overwritten."""

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from msgspec import Struct, structs
+from msgspec import Struct
+from numpy.typing import NDArray
 
 from models.constants import GRAVITY
 from models.numerics.compiled import njit, register_jitable
-from models.numerics.so3 import rotate
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
@@ -17,6 +17,7 @@ from planners.gait.config import GaitConfig, LiftConfig
 from planners.gait.footsteps import (
     Feet,
     Foothold,
+    Place,
     Point,
     Pose,
     mean_heading,
@@ -29,7 +30,7 @@ from planners.gait.footsteps import (
 
 #: Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless
 _UPRIGHT_MIN = 0.1
-Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]
+Array = NDArray[np.float64]
 _LOADED = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
 
 
@@ -64,42 +65,41 @@ def filtered_dcm_rate(
     return after
 
 
-class _Sole(NamedTuple):
-    """Arrays of Pinocchio, which stay where they are, and the sole in the frame of its joint."""
+class BodyMotion(NamedTuple):
+    """CoM and soles of one robot state, for compiled code."""
 
-    joint_rotation: Matrix  # in W (3, 3)
-    joint_position: Vector  # in W (3,) [m]
-    spin: Vector  # angular velocity of the link in the frame of its joint (3,) [rad/s]
-    mounting: Matrix  # rotation of the sole in that frame (3, 3)
-    offset: Vector  # origin of the sole in that frame (3,) [m]
+    com: Vector  # in W (3,) [m]
+    com_velocity: Vector  # in W (3,) [m/s]
+    poses: Array  # of the soles in W, homogeneous (2, 4, 4)
+    twists: Matrix  # of the soles, each in its frame, linear part first (2, 6) [m/s, rad/s]
 
 
 class GaitMeasurement:
     """Evaluates robot states."""
 
     def __init__(self, model: RobotModel) -> None:
-        self._pin, self._data = model.pin, model.data()
+        self._model, self._data = model, model.data()
         self._weight = model.mass * GRAVITY
-        self._com, self._com_velocity = self._data.com[0], self._data.vcom[0]
-        soles = []
-        for foot in model.feet:
-            frame = model.pin.frames[foot.frame_id]
-            joint, mounting = self._data.oMi[frame.parentJoint], np.array(frame.placement.rotation)
-            spin, offset = self._data.v[frame.parentJoint].angular, np.array(frame.placement.translation)
-            soles.append(_Sole(joint.rotation, joint.translation, spin, mounting, offset))
-        self._soles = unbox((soles[0], soles[1]))
+        self._motion = BodyMotion(np.zeros(3), np.zeros(3), np.zeros((2, 4, 4)), np.zeros((2, 6)))
+        self._unboxed = unbox(self._motion)
 
-    def measure(self, state: RobotState, last: Measurement | None = None) -> Measurement:
-        """Evaluate a state; ``last`` has the centres of pressure of soles without load."""
-        data = self._data
-        pin.centerOfMass(self._pin, data, state.q, state.v, False)
-        tilts, turning = np.empty((2, 2)), np.empty((2, 2))
+    def measure(
+        self, state: RobotState, last: Measurement | None = None, motion: Unboxed[BodyMotion] | None = None
+    ) -> Measurement:
+        """Evaluate a state; ``last`` has the centres of pressure of soles without load.
+
+        ``motion`` is that of the same state, where the caller has it.
+        """
+        if motion is None:
+            self._move(state)
+            motion = self._unboxed
+        body, tilts, turning = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 2))
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
         left, right = state.contacts
-        first, second, loads = _read_soles(self._soles, left.wrench, right.wrench, self._weight, tilts, turning, cops)
+        first, second, loads = _measure(motion, left.wrench, right.wrench, self._weight, body, tilts, turning, cops)
         return Measurement(
-            com=self._com.copy(),
-            com_velocity=self._com_velocity.copy(),
+            com=body[0],
+            com_velocity=body[1],
             soles=(Foothold(*first), Foothold(*second)),
             tilts=tilts,
             turning=turning,
@@ -108,39 +108,47 @@ class GaitMeasurement:
             active=(left.active, right.active),
         )
 
+    def _move(self, state: RobotState) -> None:
+        model, data, motion = self._model, self._data, self._motion
+        pin.centerOfMass(model.pin, data, state.q, state.v, False)
+        motion.com[:], motion.com_velocity[:] = data.com[0], data.vcom[0]
+        for foot, pose, twist in zip(model.feet, motion.poses, motion.twists, strict=True):
+            pose[:] = pin.updateFramePlacement(model.pin, data, foot.frame_id).homogeneous
+            twist[:] = pin.getFrameVelocity(model.pin, data, foot.frame_id, pin.LOCAL).vector
+
 
 @njit(cache=True)
-def _read_soles(
-    soles: Unboxed[tuple[_Sole, _Sole]],
+def _measure(
+    motion: Unboxed[BodyMotion],
     left: Vector,
     right: Vector,
     weight: float,
+    body: Matrix,
     tilts: Matrix,
     turning: Matrix,
     cops: Matrix,
 ) -> tuple[Place, Place, Point]:
-    """Pose of each sole and its load as a share of the weight [N]: fields of ``Measurement``."""
+    """Pose of each sole and its load as a share of the weight [N]: fields of ``Measurement``.
+
+    ``body`` is the CoM and its velocity (2, 3).
+    """
+    com, velocity, poses, twists = motion.record
+    for i in range(3):
+        body[0, i], body[1, i] = com[i], velocity[i]
     for foot in range(2):
-        sole, wrench = soles.record[foot], left if foot == 0 else right
-        normal = np.empty(3)
-        rotate(sole.joint_rotation, sole.mounting[:, 2], normal)
-        upright = max(normal[2], _UPRIGHT_MIN)
+        pose, wrench = poses[foot], left if foot == 0 else right
+        upright = max(pose[2, 2], _UPRIGHT_MIN)
         for i in range(2):
-            column = sole.mounting[:, i]
-            tilts[foot, i] = -normal[i] / upright
-            turning[foot, i] = column[0] * sole.spin[0] + column[1] * sole.spin[1] + column[2] * sole.spin[2]
+            tilts[foot, i] = -pose[i, 2] / upright
+            turning[foot, i] = twists[foot, 3 + i]
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
-    return _place(soles.record[0]), _place(soles.record[1]), (left[2] / weight, right[2] / weight)
+    return _place(poses[0]), _place(poses[1]), (left[2] / weight, right[2] / weight)
 
 
 @register_jitable
-def _place(sole: _Sole) -> Place:
-    forward, place = np.empty(3), np.empty(3)
-    rotate(sole.joint_rotation, sole.mounting[:, 0], forward)
-    rotate(sole.joint_rotation, sole.offset, place)
-    x, y, z = sole.joint_position
-    return x + place[0], y + place[1], math.atan2(forward[1], forward[0]), z + place[2]
+def _place(pose: Matrix) -> Place:
+    return pose[0, 3], pose[1, 3], math.atan2(pose[1, 0], pose[0, 0]), pose[2, 3]
 
 
 class SoleState(Struct, frozen=True):
@@ -167,6 +175,8 @@ class Soles:
         self.centres = np.array([(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles])
         self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
         self._centres: list[Point] = [(x, y) for x, y in self.centres.tolist()]
+        ground = config.ground
+        self._anchor = config.anchor_load, config.anchor_time, ground.anchor_time, ground.settle_time
 
     def point_of(self, foot: int, hold: Foothold) -> Vector:
         """ZMP point of a foot on a foothold: the middle of the sole, in W (2,) [m]."""
@@ -266,56 +276,75 @@ class Soles:
             measured=soles.measured,
         )
 
-    def drift(self, soles: SoleState, measured: Measurement, swinging: int | None) -> Point:
-        """Motion of the loaded soles since the last tick, weighted by load [m]: the drift of the estimate."""
-        x = y = total = 0.0
-        for foot, load in enumerate(measured.loads):
-            if foot != swinging and load >= self._config.anchor_load:
-                old, new = soles.measured[foot], measured.soles[foot]
-                x, y, total = x + load * (new.x - old.x), y + load * (new.y - old.y), total + load
-        return (x / total, y / total) if total > 0.0 else (0.0, 0.0)
-
     def followed(
-        self,
-        soles: SoleState,
-        measured: Measurement,
-        drift: Point,
-        swinging: int | None,
-        landed: int | None,
-        dt: float,
-    ) -> SoleState:
-        """One tick: footholds move with the drift [m]; planted ones, and their slopes, approach the loaded soles.
+        self, soles: SoleState, measured: Measurement, swinging: int | None, landed: int | None, dt: float
+    ) -> tuple[SoleState, Point]:
+        """One tick: footholds move with the drift; planted ones, and their slopes, approach the loaded soles.
 
+        The drift is the motion of the loaded soles since the last tick, weighted by load, in W [m]; it is returned too.
         Position and heading, which the estimator cannot observe, drift for references and measurements alike.
         ``swinging`` is None in double support; ``landed`` is the foot that has just landed and settles on the ground.
         """
-        config, ground = self._config, self._config.ground
-        holds, shares = list(soles.holds), [0.0, 0.0]  # of the way to the measured slopes
-        share = min(dt / config.anchor_time, 1.0)
-        for foot in range(2):
-            hold = holds[foot] = holds[foot].shifted(*drift)
-            if foot == swinging or measured.loads[foot] < config.anchor_load:
-                continue
-            shares[foot] = min(dt / (ground.settle_time if foot == landed else ground.anchor_time), 1.0)
-            sole = measured.soles[foot]
-            holds[foot] = Foothold(
-                hold.x + share * (sole.x - hold.x),
-                hold.y + share * (sole.y - hold.y),
-                hold.yaw + share * wrap(sole.yaw - hold.yaw),
-                hold.z + share * (sole.z - hold.z),
-            )
-        tilts = _approached(soles.tilts, measured.tilts, *shares)
-        return structs.replace(soles, holds=(holds[0], holds[1]), tilts=tilts, measured=measured.soles)
+        (old_left, old_right), (left, right), (hold_left, hold_right) = soles.measured, measured.soles, soles.holds
+        tilts = soles.tilts.copy()
+        first, second, drift = _follow(
+            (old_left.place, old_right.place),
+            (left.place, right.place),
+            (hold_left.place, hold_right.place),
+            measured.loads,
+            -1 if swinging is None else swinging,
+            -1 if landed is None else landed,
+            dt,
+            self._anchor,
+            measured.tilts,
+            tilts,
+        )
+        holds = Foothold(*first), Foothold(*second)
+        return SoleState(holds, tilts, soles.slope, soles.rise, soles.samples, measured.soles), drift
 
 
 @njit(cache=True)
-def _approached(tilts: Matrix, measured: Matrix, left: float, right: float) -> Matrix:
-    """Slopes of both soles a share of the way from ``tilts`` to ``measured`` (2, 2)."""
-    after = np.empty((2, 2))
-    for i in range(2):
-        after[0, i] = tilts[0, i] + left * (measured[0, i] - tilts[0, i])
-        after[1, i] = tilts[1, i] + right * (measured[1, i] - tilts[1, i])
-    return after
+def _follow(
+    old: tuple[Place, Place],
+    new: tuple[Place, Place],
+    holds: tuple[Place, Place],
+    loads: Point,
+    swinging: int,
+    landed: int,
+    dt: float,
+    anchor: tuple[float, float, float, float],
+    slopes: Matrix,
+    tilts: Matrix,
+) -> tuple[Place, Place, Point]:
+    """``Soles.followed`` from the last and present poses of the soles; also moves ``tilts`` towards ``slopes`` (2, 2).
+
+    ``anchor`` is the least load [-], and the times in which position, slope, and slope after a landing follow [s].
+    """
+    least, anchor_time, slope_time, settle_time = anchor
+    x = y = total = 0.0
+    for foot in range(2):
+        load = loads[foot]
+        if foot != swinging and load >= least:
+            x, y = x + load * (new[foot][0] - old[foot][0]), y + load * (new[foot][1] - old[foot][1])
+            total += load
+    if total > 0.0:
+        x, y = x / total, y / total
+    share, after = min(dt / anchor_time, 1.0), np.empty((2, 4))
+    for foot in range(2):
+        hold, sole = holds[foot], new[foot]
+        at_x, at_y, yaw, z = hold[0] + x, hold[1] + y, hold[2], hold[3]
+        if foot != swinging and loads[foot] >= least:
+            at_x, at_y = at_x + share * (sole[0] - at_x), at_y + share * (sole[1] - at_y)
+            yaw, z = yaw + share * wrap(sole[2] - yaw), z + share * (sole[3] - z)
+            way = min(dt / (settle_time if foot == landed else slope_time), 1.0)
+            for i in range(2):
+                tilts[foot, i] += way * (slopes[foot, i] - tilts[foot, i])
+        after[foot, 0], after[foot, 1], after[foot, 2], after[foot, 3] = at_x, at_y, yaw, z
+    return (
+        (after[0, 0], after[0, 1], after[0, 2], after[0, 3]),
+        (after[1, 0], after[1, 1], after[1, 2], after[1, 3]),
+        (x, y),
+    )
 
 
 @njit(cache=True)

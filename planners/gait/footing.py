@@ -9,9 +9,12 @@ from msgspec import Struct
 from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
-from models.types import Matrix, Vector
+from models.types import Matrix
 from planners.gait.config import FootingConfig
 from planners.gait.contact import Measurement
+
+#: Columns of ``FootingState.soles``, the CoP being first
+_TURNED, _FALLEN, _RESTED, _BOUNDS = 2, 4, 6, 7
 
 
 class FootingLimits(NamedTuple):
@@ -38,14 +41,15 @@ class _Soles(NamedTuple):
 
 
 class FootingState(Struct, frozen=True):
-    """Rotation of the soles over edges; rectangles are x_min, x_max, y_min, y_max in the sole's frame."""
+    """Rotation of the soles over edges.
 
-    edges: Matrix  # CoP of each sole, held while it moves less than ``edge`` (2, 2) [m]
-    turned: Matrix  # recent rotation of each sole while its CoP rests there (2, 2) [rad]
-    fallen: Matrix  # rotation of each sole since it last lay still and whole (2, 2) [rad]
-    rested: Vector  # time for which each sole has lain still (2,) [s]
-    bounds: Matrix  # rectangle of each sole that bears (2, 4) [m]
-    areas: Matrix  # the same in steps of ``grain`` (2, 4) [m]
+    ``soles`` has a row for each foot (2, 11): its CoP, held while it moves less than ``edge`` (2) [m]; its recent
+    rotation while the CoP rests there, and that since it last lay still and whole (2 each) [rad]; the time for which it
+    has lain still [s]; and its rectangle that bears (4): x_min, x_max, y_min, y_max in the sole's frame [m].
+    """
+
+    soles: Matrix
+    areas: Matrix  # the rectangles in steps of ``grain`` (2, 4) [m]
 
 
 class Footing:
@@ -65,35 +69,25 @@ class Footing:
 
     def __init__(self, model: RobotModel, config: FootingConfig) -> None:
         self._whole = np.array([foot.rectangle for foot in model.feet])
-        self._soles = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
+        self._constants = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
 
-    def whole(self, edges: Matrix | None = None) -> FootingState:
-        """Both soles whole."""
-        still = np.zeros((2, 2))
-        edges = still if edges is None else edges
-        return FootingState(edges, still, still, np.zeros(2), self._whole, self._whole)
+    def whole(self, before: FootingState | None = None) -> FootingState:
+        """Both soles whole; they keep the CoP of ``before``."""
+        soles = np.zeros((2, _BOUNDS + 4))
+        soles[:, _BOUNDS:] = self._whole
+        if before is not None:
+            soles[:, :_TURNED] = before.soles[:, :_TURNED]
+        return FootingState(soles, self._whole)
 
     def update(
         self, footing: FootingState, measured: Measurement, swinging: int | None, dt: float, *, urgent: bool = False
     ) -> FootingState:
         """One tick; ``swinging`` (None in double support) lands on a whole sole, as do both while ``urgent``."""
         if urgent:
-            return self.whole(footing.edges)
-        return FootingState(
-            *_update(
-                -1 if swinging is None else swinging,
-                measured.loads,
-                dt,
-                measured.turning,
-                measured.cops,
-                self._soles,
-                footing.edges,
-                footing.turned,
-                footing.fallen,
-                footing.rested,
-                footing.bounds,
-            )
-        )
+            return self.whole(footing)
+        soles, areas, foot = footing.soles.copy(), np.empty((2, 4)), -1 if swinging is None else swinging
+        _update(foot, measured.loads, dt, measured.turning, measured.cops, self._constants, soles, areas)
+        return FootingState(soles, areas)
 
 
 @register_jitable
@@ -123,17 +117,14 @@ def _update(
     dt: float,
     turning: Matrix,
     cops: Matrix,
-    soles: Unboxed[_Soles],
-    edges: Matrix,
-    turned: Matrix,
-    fallen: Matrix,
-    rested: Vector,
-    bounds: Matrix,
-) -> tuple[Matrix, Matrix, Matrix, Vector, Matrix, Matrix]:
-    """The fields of ``FootingState`` after one tick; ``swinging`` is -1 in double support."""
-    whole, limits = soles.record
-    edges, turned, fallen, rested = edges.copy(), turned.copy(), fallen.copy(), rested.copy()
-    bounds, areas = bounds.copy(), np.empty((2, 4))
+    constants: Unboxed[_Soles],
+    soles: Matrix,
+    areas: Matrix,
+) -> None:
+    """``soles`` after one tick, in place, and ``areas``; ``swinging`` is -1 in double support."""
+    whole, limits = constants.record
+    edges, turned, fallen = soles[:, :_TURNED], soles[:, _TURNED:_FALLEN], soles[:, _FALLEN:_RESTED]
+    rested, bounds = soles[:, _RESTED], soles[:, _BOUNDS:]
     for foot in range(2):
         if foot == swinging:
             for i in range(4):
@@ -177,4 +168,3 @@ def _update(
         for i in range(4):
             bound = bounds[foot, i]
             areas[foot, i] = bound if bound == whole[foot, i] else np.rint(bound / limits.grain) * limits.grain
-    return edges, turned, fallen, rested, bounds, areas

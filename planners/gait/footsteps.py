@@ -19,6 +19,7 @@ LEFT, RIGHT = 0, 1
 Velocity = tuple[float, float, float]  #: Forward [m/s], left [m/s], turn [rad/s], in the body's frame
 Pose = tuple[float, float, float]  #: x, y in W [m], heading in W [rad]
 Point = tuple[float, float]  #: x, y [m]
+Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]
 
 
 class StepLimits(NamedTuple):
@@ -90,6 +91,11 @@ class Foothold(Struct, frozen=True):
     def pose(self) -> Pose:
         """x, y in W [m] and heading [rad]."""
         return self.x, self.y, self.yaw
+
+    @property
+    def place(self) -> Place:
+        """x, y in W [m], heading [rad] and height [m]."""
+        return self.x, self.y, self.yaw, self.z
 
     def moved(self, forward: float, left: float) -> Point:
         """A point given in this foothold's frame, in W [m]."""

@@ -9,13 +9,20 @@ from msgspec import structs
 
 from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.errors import CommandError
-from models.numerics.unboxed import unbox
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector
 from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import AirborneDetector, GaitMeasurement, Measurement, Soles, filtered_dcm_rate
+from planners.gait.contact import (
+    AirborneDetector,
+    BodyMotion,
+    GaitMeasurement,
+    Measurement,
+    Soles,
+    filtered_dcm_rate,
+)
 from planners.gait.dcm import DcmState
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
@@ -143,15 +150,18 @@ class GaitPlanner:
             raise CommandError("footsteps refused: they start from a standing robot, and it is walking; stop it")
         self.state.command = self._commands.take_steps(self.state.command, steps, self.footholds)
 
-    def step(self, state: RobotState, dt: float, rest: Rest | None = None) -> Reference:
+    def step(
+        self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
+    ) -> Reference:
         """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
 
         ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None. While it
-        stands still, the reference is that of ``rest`` on the part of the soles that bears load.
+        stands still, the reference is that of ``rest`` on the part of the soles that bears load. ``motion`` is computed
+        from ``state`` when None.
         """
         gait = self.state
         before = gait.measured
-        gait.measured = measured = self._sensors.measure(state, before)
+        gait.measured = measured = self._sensors.measure(state, before, motion)
         share = min(dt / self.config.push_filter, 1.0)
         states = before.com, before.com_velocity, measured.com, measured.com_velocity
         gait.dcm_rate = filtered_dcm_rate(gait.dcm_rate, *states, self._omega(), dt, share)
@@ -191,9 +201,8 @@ class GaitPlanner:
         """Move the whole plan with the loaded soles: their estimated pose in W drifts."""
         gait, measured = self.state, self.state.measured
         landed = gait.stance if gait.phase is GaitPhase.DOUBLE else None
-        x, y = drift = self._soles.drift(gait.soles, measured, swinging)
-        shift = np.array(drift)
-        gait.soles = self._soles.followed(gait.soles, measured, drift, swinging, landed, dt)
+        gait.soles, (x, y) = self._soles.followed(gait.soles, measured, swinging, landed, dt)
+        shift = np.array((x, y))
         gait.dcm = gait.dcm.shifted(shift)
         if swinging is None:  # the next lift-off sets them
             return
@@ -379,7 +388,7 @@ class GaitPlanner:
             measured=measured,
             dcm_rate=np.zeros(2),
             soles=soles,
-            footing=self._footing.whole(before.footing.edges),
+            footing=self._footing.whole(before.footing),
             step=structs.replace(before.step, urgent=False),
             dcm=DcmState.at_rest(measured.com[:2], before.dcm.old),
             body=BodyState(float(measured.com[2]) - soles.ground()),
