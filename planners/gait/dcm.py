@@ -19,10 +19,14 @@ import numpy as np
 from msgspec import Struct, structs
 
 from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
-from planners.gait.reaction import LegLever, swing_slope, whole_swing
+from planners.gait.reaction import LegLever, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
 from planners.gait.swing import SwingShape
+
+#: Motion of the swing foot (3, 4), its height at lift-off [m], duration of the swing [s], and target in W [m]
+Swing = tuple[Matrix, float, float, Point]
 
 
 class StepModel(NamedTuple):
@@ -103,33 +107,57 @@ def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Po
     return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.shape, step.lever)
 
 
-@njit(cache=True)
-def single_support(
-    point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector
-) -> tuple[Vector, Vector]:
-    """DCM and its rate, both (2,), in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
+@register_jitable
+def pendulum(point: Vector, end: Vector, omega: float, left: float, rest: Point, offset: Point, out: Matrix) -> None:
+    """DCM and its rate (2, 2), in single support, ``left`` [s] before the touchdown with the DCM ``end`` (2,) [m].
 
-    ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up (2,)
-    [m] (``reaction.py``), ``offset`` is CMP minus CoP now (2,) [m].
+    ``point`` is the ZMP point of the stance foot (2,) [m]; ``rest`` is the DCM that the rest of the swing uses up [m]
+    (``reaction.py``), ``offset`` is CMP minus CoP now [m].
     """
-    dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * left)
+    decay = math.exp(-omega * left)
     for i in range(2):
-        dcm[i] = point[i] + decay * (end[i] - point[i]) + rest[i]
-        rate[i] = omega * (dcm[i] - point[i] - offset[i])
-    return dcm, rate
+        out[0, i] = point[i] + decay * (end[i] - point[i]) + rest[i]
+        out[1, i] = omega * (out[0, i] - point[i] - offset[i])
+
+
+@njit(cache=True)
+def _single_support(
+    point: Vector,
+    end: Vector,
+    omega: float,
+    left: float,
+    swing: Swing,
+    body: tuple[Vector, Vector],
+    leg: Unboxed[SwingLeg],
+    out: Matrix,
+) -> None:
+    """DCM, its rate, and present CMP minus CoP (3, 2): ``DcmState.in_single``."""
+    (shape, lever), (motion, floor, duration, target), (com, velocity) = leg.record, swing, body
+    rest = rest_of_swing(omega, left, motion, floor, duration, target, com, velocity, shape, lever)
+    offset = cmp_offset(motion, com, velocity, lever)
+    pendulum(point, end, omega, max(left, 0.0), rest, offset, out)
+    out[2, 0], out[2, 1] = offset
 
 
 @njit(cache=True)
 def double_support(
     old: Vector, new: Vector, end: Vector, omega: float, elapsed: float, duration: float
 ) -> tuple[Vector, Vector]:
-    """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the DCM then."""
+    """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the DCM then.
+
+    Before that, ``elapsed`` is negative, and the pendulum turns on about ``old``.
+    """
+    early, elapsed = min(elapsed, 0.0), max(elapsed, 0.0)
     dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * (duration - elapsed))
     for i in range(2):
         speed = (new[i] - old[i]) / duration
         zmp, slope = old[i] + speed * elapsed, speed / omega
         dcm[i] = zmp + slope + decay * (end[i] - new[i] - slope)
         rate[i] = omega * (dcm[i] - zmp)
+    if early < 0.0:
+        out = np.empty((2, 2))
+        pendulum(old, dcm, omega, -early, (0.0, 0.0), (0.0, 0.0), out)
+        return out[0], out[1]
     return dcm, rate
 
 
@@ -183,11 +211,22 @@ class DcmState(Struct, frozen=True):
         return DcmState(dcm, now, self.start, self.old)
 
     def in_single(
-        self, point: Vector, end: Vector, omega: float, left: float, rest: Vector, offset: Vector
-    ) -> DcmState:
-        """Single support; arguments as for ``single_support``."""
-        dcm, rate = single_support(point, end, omega, max(left, 0.0), rest, offset)
-        return DcmState(dcm, rate, self.start, point)
+        self,
+        point: Vector,
+        end: Vector,
+        omega: float,
+        left: float,
+        swing: Swing,
+        body: tuple[Vector, Vector],
+        leg: Unboxed[SwingLeg],
+    ) -> tuple[DcmState, Vector]:
+        """Single support, ``left`` [s] before the touchdown with the DCM ``end``; also present CMP minus CoP (2,) [m].
+
+        ``point`` is the ZMP point of the stance foot (2,) [m], ``body`` are the CoM and its velocity.
+        """
+        out = np.empty((3, 2))
+        _single_support(point, end, omega, left, swing, body, leg, out)
+        return DcmState(out[0], out[1], self.start, point), out[2]
 
     def in_double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
         """Double support from the last stance foot to the new one; see ``double_support``.
@@ -195,7 +234,5 @@ class DcmState(Struct, frozen=True):
         ``elapsed`` counts from the planned touchdown [s]. It is negative after an early one: the pendulum then runs on
         as in single support, to its state at the planned touchdown.
         """
-        dcm, rate = double_support(self.old, new, end, omega, max(elapsed, 0.0), duration)
-        if elapsed < 0.0:
-            dcm, rate = single_support(self.old, dcm, omega, -elapsed, np.zeros(2), np.zeros(2))
+        dcm, rate = double_support(self.old, new, end, omega, elapsed, duration)
         return DcmState(dcm, rate, self.start, self.old)

@@ -26,7 +26,7 @@ from planners.gait.contact import (
 from planners.gait.dcm import DcmState
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
-from planners.gait.reaction import SwingLeg, leg_lever, swing_reaction
+from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Footstep, Route
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
@@ -190,7 +190,7 @@ class GaitPlanner:
         if gait.phase is not GaitPhase.SINGLE:
             cmp_offset = None
         elif cmp_offset is None:  # the foot has just lifted
-            _, cmp_offset = self._reaction()
+            _, cmp_offset = self._single_support()
         gait.footing = self._footing.update(gait.footing, measured, swinging, dt, urgent=gait.step.urgent)
         loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
@@ -269,21 +269,18 @@ class GaitPlanner:
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, gait.step.time - lead, dt)
-        rest, cmp_offset = self._reaction()
-        gait.dcm = gait.dcm.in_single(
-            self._stance_point(), gait.step.touchdown, self._omega(), gait.step.time - elapsed, rest, cmp_offset
-        )
+        gait.dcm, cmp_offset = self._single_support()
         if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
             self._land(foot)
         return cmp_offset
 
-    def _reaction(self) -> tuple[Vector, Vector]:
-        """DCM shift by the rest of the swing, and present CMP minus CoP; both (2,) [m]."""
-        gait = self.state
-        target, measured = gait.soles.holds[1 - gait.stance], gait.measured
-        left = gait.step.time - gait.elapsed
-        com, velocity = measured.com, measured.com_velocity
-        return swing_reaction(self._omega(), left, gait.swing, (target.x, target.y), com, velocity, self._leg)
+    def _single_support(self) -> tuple[DcmState, Vector]:
+        """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m]."""
+        gait, measured = self.state, self.state.measured
+        target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
+        swing = gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y)
+        end, body = gait.step.touchdown, (measured.com, measured.com_velocity)
+        return gait.dcm.in_single(self._stance_point(), end, self._omega(), left, swing, body, self._leg)
 
     def _stance_point(self) -> Vector:
         """ZMP point of the stance foot (2,) [m]."""

@@ -30,14 +30,13 @@ import pinocchio as pin
 
 from models.constants import GRAVITY
 from models.errors import RobotModelError
-from models.numerics.compiled import njit, register_jitable
-from models.numerics.unboxed import Unboxed
+from models.numerics.compiled import register_jitable
 from models.robot_model import Foot, RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import leg_length
 from planners.gait.footsteps import Point
-from planners.gait.swing import YAW, SwingShape, SwingState, Z
+from planners.gait.swing import YAW, SwingShape, Z
 
 # Gauss-Legendre on [0, 1]
 _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
@@ -156,21 +155,15 @@ def rest_of_swing(
 
 
 class SwingLeg(NamedTuple):
-    """Constants of ``swing_reaction``."""
+    """Constants of the swing's reaction."""
 
     shape: SwingShape
     lever: LegLever
 
 
-@njit(cache=True)
-def _rest_and_offset(
-    omega: float, left: float, motion: Matrix, floor: float, duration: float, target: Point, com: Vector,
-    com_velocity: Vector, leg: Unboxed[SwingLeg],
-) -> tuple[Vector, Vector]:  # fmt: skip
-    """``rest_of_swing``, and CMP minus CoP at this moment of the swing; in W, both (2,) [m]."""
-    shape, lever = leg.record
-    rest, offset = np.empty(2), np.empty(2)
-    rest[0], rest[1] = rest_of_swing(omega, left, motion, floor, duration, target, com, com_velocity, shape, lever)
+@register_jitable
+def cmp_offset(motion: Matrix, com: Vector, com_velocity: Vector, lever: LegLever) -> Point:
+    """CMP minus CoP at this moment of the swing, in W [m]; arguments as for ``rest_of_swing``."""
     place, velocity, acceleration = motion[0], motion[1], motion[2]
     c, s = math.cos(place[YAW]), math.sin(place[YAW])
     ax, ay = acceleration[0], acceleration[1]
@@ -178,30 +171,13 @@ def _rest_and_offset(
     v = c * (velocity[0] - com_velocity[0]) + s * (velocity[1] - com_velocity[1])
     along = (lever.lever + lever.slope * x) * (c * ax + s * ay) + lever.slope * v * v + lever.lift * acceleration[Z]
     across = lever.side * (c * ay - s * ax)
-    offset[0], offset[1] = s * across - c * along, -s * along - c * across
-    return rest, offset
+    return s * across - c * along, -s * along - c * across
 
 
 @register_jitable
 def swing_slope(omega: float, duration: float, lever: LegLever) -> float:
     """Approximate change of ``d`` at lift-off per change of the swing's way [-]; arguments as for ``whole_swing``."""
     return -lever.lever * omega * omega * math.exp(-0.5 * omega * duration)
-
-
-def swing_reaction(
-    omega: float,
-    left: float,
-    swing: SwingState,
-    target: Point,
-    com: Vector,
-    com_velocity: Vector,
-    leg: Unboxed[SwingLeg],
-) -> tuple[Vector, Vector]:
-    """DCM that the rest of the swing uses up, and CMP minus CoP now, in W, both (2,) [m]; see ``rest_of_swing``."""
-    rest, offset = _rest_and_offset(
-        omega, left, swing.motion, swing.floor, swing.duration, target, com, com_velocity, leg
-    )
-    return rest, offset
 
 
 def leg_lever(model: RobotModel) -> LegLever:

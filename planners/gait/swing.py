@@ -9,9 +9,11 @@ import numpy as np
 from msgspec import Struct, structs
 
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
+from planners.gait.footsteps import Point
 
 X, Y, Z, YAW = range(4)
 
@@ -25,6 +27,20 @@ class SwingShape(NamedTuple):
     freeze: float
 
 
+class SwingLimits(NamedTuple):
+    """Constants of ``SwingFoot``; behind the shape, fields of ``SwingConfig``."""
+
+    shape: SwingShape
+    late_velocity: float
+    late_time: float
+    depth_max: float
+    tilt_time: float
+    trip_lag: float
+    trip_speed: float
+    trip_filter: float
+    trip_time: float
+
+
 class SwingState(Struct, frozen=True):
     """Reference of the swing foot at one tick."""
 
@@ -34,8 +50,8 @@ class SwingState(Struct, frozen=True):
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
     trips: int = 0  # detected so far
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
-    place: tuple[float, float] | None = None  # measured at the last tick, in W [m]; None at lift-off
-    speed: tuple[float, float] = (0.0, 0.0)  # measured velocity, filtered [m/s]
+    place: Point | None = None  # measured at the last tick, in W [m]; None at lift-off
+    speed: Point = (0.0, 0.0)  # measured velocity, filtered [m/s]
 
     @property
     def position(self) -> Vector:
@@ -74,8 +90,9 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self._config = config
         self.shape = SwingShape(config.apex, config.clearance, config.landing_velocity, config.freeze)
+        others = (getattr(config, name) for name in SwingLimits._fields[1:])
+        self._limits = unbox(SwingLimits(self.shape, *others))
 
     def lift(self, pose: Vector, duration: float, tilt: Vector, trips: int = 0) -> SwingState:
         """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s], on a slope (2,) [-]."""
@@ -87,78 +104,89 @@ class SwingFoot:
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
     ) -> SwingState:
         """Return to the measured place x, y of the sole in W [m] when the foot has tripped; times in [s]."""
-        config, (last_x, last_y) = self._config, swing.place or (x, y)
-        share = min(dt / config.trip_filter, 1.0)
-        vx, vy = swing.speed
-        vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
-        motion, trips, rising_until = swing.motion, swing.trips, swing.rising_until
-        (at_x, at_y, _, _), (ref_vx, ref_vy, _, _), _ = motion.tolist()
-        stuck = vx * ref_vx + vy * ref_vy < config.trip_speed * (ref_vx * ref_vx + ref_vy * ref_vy)
-        lag = math.hypot(at_x - x, at_y - y)
-        if lag >= config.trip_lag and stuck and elapsed >= rising_until:
-            trips += 1
-            motion = motion.copy()
-            motion[0, :2] = x, y
-            motion[1:, :2] = 0.0
-            if elapsed < config.apex * duration:
-                rising_until = elapsed + config.trip_time
-        return SwingState(motion, swing.floor, swing.duration, swing.tilt, trips, rising_until, (x, y), (vx, vy))
+        motion = swing.motion.copy()
+        watched = (x, y), swing.place or (x, y), swing.speed, swing.rising_until
+        tripped, rising_until, speed = _return_tripped(self._limits, motion, watched, elapsed, duration, dt)
+        trips = swing.trips + tripped
+        return SwingState(motion, swing.floor, swing.duration, swing.tilt, trips, rising_until, (x, y), speed)
 
     def step(
         self, swing: SwingState, target: Vector, slope: Vector, elapsed: float, duration: float, dt: float
     ) -> SwingState:
         """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s]."""
-        config = self._config
-        tilt = swing.tilt + min(dt / config.tilt_time, 1.0) * (slope - swing.tilt)
-        left = duration - elapsed + dt
-        if left < dt:
-            motion = self._late(swing.motion, target, dt)
-        else:
-            rising = elapsed < swing.rising_until
-            apex = max(config.apex * duration, swing.rising_until) - (elapsed - dt)
-            end, final, height_left = float(target[Z]), -config.landing_velocity, left
-            if apex > config.freeze or rising:
-                end, final, height_left = max(swing.floor, end) + config.clearance, 0.0, max(apex, config.freeze)
-            # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
-            steady = max(left, config.freeze)
-            motion = _advance(swing.motion, target, rising, steady, end, final, height_left, dt)
-        return SwingState(
-            motion, swing.floor, duration, tilt, swing.trips, swing.rising_until, swing.place, swing.speed
-        )
+        motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
+        _advance(self._limits, motion, tilt, target, slope, swing.floor, rising_until, elapsed, duration, dt)
+        return SwingState(motion, swing.floor, duration, tilt, swing.trips, rising_until, swing.place, swing.speed)
 
-    def _late(self, motion: Matrix, target: Vector, dt: float) -> Matrix:
-        config, position = self._config, motion[0].copy()
-        late = np.zeros((3, 4))
-        late[1, :2] = (target[:2] - position[:2]) / config.late_time
-        position[:2] += dt * late[1, :2]
-        if position[Z] > target[Z] - config.depth_max:
-            late[1, Z] = -config.late_velocity
-            position[Z] += dt * late[1, Z]
-        late[0] = position
-        return late
+
+@njit(cache=True)
+def _return_tripped(
+    swing: Unboxed[SwingLimits],
+    motion: Matrix,
+    watched: tuple[Point, Point, Point, float],
+    elapsed: float,
+    duration: float,
+    dt: float,
+) -> tuple[bool, float, Point]:
+    """Return the motion (3, 4) to the measured place when the foot has tripped.
+
+    ``watched`` are the sole's place and that of the last tick [m], its speed [m/s], and ``rising_until`` [s]. Returns
+    whether the foot has tripped, ``rising_until`` and the speed.
+    """
+    limits, ((x, y), (last_x, last_y), (vx, vy), rising_until) = swing.record, watched
+    share = min(dt / limits.trip_filter, 1.0)
+    vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
+    planned_x, planned_y = motion[1, X], motion[1, Y]
+    speed_min = limits.trip_speed * (planned_x * planned_x + planned_y * planned_y)
+    stuck = vx * planned_x + vy * planned_y < speed_min
+    lag = math.hypot(motion[0, X] - x, motion[0, Y] - y)
+    tripped = lag >= limits.trip_lag and stuck and elapsed >= rising_until
+    if tripped:
+        motion[0, X], motion[0, Y] = x, y
+        motion[1:, :Z] = 0.0
+        if elapsed < limits.shape.apex * duration:
+            rising_until = elapsed + limits.trip_time
+    return tripped, rising_until, (vx, vy)
 
 
 @njit(cache=True)
 def _advance(
+    swing: Unboxed[SwingLimits],
     motion: Matrix,
+    tilt: Vector,
     target: Vector,
-    rising: bool,
-    left: float,
-    height: float,
-    sinking: float,
-    height_left: float,
+    slope: Vector,
+    floor: float,
+    rising_until: float,
+    elapsed: float,
+    duration: float,
     dt: float,
-) -> Matrix:
-    """Each coordinate of the motion (3, 4) on its quintic to the target pose (4,), ``left`` [s] ahead.
-
-    While ``rising``, x and y stay. The height reaches ``height`` [m] after ``height_left`` [s], with the vertical
-    velocity ``sinking`` [m/s].
-    """
-    after = motion.copy()
+) -> None:
+    """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``."""
+    limits = swing.record
+    shape, share = limits.shape, min(dt / limits.tilt_time, 1.0)
+    for i in range(2):
+        tilt[i] += share * (slope[i] - tilt[i])
+    left = duration - elapsed + dt
+    if left < dt:
+        for i in range(2):
+            rate = (target[i] - motion[0, i]) / limits.late_time
+            motion[0, i], motion[1, i] = motion[0, i] + dt * rate, rate
+        sinking = motion[0, Z] > target[Z] - limits.depth_max
+        motion[1, Z], motion[1, YAW] = -limits.late_velocity if sinking else 0.0, 0.0
+        motion[0, Z] += dt * motion[1, Z]
+        motion[2] = 0.0
+        return
+    rising = elapsed < rising_until
+    apex = max(shape.apex * duration, rising_until) - (elapsed - dt)
+    height, sink, height_left = target[Z], -shape.landing_velocity, left
+    if apex > shape.freeze or rising:
+        height, sink, height_left = max(floor, height) + shape.clearance, 0.0, max(apex, shape.freeze)
+    # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
+    steady = max(left, shape.freeze)
     for i in range(4):
         if rising and i < Z:
             continue
-        end = (height, sinking, 0.0) if i == Z else (target[i], 0.0, 0.0)
-        time = height_left if i == Z else left
-        after[0, i], after[1, i], after[2, i] = quintic_step(motion[0, i], motion[1, i], motion[2, i], end, time, dt)
-    return after
+        end = (height, sink, 0.0) if i == Z else (target[i], 0.0, 0.0)
+        time = height_left if i == Z else steady
+        motion[0, i], motion[1, i], motion[2, i] = quintic_step(motion[0, i], motion[1, i], motion[2, i], end, time, dt)

@@ -13,7 +13,9 @@ POINTS = [np.array(p) for p in ([0.0, -0.1], [0.15, 0.1], [0.3, -0.1], [0.42, 0.
 
 def in_single(point: np.ndarray, end: np.ndarray, omega: float, left: float) -> tuple[np.ndarray, np.ndarray]:
     """A single support without reaction of the swing leg and with the CMP in the CoP."""
-    return dcm.single_support(point, end, omega, left, np.zeros(2), np.zeros(2))
+    out = np.empty((2, 2))
+    dcm.pendulum(point, end, omega, left, (0.0, 0.0), (0.0, 0.0), out)
+    return out[0], out[1]
 
 
 def integrate(start: np.ndarray, old: np.ndarray, new: np.ndarray, steps: int = 20000) -> np.ndarray:

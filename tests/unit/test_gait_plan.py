@@ -14,7 +14,7 @@ from planners.gait.commands import CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import GaitMeasurement, Measurement, Soles
 from planners.gait.footsteps import Foothold, limits_of, preview_footholds
-from planners.gait.reaction import SwingLeg, leg_lever, swing_reaction, whole_swing
+from planners.gait.reaction import SwingLeg, leg_lever, whole_swing
 from planners.gait.route import Route, plan_to_pose, route_of
 from planners.gait.swing import SwingFoot
 from tests.support import standing
@@ -108,14 +108,15 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     swing = planned.swing.lift(pose, single, np.zeros(2))
     nominal, offset = planned.plan.nominal(walk)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
-    start = dcm.single_support(point, landing + offset, OMEGA, single, np.zeros(2), np.zeros(2))[0]
+    start, leg = landing + offset, unbox(SwingLeg(planned.swing.shape, planned.lever))
+    moving, still = (
+        (swing.motion, swing.floor, swing.duration, (nominal.x, nominal.y)),
+        dcm.DcmState.at_rest(np.zeros(2)),
+    )
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
-        target = (nominal.x, nominal.y)
-        rest, _ = swing_reaction(
-            OMEGA, single, swing, target, at.com, at.com_velocity, unbox(SwingLeg(planned.swing.shape, planned.lever))
-        )
-        start = dcm.single_support(point, landing + offset, OMEGA, single, np.zeros(2), np.zeros(2))[0] + rest
+        body = at.com, at.com_velocity
+        start = still.in_single(point, landing + offset, OMEGA, single, moving, body, leg)[0].dcm
     step, time, end, solved = planned.plan.adjust(walk, planned.with_dcm(start), 0.0, single, nominal, swing)
     assert solved
     assert (step.x, step.y, step.yaw, step.z) == pytest.approx((nominal.x, nominal.y, nominal.yaw, nominal.z), abs=1e-6)
