@@ -470,5 +470,6 @@ class GaitPlanner:
         self.state.command = self._commands.set_velocity(CommandState(), velocity)
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
+        self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # the first step was urgent
         at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # after an early touchdown
         return at_rest
