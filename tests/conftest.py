@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Iterator
 from functools import cache
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from models.robot_model import RobotModel
 
 use_one_thread()
+gc.disable()  # until all tests are collected
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,6 +28,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Workers of pytest-xdist take whole files, for their fixtures."""
     for item in items:
         item.add_marker(pytest.mark.xdist_group(item.path.name))
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: to search it for garbage again and again would take a tenth of the time."""
+    gc.freeze()
+    gc.enable()
 
 
 @cache
