@@ -1,4 +1,4 @@
-"""Cases measured by dask.distributed: a cluster of this machine, or the workers of a scheduler on any machines.
+"""Cases measured by dask.distributed: the workers of a scheduler, on any machines.
 
 A worker that dies is restarted by its nanny, and the scheduler gives its case to another; each case is taken once. A
 scheduler that dies ends the sweep.
@@ -8,19 +8,17 @@ scheduler that dies ends the sweep.
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
-from distributed import Client, Future, LocalCluster, Security, as_completed
+from distributed import Client, Future, Security, as_completed
 from distributed.core import rpc
 from distributed.scheduler import KilledWorker
 
 from benchmarks.core.executors import Case, Done, Executor
 from benchmarks.core.provenance import source_state, versions
 from models.errors import PoiseError, WorkersError
-from models.numerics.threads import use_one_thread
 
 AHEAD = 4  # cases queued at the scheduler for each core, so that no worker waits
 AT_LEAST = 64  # least number of queued cases: workers may join at any time
@@ -47,44 +45,28 @@ def _sent() -> Callable[..., Done]:
 
 
 class DaskWorkers(Executor):
-    """Workers of ``scheduler``, or ``workers`` processes of one thread on the loopback interface of this machine."""
+    """Workers of a ``scheduler``; they stay when the sweep has ended."""
 
-    def __init__(self, *, workers: int = 0, scheduler: str = "") -> None:
-        self._workers, self._address = workers, scheduler
-        self._cluster: LocalCluster | None = None
+    def __init__(self, scheduler: str) -> None:
+        self._address, self._name = scheduler, f"--scheduler {scheduler}"
         self._client: Client | None = None
 
     def stop_workers(self) -> None:
-        for part in (self._client, self._cluster):
-            if part is not None:
-                part.close()
-        self._client = self._cluster = None
+        if self._client is not None:
+            self._client.close()
+            self._client = None
 
     def client(self) -> Client:
         """The connection, made by the first call; ``WorkersError`` when the scheduler does not answer."""
         if self._client is not None:
             return self._client
-        use_one_thread()  # for the workers, which inherit it
-        if not self._address:
-            self._cluster = LocalCluster(
-                n_workers=self._workers,
-                threads_per_worker=1,
-                memory_limit=None,
-                dashboard_address=None,
-                silence_logs=logging.CRITICAL,
-            )
-        try:
-            if self._address:  # the client itself would wait for ever for the words of who is no scheduler
-                asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
-            self._client = Client(self._cluster or self._address, timeout=CONNECT_TIME)
+        try:  # the client itself would wait for ever for the words of who is no scheduler
+            asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
+            self._client = Client(self._address, timeout=CONNECT_TIME)
         except Exception as error:  # whoever is there may answer anything
             why = str(error) or f"silent for {CONNECT_TIME:g} s"
             raise WorkersError(f"{self._name}: no answer of a scheduler: {why}") from error
         return self._client
-
-    @property
-    def _name(self) -> str:
-        return f"--scheduler {self._address}" if self._address else f"--workers {self._workers}"
 
     def run(self, measure: Callable[..., Case], cases: Sequence[Case]) -> Iterator[tuple[int, Done]]:
         """See ``Executor``; ``WorkersError`` without usable workers, ``PoiseError`` when a case has killed several."""
@@ -139,8 +121,8 @@ class DaskWorkers(Executor):
 
     def _refuse_to_wait(self, alone: float) -> None:
         if alone > ALONE_TIME:
-            start = f"; start some: dask worker {self._address} --nworkers 2 --nthreads 1" if self._address else ""
-            raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s{start}")
+            start = f"start some: dask worker {self._address} --nworkers 2 --nthreads 1"
+            raise WorkersError(f"{self._name}: no worker for {ALONE_TIME:.0f} s; {start}")
 
     def _taken(self, done: object) -> Done:
         """What came of a case: the outcome, or (type, error, traceback), or that the connection was lost meanwhile."""

@@ -134,17 +134,12 @@ class ProcessPool(Executor):
                     raise PoiseError(f"worker processes died {deaths} times in a row, {len(left)} cases are left")
 
 
-def worker_processes(workers: int = 0, scheduler: str = "") -> Executor:
-    """Measures in other processes of this machine or of a ``scheduler``: by dask where installed, else by a pool."""
-    if find_spec("distributed") is not None:
-        from benchmarks.core.dask_executor import DaskWorkers
-
-        return DaskWorkers(workers=workers, scheduler=scheduler)
-    if scheduler:
-        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
-    return ProcessPool(workers)
-
-
 def make_executor(workers: int, scheduler: str = "") -> Executor:
     """Measures on a dask scheduler, or this machine; with one worker, in this process. ``PoiseError`` without dask."""
-    return InProcess() if workers <= 1 and not scheduler else worker_processes(workers, scheduler)
+    if not scheduler:
+        return InProcess() if workers <= 1 else ProcessPool(workers)
+    if find_spec("distributed") is None:
+        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
+    from benchmarks.core.dask_executor import DaskWorkers
+
+    return DaskWorkers(scheduler)

@@ -14,7 +14,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import Benchmark, saved, settings
-from benchmarks.core.executors import worker_processes
+from benchmarks.core.executors import ProcessPool
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, Sweep, run_cases
 from benchmarks.core.results import worded
 from benchmarks.stability.terrain import walk
@@ -54,7 +54,7 @@ def measure(robot: str, seed: int, scenario: str) -> Case:
 
 def _round(options: Options, inputs: list[Case], workers: int) -> list[Case]:
     """Every case over so many workers, with the ``wall`` time of all of them [s]."""
-    with worker_processes(workers) as executor:
+    with ProcessPool(workers) as executor:
         given = replace(options, sweep=Sweep(executor))
         first = [{"robot": options.robot, "seed": seed} for seed in range(workers)]
         run_cases(warm_up, first, bench="scaling, warm-up", options=given)

@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Thread
 from threading import enumerate as enumerate_threads
@@ -22,16 +22,15 @@ from tests.sweep_cases import deadly, refused, slow_square, square
 CASES = 8
 
 
-def dask_workers() -> Executor:
-    pytest.importorskip("distributed")
-    return make_executor(2)
-
-
-@pytest.fixture(params=[lambda: ProcessPool(2), dask_workers], ids=["pool", "dask"])
-def make(request: pytest.FixtureRequest) -> Callable[[], Executor]:
+@pytest.fixture(params=["pool", "dask"])
+def make(request: pytest.FixtureRequest) -> Iterator[Callable[[], Executor]]:
     """Both kinds of workers."""
-    made: Callable[[], Executor] = request.param
-    return made
+    if request.param == "pool":
+        yield lambda: make_executor(2)
+        return
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=None, dashboard_address=None) as made:
+        yield lambda: make_executor(2, made.scheduler_address)
 
 
 def kill_first(folder: Path) -> None:
@@ -65,12 +64,10 @@ def test_a_worker_that_is_killed_loses_and_repeats_no_case(make: Callable[[], Ex
     assert len({line["key"] for line in lines}) == CASES + 1
 
 
-def test_workers_are_other_processes_on_one_thread_and_go(
-    make: Callable[[], Executor], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_are_other_processes_on_one_thread_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in THREAD_VARIABLES:
         monkeypatch.delenv(name, raising=False)
-    with make() as executor:
+    with make_executor(2) as executor:
         cases = [{"seed": seed} for seed in range(4)]
         results = run_cases(square, cases, bench="squares", options=Options(sweep=Sweep(executor)))
     pids = {case["pid"] for case in results}
@@ -82,8 +79,8 @@ def test_workers_are_other_processes_on_one_thread_and_go(
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
-def test_workers_rest_while_something_is_timed(make: Callable[[], Executor]) -> None:
-    with make() as executor:
+def test_workers_rest_while_something_is_timed() -> None:
+    with make_executor(2) as executor:
         options = Options(sweep=Sweep(executor))
         (first,) = run_cases(square, [{"seed": 1}], bench="squares", options=options)
         threads = {thread.name for thread in enumerate_threads()}
@@ -115,7 +112,7 @@ def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
     assert not read_lines(tmp_path / "cases.jsonl")
 
 
-def test_without_dask_a_pool_measures_and_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executors, "find_spec", lambda name: None)
     assert isinstance(make_executor(2), ProcessPool)
     assert isinstance(make_executor(1), InProcess)
