@@ -64,37 +64,35 @@ class Trials:
             trials += [self._try("squat", self._squat), self._try("wave", self._wave), self._try("walk", self._walk)]
         return trials
 
-    def _try(self, name: str, trial: Callable[[ClosedLoop], Trial]) -> Trial:
+    def _try(self, name: str, trial: Callable[[ClosedLoop], tuple[bool, str]]) -> Trial:
         try:
             if self._loop is None or self._loop.mode is not Mode.STAND or self._loop.fallen:
                 self._loop = ClosedLoop(self._model, seed=self._seed)
-            return trial(self._loop)
+            return Trial(name, *trial(self._loop))
         except PoiseError as error:
             return Trial(name, False, str(error))
 
-    def _stand(self, loop: ClosedLoop) -> Trial:
+    def _stand(self, loop: ClosedLoop) -> tuple[bool, str]:
         start = loop.plant.com.copy()
         loop.run(self._config.stand_time)
         drift = float(np.linalg.norm((loop.plant.com - start)[:2]))
         if not self._standing(loop) or drift > self._config.drift_max:
-            return Trial("stand", False, self._why(loop, f"the CoM moved by {1e3 * drift:.1f} mm"))
+            return False, self._why(loop, f"the CoM moved by {1e3 * drift:.1f} mm")
         text = (
             f"{self._config.stand_time:g} s: CoM drift {1e3 * drift:.1f} mm, slip {1e3 * loop.foot_slip.max():.2f} mm"
         )
-        return Trial("stand", True, f"{text}, {self._effort(loop, 0)}")
+        return True, f"{text}, {self._effort(loop, 0)}"
 
-    def _squat(self, loop: ClosedLoop) -> Trial:
+    def _squat(self, loop: ClosedLoop) -> tuple[bool, str]:
         start, first = float(loop.truth.q[2]), len(loop.log)
-        if refusal := self._motion(loop, "squat"):
-            return Trial("squat", False, refusal)
+        self._move(loop, "squat")
         sunk = start - float(loop.log.true_q[first:, 2].min())
         text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop, first)}"
-        return Trial("squat", self._standing(loop) and sunk > self._config.squat_min * self._height, text)
+        return sunk > self._config.squat_min * self._height, text
 
-    def _wave(self, loop: ClosedLoop) -> Trial:
+    def _wave(self, loop: ClosedLoop) -> tuple[bool, str]:
         first = len(loop.log)
-        if refusal := self._motion(loop, "wave"):
-            return Trial("wave", False, refusal)
+        self._move(loop, "wave")
         hand = self._model.frame_id("r_wrist")
         heights = []
         for q in loop.log.true_q[first::10]:
@@ -102,23 +100,20 @@ class Trials:
             heights.append(float(self._data.oMf[hand].translation[2]))
         raised = max(heights) - heights[0]
         text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop, first)}"
-        return Trial("wave", self._standing(loop) and raised > self._config.hand_min * self._height, text)
+        return raised > self._config.hand_min * self._height, text
 
-    def _motion(self, loop: ClosedLoop, name: str) -> str:
-        """Play a motion; returns why it did not end, or an empty text."""
-        reply = loop.command(name)
-        if not reply.accepted:
-            return reply.reason
+    def _move(self, loop: ClosedLoop, name: str) -> None:
+        """Play a motion; ``PoiseError`` with the reason when it does not end with a standing robot."""
+        self._say(loop, name)
         if not loop.wait_motion():
-            return self._why(loop, "it did not come to its end")
+            raise PoiseError(self._why(loop, "it did not come to its end"))
         loop.run(self._config.pause)
-        return "" if self._standing(loop) else self._why(loop, "it fell afterwards")
+        if not self._standing(loop):
+            raise PoiseError(self._why(loop, "it fell afterwards"))
 
-    def _walk(self, loop: ClosedLoop) -> Trial:
+    def _walk(self, loop: ClosedLoop) -> tuple[bool, str]:
         start, first = loop.truth.q[:2].copy(), len(loop.log)
-        reply = loop.command("walk")
-        if not reply.accepted:
-            return Trial("walk", False, reply.reason)
+        self._say(loop, "walk")
         speed = self._config.walk_speed * loop.gait.config.velocity.forward
         loop.set_velocity(speed, 0.0, 0.0)
         loop.run(self._config.walk_time)
@@ -127,11 +122,14 @@ class Trials:
             loop.run(self._config.stop_time)
         way = float(np.linalg.norm(loop.truth.q[:2] - start))
         if not self._standing(loop) or way < self._config.stride_min * self._height:
-            return Trial("walk", False, self._why(loop, f"it got {way:.2f} m far"))
+            return False, self._why(loop, f"it got {way:.2f} m far")
         swings = loop.log.swing[first:]
         steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
-        text = f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop, first)}"
-        return Trial("walk", True, text)
+        return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop, first)}"
+
+    def _say(self, loop: ClosedLoop, word: str) -> None:
+        if not (reply := loop.command(word)).accepted:
+            raise PoiseError(reply.reason)
 
     def _standing(self, loop: ClosedLoop) -> bool:
         return loop.mode is Mode.STAND and not loop.fallen

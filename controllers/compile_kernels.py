@@ -5,8 +5,8 @@ Only NumPy, SciPy, numba, Pinocchio and the QP solvers are needed, so that the r
 """
 
 from concurrent.futures import ProcessPoolExecutor
-from importlib import import_module
 from multiprocessing import get_context
+from pkgutil import resolve_name
 
 from models.numerics.threads import use_one_thread
 from models.robot_model import RobotModel
@@ -26,8 +26,7 @@ def build(laws: tuple[str, ...], robot: str = "g1") -> None:
     """Construct laws, each given as ``module:Class``, for a robot; kernels are the same for every robot."""
     model = RobotModel.load(robot)
     for law in laws:
-        module, name = law.split(":")
-        getattr(import_module(module), name)(model)
+        resolve_name(law)(model)
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Any controller in the same tests as poise: its class gets the sensors and returns a joint command each tick."""
 
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,9 +42,8 @@ class Contender(Protocol):
 
 def load(name: str) -> Contender:
     """Make a contender by ``module:Class``; ``ConfigError`` when it cannot be made or lacks a method."""
-    module, _, attribute = name.partition(":")
     try:
-        contender: Contender = getattr(import_module(module), attribute)()
+        contender: Contender = resolve_name(name)()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ConfigError(
             f"contender '{name}': not a module:Class that can be made without arguments: {error}"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -106,12 +106,11 @@ def find_plant(name: str) -> Callable[..., Plant]:
     """Class of a built-in plant, entry point of ``poise.plants`` or ``module:Class``; ``ConfigError`` if unknown."""
     installed = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     known = {**installed, **BUILT_IN}
-    module, colon, attribute = known.get(name, name).partition(":")
-    if not colon:
+    if ":" not in (place := known.get(name, name)):
         raise ConfigError(f"plant: unknown '{name}'; known: {', '.join(sorted(known))}; or give module:Class")
     try:
-        found: Callable[..., Plant] = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
+        found: Callable[..., Plant] = resolve_name(place)
+    except (ImportError, AttributeError, ValueError) as error:
         raise ConfigError(f"plant: '{name}' cannot be imported: {error}") from error
     return found
 

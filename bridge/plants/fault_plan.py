@@ -1,7 +1,7 @@
 """Faults of the simulated sensors and motors: target, kind and times, and the YAML that lists them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from importlib.resources import files
 from pathlib import Path
@@ -73,8 +73,9 @@ class Fault:
             if name not in ("start", "end", *own):
                 raise self._refusal(name, f"not for this kind; known: {', '.join(('start', 'end', *own))}")
             self._check(name, given)
-        self._check_times()
-        self._check_needed()
+        for name, refused, why in self._rules(own):
+            if refused:
+                raise self._refusal(name, why)
 
     @property
     def pattern(self) -> str:
@@ -118,24 +119,19 @@ class Fault:
         if self.kind in ("garbage", "saturated") and name == "scale" and any(item < 0.0 for item in items):
             raise self._refusal(name, f"{given} is negative")
 
-    def _check_times(self) -> None:
-        if self.start < 0.0:
-            raise self._refusal("start", f"{self.start} s is before the injection")
-        if not self.start < self.end:
-            raise self._refusal("end", f"{self.end} s is not after the start at {self.start} s")
-
-    def _check_needed(self) -> None:
-        own = PARAMETERS[self.kind]
-        if self.kind in ("slow", "delayed") and getattr(self, own[0]) is None:
-            raise self._refusal(own[0], "missing")
+    def _rules(self, own: tuple[str, ...]) -> Iterator[tuple[str, bool, str]]:
+        """What the parameters must be to each other: a name, whether it is to be refused, and why."""
+        given = {name for name in own if getattr(self, name) is not None}
+        yield "start", self.start < 0.0, f"{self.start} s is before the injection"
+        yield "end", not self.start < self.end, f"{self.end} s is not after the start at {self.start} s"
+        if self.kind in ("slow", "delayed"):
+            yield own[0], not given, "missing"
         if self.kind == "wrong":
-            changes = [name for name in own if getattr(self, name) is not None]
-            if not changes or (self.value is not None and len(changes) > 1):
-                raise self._refusal("value", "give either it, or some of offset, scale and drift")
-        if self.kind == "intermittent" and (self.probability is None) == (self.period is None):
-            raise self._refusal("probability", "give either it, or period")
-        if self.share is not None and self.period is None:
-            raise self._refusal("share", "of what? give period")
+            refused = ("value" in given) == bool(given - {"value"})
+            yield "value", refused, "give either it, or some of offset, scale and drift"
+        if self.kind == "intermittent":
+            yield "probability", ("probability" in given) == ("period" in given), "give either it, or period"
+            yield "share", "share" in given and "period" not in given, "of what? give period"
 
 
 @dataclass(frozen=True, slots=True)

@@ -254,8 +254,6 @@ def _command(record: BlackBoxRecord, row: int) -> JointCommand | None:
 
 
 def _motion(start: dict[str, Any]) -> JointTrajectory:
-    def numbers(name: str) -> Any:
-        return None if start[name] is None else np.array(start[name], dtype=float)
-
-    times, positions = np.array(start["times"], dtype=float), np.array(start["positions"], dtype=float)
-    return JointTrajectory(tuple(start["joint_names"]), times, positions, numbers("velocities"), numbers("efforts"))
+    names = ("times", "positions", "velocities", "efforts")
+    rows: list[Any] = [None if start[name] is None else np.array(start[name], dtype=float) for name in names]
+    return JointTrajectory(tuple(start["joint_names"]), *rows)

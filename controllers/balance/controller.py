@@ -9,13 +9,13 @@ from msgspec.structs import replace
 
 from controllers.balance.gain_schedule import GainSchedule
 from controllers.balance.head import Head
-from controllers.balance.kernels import feedback_gains
 from controllers.balance.motion_player import MotionPlayer
 from controllers.balance.posture_reference import PostureReference
 from controllers.balance.tick_kernels import (
     BalanceArrays,
     blend_postures,
     blend_rotations,
+    feedback_gains,
     feedback_tick,
     standing_reference,
 )

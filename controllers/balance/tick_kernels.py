@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.balance.kernels import balance_feedback, move_footholds, place_reference
 from controllers.balance.posture_reference import posture_reference
+from controllers.balance.support import cmp_command, convex_hull
 from controllers.qp.terms import follow_pose
+from controllers.whole_body.config import CoMGains, DcmFeedback
 from models.constants import COM_HEIGHT_MIN, GRAVITY
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed
@@ -27,11 +28,11 @@ class BalanceArrays(NamedTuple):
     tree: KinematicTree  #: See ``posture_reference``
     frames: TreeFrames  #: See ``posture_reference``
     corners: Array  #: Of the areas that bear, in the sole frames (2, 4, 3)
-    gains: Array  #: Of ``balance_feedback``, then the largest shift of the CMP [m] (8,)
+    gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
     rotations: Array  #: Of the footholds (2, 3, 3)
     positions: Array  #: Of the footholds (2, 3)
-    anchor_rotation: Array  #: See ``move_footholds`` (3, 3)
-    anchor: Array  #: See ``move_footholds`` (3,)
+    anchor_rotation: Array  #: See ``_move_footholds`` (3, 3)
+    anchor: Array  #: See ``_move_footholds`` (3,)
     apart: Array  #: From the right to the left sole in 'stand', in the anchor frame (3,)
     posture_com: Array  #: Of the last posture, in the anchor frame (3,)
     posture_base: Array  #: Likewise (3, 3)
@@ -39,6 +40,12 @@ class BalanceArrays(NamedTuple):
     dcm: Array  #: Measured (2,)
     cmp: Array  #: Commanded (2,)
     acceleration: Array  #: Commanded, of the CoM (3,)
+
+
+def feedback_gains(config: DcmFeedback, height: CoMGains) -> tuple[float, ...]:
+    """DCM gain, polygon margin, momentum margin, momentum gain, largest reach, height kp and kd (7,)."""
+    momentum = config.momentum_margin, config.momentum_gain, config.momentum_reach_max
+    return config.dcm_gain, config.polygon_margin, *momentum, height.kp, height.kd
 
 
 @njit(cache=True)
@@ -58,7 +65,7 @@ def standing_reference(
     """Footholds, and the references that a posture (nj,) means on them.
 
     ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick; soles bear load
-    from ``least_load`` [N] on; ``share`` is as in ``move_footholds``. Legs are no longer than ``leg`` [m], as in
+    from ``least_load`` [N] on; ``share`` is as in ``_move_footholds``. Legs are no longer than ``leg`` [m], as in
     'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out: ``reference`` (9, 3), in W: CoM,
     its velocity, rotation of base and torso; then DCM and CoM height above the soles.
     """
@@ -71,35 +78,55 @@ def standing_reference(
         if not fresh:
             for i in range(3):
                 velocity[i] = (arrays.posture_com[i] - before[i]) / dt
-    move_footholds(
-        arrays.poses[0],
-        arrays.poses[1],
-        fresh or wrench_left[2] > least_load,
-        fresh or wrench_right[2] > least_load,
-        share,
-        arrays.rotations,
-        arrays.positions,
-        arrays.anchor_rotation,
-        arrays.anchor,
-    )
-    place_reference(
-        arrays.anchor_rotation,
-        arrays.anchor,
-        arrays.posture_com,
-        velocity,
-        arrays.posture_base,
-        arrays.posture_torso,
-        reference[0],
-        reference[1],
-        reference[2:5],
-        reference[5:8],
-    )
+    _move_footholds(arrays, fresh or wrench_left[2] > least_load, fresh or wrench_right[2] > least_load, share)
+    _place_reference(arrays, velocity, reference)
     reference[0, 2] -= _drop(arrays, leg)
     height = reference[0, 2] - arrays.anchor[2]
     omega = np.sqrt(GRAVITY / max(height, COM_HEIGHT_MIN))
     reference[8, 0] = reference[0, 0] + reference[1, 0] / omega
     reference[8, 1] = reference[0, 1] + reference[1, 1] / omega
     reference[8, 2] = height
+
+
+@njit(cache=True)
+def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
+    """Move the footholds with the loaded soles, and the anchor to their middle, level, at their mean heading.
+
+    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
+    ``share`` is the part of the way to move in this tick [-].
+    """
+    rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
+    if left:
+        follow_pose(rotations[0], positions[0], arrays.poses[0], share)
+    if right:
+        follow_pose(rotations[1], positions[1], arrays.poses[1], share)
+    for i in range(3):
+        arrays.anchor[i] = 0.5 * (positions[0, i] + positions[1, i])
+    cosine = rotations[0, 0, 0] + rotations[1, 0, 0]
+    sine = rotations[0, 1, 0] + rotations[1, 1, 0]
+    length = np.sqrt(cosine * cosine + sine * sine)
+    cosine /= length
+    sine /= length
+    anchor_rotation[:, :] = 0.0
+    anchor_rotation[0, 0] = anchor_rotation[1, 1] = cosine
+    anchor_rotation[0, 1], anchor_rotation[1, 0] = -sine, sine
+    anchor_rotation[2, 2] = 1.0
+
+
+@njit(cache=True)
+def _place_reference(arrays: BalanceArrays, velocity: Array, out: Array) -> None:
+    """Turn the posture's CoM, its velocity (3,), base and torso rotations from the anchor frame into W (8, 3)."""
+    turn = arrays.anchor_rotation
+    out[:8] = 0.0
+    for i in range(3):
+        out[0, i] = arrays.anchor[i]
+        for k in range(3):
+            out[0, i] += turn[i, k] * arrays.posture_com[k]
+            out[1, i] += turn[i, k] * velocity[k]
+        for j in range(3):
+            for k in range(3):
+                out[2 + i, j] += turn[i, k] * arrays.posture_base[k, j]
+                out[5 + i, j] += turn[i, k] * arrays.posture_torso[k, j]
 
 
 @njit(cache=True)
@@ -128,7 +155,7 @@ def feedback_tick(
     sole_positions: Array,
     shift: Array,
 ) -> float:
-    """``balance_feedback`` of the controller's record; returns the capture margin [m].
+    """DCM feedback of ``BalanceController``: admissible CMP, CoM acceleration that it causes; the capture margin [m].
 
     ``left`` and ``right`` are the feet planned to bear load, both where neither is. With ``led``, ``dcm`` and
     ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
@@ -153,21 +180,28 @@ def feedback_tick(
         for i in range(2):
             velocity[i] = dcm_velocity[i]
             position[i] = dcm[i] - velocity[i] / omega
-    return balance_feedback(
-        measured,
-        arrays.com_velocity,
-        position,
-        velocity,
-        ground,
-        GRAVITY,
-        soles[0],
-        soles[1],
-        corners,
-        gains,
-        arrays.dcm,
-        arrays.cmp,
-        arrays.acceleration,
-    )
+    points, hull, desired = np.zeros((8, 2)), np.zeros((20, 2)), np.zeros(2)
+    for i in range(2):
+        arrays.dcm[i] = measured[i] + arrays.com_velocity[i] / omega
+        drift = velocity[i] / omega
+        desired[i] = arrays.dcm[i] - drift + gains[0] * (arrays.dcm[i] - position[i] - drift)
+    for foot in range(2):
+        pose = soles[foot]
+        for corner in range(4):
+            for i in range(2):
+                points[4 * foot + corner, i] = (
+                    pose[i, 3]
+                    + pose[i, 0] * corners[foot, corner, 0]
+                    + pose[i, 1] * corners[foot, corner, 1]
+                    + pose[i, 2] * corners[foot, corner, 2]
+                )
+    count = convex_hull(points, hull)
+    margin = cmp_command(hull, count, arrays.dcm, desired, gains[1], gains[2], gains[3], gains[4], arrays.cmp)
+    for i in range(2):
+        arrays.acceleration[i] = omega * omega * (measured[i] - arrays.cmp[i])
+    height, rise = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]
+    arrays.acceleration[2] = gains[5] * height + gains[6] * rise
+    return float(margin)
 
 
 @njit(cache=True)

@@ -159,18 +159,16 @@ class QPSolver:
         return self._checked(qp, np.ascontiguousarray(found.x), multipliers)
 
     def _daqp(self, qp: QP) -> tuple[Vector | None, float, bool]:
-        z, _, flag, info = daqp.solve(
-            qp.hessian,
-            qp.gradient,
-            qp.matrix,
-            qp.upper,
-            qp.lower,
-            np.zeros(len(qp.lower), dtype=np.int32),
-            iter_limit=self._iterations,
-        )
+        z, flag, multipliers = self._call_daqp(qp, np.zeros(len(qp.lower), dtype=np.int32))
         if flag not in _OPTIMAL:
             return None, float("nan"), flag == _INFEASIBLE
-        return *self._checked(qp, z, info["lam"]), False
+        return *self._checked(qp, z, multipliers), False
+
+    def _call_daqp(self, qp: QP, sense: NDArray[np.int32], **options: float) -> tuple[Vector, int, Vector]:
+        """Minimiser, exit flag and multipliers of rows of these kinds."""
+        rows = qp.matrix, qp.upper, qp.lower, sense
+        z, _, flag, info = daqp.solve(qp.hessian, qp.gradient, *rows, iter_limit=self._iterations, **options)
+        return z, flag, info["lam"]
 
     def _quadprog(self, qp: QP) -> Answer:
         rows = np.vstack([qp.matrix, -qp.matrix])
@@ -188,23 +186,14 @@ class QPSolver:
         crossed = qp.soft & (qp.lower > qp.upper)  # rows that contradict themselves
         lower, upper = qp.lower.copy(), qp.upper.copy()
         lower[crossed] = upper[crossed] = 0.5 * (lower[crossed] + upper[crossed])
-        z, _, flag, info = daqp.solve(
-            qp.hessian,
-            qp.gradient,
-            qp.matrix,
-            upper,
-            lower,
-            sense,
-            iter_limit=self._iterations,
-            rho_soft=self._rho,
-        )
+        z, flag, multipliers = self._call_daqp(qp._replace(lower=lower, upper=upper), sense, rho_soft=self._rho)
         if flag not in _OPTIMAL or not np.isfinite(z).all():
             return _NO_ANSWER
         # The answer is optimal for soft bounds moved to the values of their rows, and unchanged hard bounds.
         values = qp.matrix @ z
         lower = np.where(qp.soft, np.minimum(lower, values), lower)
         upper = np.where(qp.soft, np.maximum(upper, values), upper)
-        return self._checked(qp._replace(lower=lower, upper=upper), z, info["lam"])
+        return self._checked(qp._replace(lower=lower, upper=upper), z, multipliers)
 
     def _checked(self, qp: QP, z: Vector, multipliers: Vector) -> Answer:
         """The answer with its residual, or no answer when the residual is too large."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,42 +202,12 @@ def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimi
 
 
 @njit(cache=True)
-def _build(
-    model: Unboxed[ModelTerms],
-    setup: Unboxed[_Setup],
-    mode: Unboxed[_ModeArrays],
-    com: Array,
-    com_acceleration: Array,
-    base: Array,
-    torso: Array,
-    heading_rate: float,
-    rotations: Array,
-    positions: Array,
-    velocities: Array,
-    accelerations: Array,
-    posture: Array,
-    posture_velocity: Array,
-    posture_acceleration: Array,
-) -> None:
+def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_ModeArrays], *given: Any) -> None:
     """Rows of the tasks, reduction, cost, and rows of the limits."""
-    terms, shared, arrays = model.record, setup.record, mode.record
-    desired = Desired(
-        com,
-        com_acceleration,
-        base,
-        torso,
-        heading_rate,
-        rotations,
-        positions,
-        velocities,
-        accelerations,
-        posture,
-        posture_velocity,
-        posture_acceleration,
-    )
+    terms, shared, arrays, desired = model.record, setup.record, mode.record, Desired(*given)
     dynamics, reduction, held = terms.dynamics, arrays.reduction, shared.contact_acceleration
     body_rows(shared.tasks, terms, desired)
-    eliminate(dynamics, rotations, positions, shared.contacts, held, reduction)
+    eliminate(dynamics, desired.sole_rotations, desired.sole_positions, shared.contacts, held, reduction)
     _assemble_cost(shared.stack, reduction, shared.regularisation, arrays.hessian, arrays.gradient)
     limit_rows(shared.limits, dynamics, reduction, arrays.rows)
 
