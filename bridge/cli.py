@@ -265,7 +265,8 @@ def joints(robot: Robot = "g1") -> None:
     with report_errors():
         model = RobotModel.load(robot)
     joint = Column("joint", no_wrap=True)
-    table = Table(joint, Column("aliases", overflow="fold"), r"q \[rad]", r"v \[rad/s]", r"tau \[N.m]", box=None)
+    limits = ("q\n\\[rad]", "v\n\\[rad/s]", "tau\n\\[N.m]")
+    table = Table(joint, Column("aliases", overflow="fold"), *limits, box=None, pad_edge=False, collapse_padding=True)
     for i, name in enumerate(model.joint_names):
         aliases = (name.removesuffix("_joint"), *model.profile.joints[name].aliases)
         position = f"{model.q_lower[i]:.2f} to {model.q_upper[i]:.2f}"

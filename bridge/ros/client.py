@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bridge.ros.environment import participant
 from bridge.ros.processes import absolute_namespace
-from models.errors import CommandError, PoiseError
+from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.calibration_text import text_to_reply
 from models.nodes.qos import EVENT, LATCHED
@@ -96,11 +96,21 @@ class Client:
         return f"{self.namespace}/{name}" if self.namespace else name
 
     def robot(self, timeout: float = 10.0) -> str:
-        """Profile name of the running robot, from its supervisor's status; ``PoiseError`` after ``timeout`` [s]."""
-        if not self.wait(lambda: self.status is not None, timeout) or self.status is None:
-            name = self._named(topics.SUPERVISOR_STATUS)
-            raise PoiseError(f"no robot on {name} within {timeout:.0f} s: is one up? start it with: poise up")
+        """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
+        self.expect(lambda: self.status is not None, timeout, "robot on", topics.SUPERVISOR_STATUS)
+        assert self.status is not None
         return self.status.robot
+
+    def expect(self, condition: Callable[[], bool], timeout: float, what: str, name: str) -> None:
+        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s], with where robots are."""
+        if self.wait(condition, timeout):
+            return
+        end = f"/{topics.SUPERVISOR_STATUS}"
+        seen = [topic for topic, _ in self.node.get_topic_names_and_types() if topic.endswith(end)]
+        robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)} - {self.namespace}
+        up = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: give --namespace"
+        remedy = up if robots else "is one up? start it with: poise up"
+        raise CommandError(f"no {what} {self._named(name)} within {timeout:.0f} s: {remedy}")
 
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""
@@ -125,9 +135,7 @@ class Client:
 
     def send(self, text: str, timeout: float = 5.0) -> None:
         """Publish a text command; ``CommandError`` without a subscriber in ``timeout`` [s], or if signing fails."""
-        if not self.wait(lambda: self._text.get_subscription_count() > 0, timeout):
-            name = self._named(topics.HUMANOID_COMMANDS)
-            raise CommandError(f"no subscriber on {name}: is the robot up? start it with: poise up")
+        self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:
@@ -173,8 +181,7 @@ class Client:
         """Call a service within the timeouts for service and answer [s]; otherwise ``CommandError``."""
         client = self.node.create_client(kind, service)
         try:
-            if not self.wait(client.service_is_ready, timeout):
-                raise CommandError(f"service {self._named(service)} is absent: is the robot up? (poise up)")
+            self.expect(client.service_is_ready, timeout, "service", service)
             future: Any = client.call_async(request)
             if not self.wait(future.done, answer_timeout):
                 raise CommandError(f"service {service} did not answer within {answer_timeout:.0f} s")
@@ -188,7 +195,7 @@ TOPICS_TIMEOUT = 1.0  #: Longest wait for the other topics after that [s]
 
 
 def overview(client: Client) -> dict[str, str]:
-    """Lines by their name; ``PoiseError`` when no robot is up."""
+    """Lines by their name; ``CommandError`` when no robot is up."""
     factor: list[float] = []
     commander: list[str] = []
     listen = client.node.create_subscription

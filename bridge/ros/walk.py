@@ -39,8 +39,11 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     if not reply.accepted:
         return reply
     publisher = client.node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
-    if not client.wait(lambda: publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value, 5.0):
-        raise CommandError(f"no subscriber on {topics.CMD_VEL}: is the robot up? start it with: poise up")
+
+    def ready() -> bool:
+        return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value
+
+    client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
     limits: list[str] = []
     subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
     end = time.monotonic() + seconds
@@ -74,8 +77,7 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
     def begun() -> bool:  # the planner publishes its margin once it controls the robot
         return publisher.get_subscription_count() > 0 and client.mode == Mode.WALK.value and bool(margins)
 
-    if not client.wait(begun, ANSWER_TIMEOUT):
-        raise CommandError(f"no subscriber on {topics.GOAL_POSE}: is the robot up? start it with: poise up")
+    client.expect(begun, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.GOAL_POSE)
     end = time.monotonic() + ANSWER_TIMEOUT
     while not routes and time.monotonic() < end:
         publisher.publish(message)

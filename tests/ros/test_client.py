@@ -139,10 +139,23 @@ def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
 
 def test_nobody_there(context: Context) -> None:
     with Client() as client:
-        with pytest.raises(CommandError, match="no subscriber on humanoid_commands"):
+        with pytest.raises(CommandError, match=r"no subscriber on humanoid_commands.*start it with: poise up"):
             client.send("wave", timeout=0.3)
-        with pytest.raises(CommandError, match="service mode/stand is absent"):
+        with pytest.raises(CommandError, match="no service mode/stand"):
             client.trigger("mode/stand", timeout=0.3)
+
+
+def test_robots_in_other_namespaces_are_named(context: Context) -> None:
+    node = Node("supervisor", context=context, namespace="robot_2")
+    node.create_publisher(String, topics.SUPERVISOR_STATUS, LATCHED)
+    with Client() as client, pytest.raises(CommandError, match="are up in /robot_2: give --namespace"):
+        client.robot(timeout=2.0)
+    with (
+        Client(namespace="robot_1") as client,
+        pytest.raises(CommandError, match=r"no service /robot_1/mode/stand .*/robot_2"),
+    ):
+        client.trigger("mode/stand", timeout=2.0)
+    node.destroy_node()
 
 
 def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> None:

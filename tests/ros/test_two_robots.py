@@ -158,7 +158,8 @@ def test_the_command_line_speaks_to_the_one_that_is_named(pair: Pair) -> None:
     assert pair.graphs[0].call("mode/stand")[0]
     pair.world.wait_for(lambda: pair.graphs[0].mode == "stand", 20.0, "standing")
     code, output = pair.poise("mode", "stand")
-    assert code == 2 and "mode/stand is absent" in output  # without a namespace there is nobody
+    assert code == 2 and "no service mode/stand" in output  # without a namespace there is no robot
+    assert "robots are up in /robot_1, /robot_2: give --namespace" in output
 
 
 def test_a_recording_of_one_is_as_that_of_a_robot_alone(pair: Pair, tmp_path: Path) -> None:

@@ -60,6 +60,8 @@ def test_joints_lists_names_aliases_and_limits() -> None:
     (knee,) = [line for line in result.output.splitlines() if "left_knee_joint" in line]
     assert "left_knee, left_knee_pitch" in knee
     assert "-0.09 to 2.88" in knee
+    narrow = RUNNER.invoke(app, ["joints", "--robot", "g1"], env={"COLUMNS": "80"}).output
+    assert {"left_knee_pitch", "right_shoulder_pitch,"} <= set(narrow.split())  # no name is broken between two lines
 
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
