@@ -130,7 +130,7 @@ def demo(robot: str = "g1", out: Path = Path("out")) -> int:
     failure, recording = "", None
     fast: dict[str, float] = {}
     model = RobotModel.load(robot)
-    say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; starting the ROS 2 graph (log: {out / 'graph.log'})")
+    say(f"{model.name}: {model.nj} joints, {model.mass:.1f} kg; log: {out / 'graph.log'}")
     graph = Graph(robot, parameters=parameters, log=out / "graph.log", say=say)
     ending = ExitStack()  # the middleware is left last: it may block
     try:

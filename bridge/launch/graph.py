@@ -218,6 +218,7 @@ class Graph:
         return bool(future.result().success), str(future.result().message)
 
     def _start(self) -> None:
+        self._say("starting; the first start on a machine compiles for minutes")
         environment = graph_environment(domain_id=self._domain_id, network=self._network)
         if self._log is not None:
             self._log.parent.mkdir(parents=True, exist_ok=True)
