@@ -1,71 +1,117 @@
-"""Nodes as ROS 2 courses print them, beside a graph: each has a visible effect, or a refusal that says why."""
+"""Nodes as ROS 2 courses print them, beside one robot or two: each has a visible effect, or a refusal that says why."""
 
 import math
+import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from bridge.launch.graph import Graph
 from bridge.launch.world import Inhabitant, WorldGraph
 from bridge.ros.environment import free_domain
+from models.nodes import topics
 from models.nodes.interfaces import interface, missing_types
-from tests.ros.conftest import Eyes
+from models.nodes.odometry import OdometryCodec
+from models.nodes.qos import LATCHED, SENSOR
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 FOLDER = Path(__file__).parents[2] / "examples" / "textbook"
-ANSWER_TIME = 60.0
-"""Longest wait for an effect [s]: other programs may use the processor."""
+needs_types = pytest.mark.skipif(bool(missing_types()), reason=missing_types() or "built")
+START_TIME, ANSWER_TIME = 300.0, 180.0
+"""Longest waits for standing robots and for an effect [s]: other programs may use the processor."""
 
 
 class Robot:
     """What a student sees of one robot."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+    def __init__(self, graph: Graph, namespace: str = "") -> None:
+        self.graph, self.namespace = graph, namespace
         self.joints: dict[str, float] = {}
-        graph.node.create_subscription(JointState, "joint_states", self._on_joints, 10)
+        self.truth = np.full(7, np.nan)
+        self.refusals = ""
+        listen = graph.node.create_subscription
+        listen(JointState, "joint_states", self._on_joints, 10)
+        listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
+        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, LATCHED)
 
     def _on_joints(self, message: JointState) -> None:
         self.joints = dict(zip(message.name, message.position, strict=True))
 
-    def until(self, condition: Callable[[], bool], what: str) -> None:
-        """Wait for an effect."""
-        self.graph.wait_for(condition, ANSWER_TIME, what)
+    def _on_truth(self, data: bytes) -> None:
+        self.truth = OdometryCodec().decode(data)[1]
+
+    def _on_refusal(self, message: DiagnosticStatus) -> None:
+        self.refusals += f"{message.message}\n{message.values}\n"
+
+    @property
+    def yaw(self) -> float:
+        """True heading of the base [rad]."""
+        x, y, z, w = self.truth[3:7]
+        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-@contextmanager
-def program(name: str, log: Path, namespace: str = "") -> Iterator[Callable[[], str]]:
-    """A textbook node in a process; yields what reads its output."""
-    command = [sys.executable, str(FOLDER / f"{name}.py"), "--ros-args", "-r", f"__ns:=/{namespace}"]
-    with log.open("wb") as output:
-        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
-    try:
-        yield log.read_text
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(30.0)
+class Robots(list[Robot]):
+    """The robots of one graph, or of several in one world."""
+
+    def __init__(self, running: Graph | WorldGraph) -> None:
+        graphs = running.graphs if isinstance(running, WorldGraph) else {"": running}
+        super().__init__(Robot(graph, name) for name, graph in graphs.items())
+        self._running = running
+        self.until(lambda robot: bool(robot.joints) and not np.isnan(robot.truth).any(), "publishing")
+
+    def spin(self, duration: float) -> None:
+        """Serve callbacks for a time [s]."""
+        self._running.spin(duration)
+
+    def until(self, condition: Callable[[Robot], bool], what: str) -> None:
+        """Wait until a condition has held of each robot once."""
+        left = list(self)
+
+        def each() -> bool:
+            left[:] = [robot for robot in left if not condition(robot)]
+            return not left
+
+        self._running.wait_for(each, ANSWER_TIME, what)
+
+    def until_standing(self) -> None:
+        """Wait until all stand."""
+        self._running.wait_for(lambda: all(robot.graph.standing for robot in self), ANSWER_TIME, "standing")
+
+    @contextmanager
+    def program(self, name: str, folder: Path) -> Iterator[Callable[[Robot], str]]:
+        """The same textbook node for each robot, in its namespace; yields what reads the output of a robot's."""
+        logs = {robot: folder / f"{name}{robot.namespace}" for robot in self}
+        with ExitStack() as ending:
+            for robot, log in logs.items():
+                command = [sys.executable, str(FOLDER / f"{name}.py"), "--ros-args", "-r", f"__ns:=/{robot.namespace}"]
+                with log.open("wb") as output:
+                    process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+                ending.callback(process.wait, 30.0)
+                ending.callback(process.send_signal, signal.SIGINT)
+            yield lambda robot: logs[robot].read_text()
 
 
-@pytest.fixture(scope="module")
-def robot(eyes: Eyes) -> Robot:
-    seen = Robot(eyes.graph)
-    seen.until(lambda: bool(seen.joints), "publishing joint states")
-    return seen
-
-
-def yaw(eyes: Eyes) -> float:
-    """True heading of the base [rad]."""
-    x, y, z, w = eyes.truth[-1][3:7]
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+@pytest.fixture(scope="module", params=["one", pytest.param("two", marks=pytest.mark.slow)])
+def robots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robots]:
+    """A robot, or two in their namespaces."""
+    log = tmp_path_factory.mktemp("graph") / "log"
+    os.environ["ROS_LOG_DIR"] = str(log.parent)
+    pair = {name: Inhabitant("g1") for name in ("robot_1", "robot_2")}
+    kind, what = (Graph, "g1") if request.param == "one" else (WorldGraph, pair)
+    with kind(what, domain_id=free_domain(), log=log, say=lambda text: None) as running:
+        running.wait_standing(START_TIME)
+        yield Robots(running)
 
 
 def test_every_textbook_node_is_short() -> None:
@@ -76,94 +122,81 @@ def test_every_textbook_node_is_short() -> None:
     } == {}
 
 
-def test_joint_commands_at_50_hz_move_an_arm(robot: Robot, eyes: Eyes, tmp_path: Path) -> None:
-    before, place = robot.joints["left_elbow_joint"], eyes.truth[-1][:3].copy()
-    with program("arm_commands", tmp_path / "log"):
-        robot.until(lambda: abs(robot.joints["left_elbow_joint"] - before) > 0.3, "moving the elbow")
-    assert np.linalg.norm(eyes.truth[-1][:3] - place) < 0.05  # it balances meanwhile
-    robot.until(lambda: robot.graph.standing, "standing")
+def test_joint_commands_at_50_hz_move_an_arm(robots: Robots, tmp_path: Path) -> None:
+    before = {robot: (robot.joints["left_elbow_joint"], robot.truth[:3].copy()) for robot in robots}
+    with robots.program("arm_commands", tmp_path):
+        robots.until(lambda robot: abs(robot.joints["left_elbow_joint"] - before[robot][0]) > 0.3, "moving the elbow")
+    assert all(np.linalg.norm(robot.truth[:3] - before[robot][1]) < 0.05 for robot in robots)  # they balance meanwhile
+    robots.until_standing()
 
 
-def test_the_imu_logger_logs_an_upright_robot(robot: Robot, tmp_path: Path) -> None:
-    with program("imu_logger", tmp_path / "log") as output:
-        robot.until(lambda: "roll" in output(), "logging")
-    words = next(line for line in output().splitlines() if "roll" in line).split()
-    assert all(abs(float(words[words.index(name) + 1])) < 0.05 for name in ("roll", "pitch", "yaw"))
+def test_the_imu_logger_logs_an_upright_robot(robots: Robots, tmp_path: Path) -> None:
+    with robots.program("imu_logger", tmp_path) as output:
+        robots.until(lambda robot: "roll" in output(robot), "logging")
+    for robot in robots:
+        words = next(line for line in output(robot).splitlines() if "roll" in line).split()
+        assert all(abs(float(words[words.index(name) + 1])) < 0.05 for name in ("roll", "pitch", "yaw"))
 
 
-@pytest.mark.skipif(bool(missing_types()), reason=missing_types() or "built")
-def test_a_plan_to_a_target_is_executed(robot: Robot, tmp_path: Path) -> None:
-    before = dict(robot.joints)
-    with program("plan_client", tmp_path / "log") as output:
-        robot.until(lambda: "accepted: left_hand gets there" in output(), "answering")
-        robot.until(lambda: max(abs(robot.joints[name] - before[name]) for name in before) > 0.2, "reaching")
-    robot.until(lambda: robot.graph.mode == "stand", "standing")
+@needs_types
+def test_a_plan_to_a_target_is_executed(robots: Robots, tmp_path: Path) -> None:
+    before = {robot: dict(robot.joints) for robot in robots}
+    with robots.program("plan_client", tmp_path) as output:
+        robots.until(lambda robot: "accepted: left_hand gets there" in output(robot), "answering")
+        robots.until(
+            lambda robot: max(abs(angle - before[robot][name]) for name, angle in robot.joints.items()) > 0.2,
+            "reaching",
+        )
+    robots.until_standing()
 
 
-def test_the_humanoid_controller_waves(robot: Robot, tmp_path: Path) -> None:
+def test_the_humanoid_controller_waves(robots: Robots, tmp_path: Path) -> None:
     """The graph waves on the same word: the trajectory is executed, or refused with the reason."""
-    lowest = [math.inf, -math.inf]
+    extremes = {robot: [math.inf, -math.inf] for robot in robots}
 
-    def waved() -> bool:
-        angle = robot.joints["right_shoulder_roll_joint"]
-        lowest[:] = min(lowest[0], angle), max(lowest[1], angle)
-        return lowest[1] - lowest[0] > 0.3
+    def waved(robot: Robot) -> bool:
+        angle, seen = robot.joints["right_shoulder_roll_joint"], extremes[robot]
+        seen[:] = min(seen[0], angle), max(seen[1], angle)
+        return seen[1] - seen[0] > 0.3
 
-    with program("humanoid_controller", tmp_path / "log") as output:
-        robot.until(lambda: robot.graph.node.count_subscribers("humanoid_commands") > 1, "subscribing")
-        robot.graph.spin(0.5)
-        robot.graph.send("wave")
-        robot.until(lambda: "waving with 29 joints" in output(), "receiving the command")
-        robot.until(waved, "waving")
-    robot.until(lambda: robot.graph.standing, "standing")
+    with robots.program("humanoid_controller", tmp_path) as output:
+        robots.until(lambda robot: robot.graph.node.count_subscribers("humanoid_commands") > 1, "subscribing")
+        robots.spin(0.5)
+        for robot in robots:
+            robot.graph.send("wave")
+        robots.until(lambda robot: "waving with 29 joints" in output(robot), "receiving the command")
+        robots.until(waved, "waving")
+    robots.until_standing()
 
 
-@pytest.mark.skipif(bool(missing_types()), reason=missing_types() or "built")
-def test_words_become_velocities_and_two_integers_are_added(robot: Robot, eyes: Eyes, tmp_path: Path) -> None:
-    words = robot.graph.node.create_publisher(String, "text", 10)
+def test_a_scan_in_an_unknown_frame_is_refused_by_name(robots: Robots, tmp_path: Path) -> None:
+    with robots.program("fake_scan", tmp_path):
+        robots.until(lambda robot: "header.frame_id: 'laser_frame' instead of" in robot.refusals, "refusing")
+
+
+def test_the_scan_reader_walks_and_its_end_ends_in_a_stand(robots: Robots, tmp_path: Path) -> None:
+    start = {robot: robot.truth[:2].copy() for robot in robots}
+    with robots.program("scan_reader", tmp_path):
+        robots.until(lambda robot: float(np.linalg.norm(robot.truth[:2] - start[robot])) > 0.4, "walking")
+    robots.until_standing()
+
+
+@needs_types
+def test_words_become_velocities_and_two_integers_are_added(robots: Robots, tmp_path: Path) -> None:
     adder = interface("example_interfaces", "srv", "AddTwoInts")
-    client = robot.graph.node.create_client(adder, "add_two_ints")
-    heading = yaw(eyes)
-    with program("text_commander", tmp_path / "log"):
-        robot.until(client.service_is_ready, "offering add_two_ints")
-        robot.graph.spin(0.5)
-        answer = client.call_async(adder.Request(a=2, b=3))
-        robot.until(answer.done, "adding")
-        assert answer.result().sum == 5
-        words.publish(String(data="spin"))
-        robot.until(lambda: abs(yaw(eyes) - heading) > 0.5, "turning")
-        words.publish(String(data="stop"))
-        robot.until(lambda: robot.graph.mode == "stand", "standing")
-
-
-def test_a_scan_in_an_unknown_frame_is_refused_by_name(robot: Robot, eyes: Eyes, tmp_path: Path) -> None:
-    with program("fake_scan", tmp_path / "log"):
-        eyes.refusal("supervisor", "scan", lambda: None, "header.frame_id: 'laser_frame' instead of")
-
-
-def test_the_scan_reader_walks_and_its_end_ends_in_a_stand(robot: Robot, eyes: Eyes, tmp_path: Path) -> None:
-    start = eyes.truth[-1][:2].copy()
-    with program("scan_reader", tmp_path / "log"):
-        robot.until(lambda: float(np.linalg.norm(eyes.truth[-1][:2] - start)) > 0.4, "walking")
-    robot.until(lambda: robot.graph.mode == "stand", "standing")
-
-
-@pytest.mark.slow
-def test_the_same_nodes_serve_two_robots_in_two_namespaces(tmp_path: Path) -> None:
-    names = ("robot_1", "robot_2")
-    robots = {name: Inhabitant("g1") for name in names}
-    with WorldGraph(robots, domain_id=free_domain(), log=tmp_path / "graph.log", say=lambda text: None) as world:
-        world.wait_standing(180.0)
-        seen = {name: Robot(world.graphs[name]) for name in names}
-        world.wait_for(lambda: all(each.joints for each in seen.values()), ANSWER_TIME, "publishing")
-        before = {name: each.joints["left_elbow_joint"] for name, each in seen.items()}
-        with (
-            program("arm_commands", tmp_path / "log_1", "robot_1"),
-            program("arm_commands", tmp_path / "log_2", "robot_2"),
-        ):
-            world.wait_for(
-                lambda: all(abs(seen[name].joints["left_elbow_joint"] - before[name]) > 0.3 for name in names),
-                180.0,
-                "moving",
-            )
-        world.wait_for(lambda: all(graph.standing for graph in world.graphs.values()), ANSWER_TIME, "standing")
+    words = {robot: robot.graph.node.create_publisher(String, "text", 10) for robot in robots}
+    clients = {robot: robot.graph.node.create_client(adder, "add_two_ints") for robot in robots}
+    heading = {robot: robot.yaw for robot in robots}
+    with robots.program("text_commander", tmp_path):
+        robots.until(lambda robot: bool(clients[robot].service_is_ready()), "offering add_two_ints")
+        robots.spin(0.5)
+        answers = {robot: clients[robot].call_async(adder.Request(a=2, b=3)) for robot in robots}
+        robots.until(lambda robot: bool(answers[robot].done()), "adding")
+        assert [answer.result().sum for answer in answers.values()] == [5] * len(robots)
+        for turning in robots:  # one after the other: a word reaches the robot of its namespace alone
+            others = {robot: robot.yaw for robot in robots if robot is not turning}
+            words[turning].publish(String(data="spin"))
+            robots.until(lambda robot, turning=turning: abs(turning.yaw - heading[turning]) > 0.5, "turning")
+            words[turning].publish(String(data="stop"))
+            robots.until_standing()
+            assert all(abs(robot.yaw - before) < 0.1 for robot, before in others.items())
