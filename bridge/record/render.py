@@ -124,7 +124,7 @@ def draw(recordings: Sequence[Recording], picture: Path, profile: str = "") -> N
             renderer.update_scene(data, camera)
             frame = Image.fromarray(renderer.render())
             happened = [text for stamp, text in recording.events if stamp <= time + 1e-6]
-            label = f"{time - t[0]:.1f} s  {happened[-1] if happened else ''}"
+            label = f"{time:.1f} s  {happened[-1] if happened else ''}"
             ImageDraw.Draw(frame).text((8, 6), label, fill=(30, 40, 60), font=font)
             frames.append(frame)
     picture.parent.mkdir(parents=True, exist_ok=True)
