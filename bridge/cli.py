@@ -182,7 +182,7 @@ def view(
 ) -> None:
     """Show the running robot in a browser, with buttons, sticks, plots and gains; Ctrl-C ends the page."""
     need_ros()
-    need("viser", "view")
+    need("viser", "pip install 'poise[view]'")
     from bridge.view.page import view as serve
 
     if key is not None and host not in ("127.0.0.1", "localhost"):

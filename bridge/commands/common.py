@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,22 +29,18 @@ def console(**options: Any) -> Console:
     return Console(**options)
 
 
-def need_ros() -> None:
-    """Exit with advice when rclpy is missing."""
+def need(module: str, advice: str) -> None:
+    """Exit with advice when a module cannot be imported."""
     try:
-        import rclpy  # noqa: F401
+        import_module(module)
     except ImportError as error:
-        advice = "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy"
-        console(stderr=True).print(f"rclpy cannot be imported ({error}): {advice}", markup=False)
+        console(stderr=True).print(f"{module} cannot be imported ({error}): {advice}", markup=False)
         raise typer.Exit(2) from error
 
 
-def need(module: str, extra: str) -> None:
-    """Exit with advice when a module is missing; ``extra`` is the extra of ``poise`` that installs it."""
-    if find_spec(module) is None:
-        advice = f"pip install 'poise[{extra}]'"
-        console(stderr=True).print(f"'{module}' is not installed: {advice}", markup=False)
-        raise typer.Exit(2)
+def need_ros() -> None:
+    """Exit with advice when rclpy is missing."""
+    need("rclpy", "pip install 'poise[ros]' (x86-64 Linux), or source a ROS 2 Jazzy")
 
 
 def print_reply(reply: CommandReply) -> int:

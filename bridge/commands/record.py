@@ -122,7 +122,7 @@ def export(
 ) -> None:
     """Write recordings as a LeRobot data set (v3.0): sensor data, commands, the task in words."""
     need_ros()
-    need("pyarrow", "dataset")
+    need("pyarrow", "pip install 'poise[dataset]'")
     from bridge.record.lerobot import export as write
 
     with report_errors():

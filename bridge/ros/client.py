@@ -91,10 +91,6 @@ class Client:
         self.status = status
         self.mode = self.mode or status.mode.value  # ``mode`` itself may be discovered later
 
-    def _named(self, name: str) -> str:
-        """A topic or service without the namespace, for messages to the user."""
-        return f"{self.namespace}/{name}" if self.namespace else name
-
     def robot(self, timeout: float = 10.0) -> str:
         """Profile name of the running robot, from its supervisor's status; ``CommandError`` after ``timeout`` [s]."""
         self.expect(lambda: self.status is not None, timeout, "robot on", topics.SUPERVISOR_STATUS)
@@ -110,7 +106,8 @@ class Client:
         robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)} - {self.namespace}
         up = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: give --namespace"
         remedy = up if robots else "is one up? start it with: poise up"
-        raise CommandError(f"no {what} {self._named(name)} within {timeout:.0f} s: {remedy}")
+        named = f"{self.namespace}/{name}" if self.namespace else name
+        raise CommandError(f"no {what} {named} within {timeout:.0f} s: {remedy}")
 
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""

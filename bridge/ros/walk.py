@@ -50,8 +50,6 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     while time.monotonic() < end and client.mode == Mode.WALK.value:
         publisher.publish(message)
         client.spin(min(PERIOD, max(end - time.monotonic(), 0.0)))
-    if client.mode != Mode.WALK.value:
-        return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
     limit = next((f"; {text}" for text in reversed(limits) if text), "")
     return _stand(client, f"walked for {seconds:g} s{limit}")
 
@@ -84,10 +82,7 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
         client.wait(lambda: bool(routes), 1.0)
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-    limit = (routes[-1].footsteps + 5) * STEP_TIMEOUT
-    client.wait(lambda: routes[-1].state is not RouteState.RUNNING, limit)
-    if client.mode != Mode.WALK.value:
-        return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
+    client.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
     stood = _stand(client, f"goal {routes[-1]}")
     return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
 
@@ -106,12 +101,13 @@ def reset(client: Client) -> CommandReply:
         if client.wait(lambda: client.mode == Mode.STAND.value and client.driver_state == topics.ACTIVE, STAND_PERIOD):
             return CommandReply(True, "the robot stands at its start")
         reply = client.trigger("mode/stand")  # of a supervisor without auto_stand; refused until preflight has passed
-    return (
-        reply if not reply.accepted else CommandReply(False, f"mode '{client.mode}', drivers '{client.driver_state}'")
-    )
+    state = f"mode '{client.mode}', drivers '{client.driver_state}'"
+    return CommandReply(False, state) if reply.accepted else reply
 
 
 def _stand(client: Client, outcome: str) -> CommandReply:
+    if client.mode != Mode.WALK.value:
+        return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
     reply = client.trigger("mode/stand")
     if not reply.accepted:
         return reply
