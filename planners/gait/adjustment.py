@@ -205,18 +205,17 @@ class StepPlanner:
         law, reach = self._adjustment, config.reach
         boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
         cop = config.adjustment.cop_share * soles.half
-        self._model = StepModel(config.timing.single, config.timing.double, soles.centres, shape, lever)
+        model = StepModel(config.timing.single, config.timing.double, soles.centres, shape, lever)
         self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
         speed = config.swing.speed_max
-        self._setup = unbox(
-            _Setup(self._model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal)
-        )
+        self._setup = unbox(_Setup(model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal))
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
         poses = self._coming(walk)
         x, y, yaw = poses[1].tolist()
-        return Foothold(x, y, yaw, walk.stance.z), np.array(self._offset(walk, poses))
+        offset = _nominal_offset(self._setup, poses, walk.foot, walk.command.steps_left is not None, walk.omega)
+        return Foothold(x, y, yaw, walk.stance.z), np.array(offset)
 
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
@@ -259,10 +258,6 @@ class StepPlanner:
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, z, end)
         return Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega, end, solved
 
-    def _offset(self, walk: Walk, poses: Matrix) -> Point:
-        offset: Point = previewed_offset(poses, walk.foot, walk.command.steps_left is not None, walk.omega, self._model)
-        return offset
-
     def _coming(self, walk: Walk) -> Matrix:
         """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
         count, command = self._config.preview, walk.command
@@ -277,6 +272,12 @@ def _reach_boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
     """Reach of the left and of the right foot in the frame of the other one [m]: corners of a box."""
     ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
     return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))
+
+
+@njit(cache=True)
+def _nominal_offset(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float) -> Point:
+    """``previewed_offset`` of the coming footholds."""
+    return previewed_offset(poses, foot, ends, omega, setup.record.model)
 
 
 @njit(cache=True)

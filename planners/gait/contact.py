@@ -1,6 +1,7 @@
 """Contact of the soles: their measurement, planted footholds, expected ground, and a robot off the floor."""
 
 import math
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -270,7 +271,7 @@ class Soles:
         return SoleState(
             holds=replaced(soles.holds, foot, sole),
             tilts=tilts,
-            slope=np.clip(np.median(samples, axis=0), -steepest, steepest),
+            slope=np.clip([median(axis) for axis in samples.T.tolist()], -steepest, steepest),
             rise=(rise, soles.rise[1]) if foot == 0 else (soles.rise[0], rise),
             samples=samples,
             measured=soles.measured,

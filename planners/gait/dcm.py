@@ -74,7 +74,7 @@ def touchdown_offset(
     return x, y
 
 
-@njit(cache=True)
+@register_jitable
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
