@@ -109,6 +109,7 @@ def bench(ros_domain_id: int) -> Iterator[Bench]:
     context.try_shutdown()
     del made, context
     release()  # what active nodes had frozen: of 32 participants in one process the next would not be discovered
+    gc.freeze()  # else every later collection, one with each diagnostics of a node, searches all modules again
     gc.enable()
 
 
