@@ -45,7 +45,7 @@ def _sent() -> Callable[..., Done]:
 
 
 class DaskWorkers(Executor):
-    """Workers of a ``scheduler``; they stay when the sweep has ended."""
+    """Workers of a ``scheduler``; they keep running after the sweep."""
 
     def __init__(self, scheduler: str) -> None:
         self._address, self._name = scheduler, f"--scheduler {scheduler}"
@@ -60,7 +60,7 @@ class DaskWorkers(Executor):
         """The connection, made by the first call; ``WorkersError`` when the scheduler does not answer."""
         if self._client is not None:
             return self._client
-        try:  # the client itself would wait for ever for the words of who is no scheduler
+        try:  # `Client` itself waits without limit for a server that is not a scheduler
             asyncio.run(asyncio.wait_for(_ask(self._address), CONNECT_TIME))
             self._client = Client(self._address, timeout=CONNECT_TIME)
         except Exception as error:  # whoever is there may answer anything

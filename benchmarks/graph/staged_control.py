@@ -20,7 +20,7 @@ PROBE = StageProbe()  # of this process: one tick at a time goes through all thr
 
 
 def record(call: Callable[..., Any], *, begins: int | None = None, ends: int | None = None) -> Callable[..., Any]:
-    """The function with the columns of ``StageProbe`` recorded in which its call begins and ends."""
+    """``call``, which records the columns ``begins`` and ``ends`` of ``StageProbe`` before and after it."""
 
     def recorded(*arguments: Any) -> Any:
         if begins is not None:
@@ -65,7 +65,10 @@ class StagedPlanner(GaitPlannerNode):
 
 
 class StagedController(BalanceControllerNode):
-    """Records state, begin of the law, which a gait planner within it moves, its end, and the command."""
+    """Records arrival of the state, begin and end of the law, and the command.
+
+    A gait planner inside the law overwrites the begin.
+    """
 
     def configure(self) -> None:
         super().configure()

@@ -103,7 +103,7 @@ PLAN = "plan.jsonl"  # file in a suite's folder
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """An unfinished part of a suite."""
+    """An unfinished benchmark and robot of a suite."""
 
     bench: str
     robot: str
@@ -120,7 +120,7 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Progress of a suite: its name (empty without a plan), number of parts, and unfinished parts in order."""
+    """Progress of a suite: its name (empty without a plan), number of benchmarks and robots, and those unfinished."""
 
     suite: str = ""
     parts: int = 0
@@ -135,7 +135,7 @@ class Progress:
 
 
 def save_plan(folder: Path, suite: str, commands: Mapping[Subject, str]) -> None:
-    """Append the plan of a suite, the command of each part in order, unless it is the latest plan."""
+    """Append the plan of a suite, the command of each benchmark and robot in order, unless it is the latest plan."""
     parts = [[*subject, command] for subject, command in commands.items()]
     line = {"suite": suite, "revision": source_state(), "parts": parts}
     plans = [found for found in read_lines(folder / PLAN) if "parts" in found]
@@ -144,7 +144,7 @@ def save_plan(folder: Path, suite: str, commands: Mapping[Subject, str]) -> None
 
 
 def save_begun(folder: Path, subject: Subject, keys: Sequence[str]) -> None:
-    """Append that a part begins, with the keys of all its cases known so far."""
+    """Append that a benchmark begins on a robot, with the keys of all its cases known so far."""
     (bench, robot), reports = subject, len(read_lines(folder / REPORTS))
     found = {"bench": bench, "robot": robot, "revision": source_state(), "keys": list(keys), "reports": reports}
     append_line(folder / PLAN, found)
@@ -230,7 +230,7 @@ def run_suite(
 
 
 def _recorder(folder: Path, subject: Subject, results: ResultsFile) -> Callable[[Sequence[str]], None]:
-    """Records the cases of a part as it asks for them, unless all of them are there."""
+    """Records the cases that a benchmark on a robot asks for, unless all of them are there."""
     asked: list[str] = []
 
     def began(keys: Sequence[str]) -> None:

@@ -56,6 +56,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
     }
 
 
+STARTING = "starting; the first start on a machine compiles for minutes"
 START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]
@@ -218,7 +219,8 @@ class Graph:
         return bool(future.result().success), str(future.result().message)
 
     def _start(self) -> None:
-        self._say("starting; the first start on a machine compiles for minutes")
+        if self._plant is None:
+            self._say(STARTING)
         environment = graph_environment(domain_id=self._domain_id, network=self._network)
         if self._log is not None:
             self._log.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import IO, Any
 
 from bridge.driver.world import SHARED
-from bridge.launch.graph import Graph, actions_possible, count_restart, own_motions
+from bridge.launch.graph import STARTING, Graph, actions_possible, count_restart, own_motions
 from bridge.launch.run import run_until_signal, wait_for
 from bridge.plants.world import SPACING, Place
 from bridge.ros.environment import graph_environment
@@ -127,6 +127,7 @@ class WorldGraph:
                 self._log.parent.mkdir(parents=True, exist_ok=True)
                 self._output = self._log.open("ab")
                 self._world.output = self._output
+            self._say(STARTING)
             self._world.start()
             for graph in self.graphs.values():
                 graph.open()
