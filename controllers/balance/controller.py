@@ -42,7 +42,7 @@ from models.types import (
     Vector,
 )
 from planners.gait.config import leg_length
-from planners.gait.contact import BodyMotion
+from planners.gait.measurement import BodyMotion
 from planners.gait.state import GaitPhase, Rest
 
 _UNSOLVED = (SolveStatus.HELD, SolveStatus.DAMPED)
@@ -68,7 +68,10 @@ class Gait(Protocol):
     def step(
         self, state: RobotState, dt: float, rest: Rest | None = None, motion: Unboxed[BodyMotion] | None = None
     ) -> Reference:
-        """One tick: the reference to track; ``rest`` is where a standing robot comes to rest."""
+        """One tick: the reference to track; ``rest`` is where a standing robot comes to rest.
+
+        ``motion`` is CoM and soles of this same ``state``, computed from it when None.
+        """
 
 
 class BalanceController:

@@ -15,7 +15,7 @@ from models.numerics.so3 import exponential, multiply, quaternion_matrix, rotati
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, RobotState, Vector
-from planners.gait.contact import BodyMotion
+from planners.gait.measurement import BodyMotion
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

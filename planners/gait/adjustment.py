@@ -13,7 +13,7 @@ from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
 from planners.gait.commands import CommandState
 from planners.gait.config import AdjustmentConfig, GaitConfig, ReachConfig
-from planners.gait.contact import Measurement, Soles
+from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
 from planners.gait.footsteps import (
     Foothold,
@@ -25,6 +25,7 @@ from planners.gait.footsteps import (
     relative_to,
     rotated,
 )
+from planners.gait.measurement import Measurement
 from planners.gait.reaction import LegLever, rest_of_swing
 from planners.gait.swing import SwingShape, SwingState
 

@@ -25,8 +25,14 @@ from planners.gait.footsteps import Point, point_at
 from planners.gait.reaction import LegLever, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
 from planners.gait.swing import SwingShape
 
-#: Motion of the swing foot (3, 4), its height at lift-off [m], duration of the swing [s], and target in W [m]
-Swing = tuple[Matrix, float, float, Point]
+
+class SwingMotion(NamedTuple):
+    """The swing under way, for compiled code."""
+
+    motion: Matrix  # of the foot, see ``SwingState`` (3, 4)
+    floor: float  # its height at lift-off [m]
+    duration: float  # from lift-off to touchdown [s]
+    target: Point  # in W [m]
 
 
 class StepModel(NamedTuple):
@@ -126,14 +132,14 @@ def _single_support(
     end: Vector,
     omega: float,
     left: float,
-    swing: Swing,
+    swing: SwingMotion,
     body: tuple[Vector, Vector],
     leg: Unboxed[SwingLeg],
     out: Matrix,
 ) -> None:
     """DCM, its rate, and present CMP minus CoP (3, 2): ``DcmState.in_single``."""
-    (shape, lever), (motion, floor, duration, target), (com, velocity) = leg.record, swing, body
-    rest = rest_of_swing(omega, left, motion, floor, duration, target, com, velocity, shape, lever)
+    (shape, lever), (com, velocity), motion = leg.record, body, swing.motion
+    rest = rest_of_swing(omega, left, motion, swing.floor, swing.duration, swing.target, com, velocity, shape, lever)
     offset = cmp_offset(motion, com, velocity, lever)
     pendulum(point, end, omega, max(left, 0.0), rest, offset, out)
     out[2, 0], out[2, 1] = offset
@@ -145,7 +151,7 @@ def double_support(
 ) -> tuple[Vector, Vector]:
     """DCM and its rate while the ZMP moves from ``old`` to ``new`` (2,) in ``duration``; ``end`` is the DCM then.
 
-    Before that, ``elapsed`` is negative, and the pendulum turns on about ``old``.
+    ``elapsed`` counts from the planned touchdown [s]; before it, ``elapsed`` is negative and the ZMP rests in ``old``.
     """
     early, elapsed = min(elapsed, 0.0), max(elapsed, 0.0)
     dcm, rate, decay = np.empty(2), np.empty(2), math.exp(-omega * (duration - elapsed))
@@ -216,7 +222,7 @@ class DcmState(Struct, frozen=True):
         end: Vector,
         omega: float,
         left: float,
-        swing: Swing,
+        swing: SwingMotion,
         body: tuple[Vector, Vector],
         leg: Unboxed[SwingLeg],
     ) -> tuple[DcmState, Vector]:

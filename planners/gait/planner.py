@@ -15,17 +15,11 @@ from models.types import ContactState, Reference, RobotState, Vector
 from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import (
-    AirborneDetector,
-    BodyMotion,
-    GaitMeasurement,
-    Measurement,
-    Soles,
-    filtered_dcm_rate,
-)
-from planners.gait.dcm import DcmState
+from planners.gait.contact import AirborneDetector, Soles
+from planners.gait.dcm import DcmState, SwingMotion
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
+from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Footstep, Route
@@ -156,8 +150,8 @@ class GaitPlanner:
         """One tick, ``dt`` [s] after the last one: reference of the whole-body controller.
 
         ``rest`` is how the robot stands while it takes no steps; over the middle of the soles when None. While it
-        stands still, the reference is that of ``rest`` on the part of the soles that bears load. ``motion`` is computed
-        from ``state`` when None.
+        stands still, the reference is that of ``rest`` on the part of the soles that bears load. ``motion`` is CoM and
+        soles of this same ``state``, computed from it when None.
         """
         gait = self.state
         before = gait.measured
@@ -278,7 +272,7 @@ class GaitPlanner:
         """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m]."""
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
-        swing = gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y)
+        swing = SwingMotion(gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y))
         end, body = gait.step.touchdown, (measured.com, measured.com_velocity)
         return gait.dcm.in_single(self._stance_point(), end, self._omega(), left, swing, body, self._leg)
 
@@ -470,6 +464,6 @@ class GaitPlanner:
         self.state.command = self._commands.set_velocity(CommandState(), velocity)
         for dt in (self.config.timing.start, self.config.timing.start, self.config.timing.adjust_period):
             self.step(robot, dt)
-        self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # the first step was urgent
-        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # after an early touchdown
+        self._swing.detect_trip(at_rest.swing, 0.0, 0.0, 0.0, 1.0, 1.0)  # not reached: the step is urgent
+        at_rest.dcm.in_double(at_rest.dcm.old, at_rest.dcm.old, self._omega(), -1.0, 1.0)  # not reached either
         return at_rest

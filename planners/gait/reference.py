@@ -10,8 +10,9 @@ from models.robot_model import RobotModel
 from models.spline import min_jerk
 from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
-from planners.gait.contact import AirborneState, Measurement
+from planners.gait.contact import AirborneState
 from planners.gait.footsteps import Point, mean_heading, wrap
+from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
 
 Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W

@@ -12,10 +12,11 @@ from msgspec import Struct
 from models.types import Reference, Vector
 from planners.gait.commands import NO_COMMAND, CommandState
 from planners.gait.config import GaitConfig
-from planners.gait.contact import AirborneState, Measurement, Soles, SoleState
+from planners.gait.contact import AirborneState, Soles, SoleState
 from planners.gait.dcm import DcmState
 from planners.gait.footing import FootingState
 from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
+from planners.gait.measurement import Measurement
 from planners.gait.swing import AT_REST, SwingState
 
 TIMES = 5  #: Touchdown times that the capturability margin tries

@@ -31,14 +31,23 @@ class SwingLimits(NamedTuple):
     """Constants of ``SwingFoot``; behind the shape, fields of ``SwingConfig``."""
 
     shape: SwingShape
-    late_velocity: float
-    late_time: float
-    depth_max: float
-    tilt_time: float
-    trip_lag: float
-    trip_speed: float
-    trip_filter: float
-    trip_time: float
+    late_velocity: float  # [m/s]
+    late_time: float  # [s]
+    depth_max: float  # [m]
+    tilt_time: float  # [s]
+    trip_lag: float  # [m]
+    trip_speed: float  # [-]
+    trip_filter: float  # [s]
+    trip_time: float  # [s]
+
+
+class FootTrack(NamedTuple):
+    """Measured motion of the swing foot, by which a trip is detected."""
+
+    place: Point  # in W [m]
+    last_place: Point  # one tick earlier [m]
+    speed: Point  # filtered [m/s]
+    rising_until: float  # see ``SwingState`` [s]
 
 
 class SwingState(Struct, frozen=True):
@@ -105,8 +114,8 @@ class SwingFoot:
     ) -> SwingState:
         """Return to the measured place x, y of the sole in W [m] when the foot has tripped; times in [s]."""
         motion = swing.motion.copy()
-        watched = (x, y), swing.place or (x, y), swing.speed, swing.rising_until
-        tripped, rising_until, speed = _return_tripped(self._limits, motion, watched, elapsed, duration, dt)
+        track = FootTrack((x, y), swing.place or (x, y), swing.speed, swing.rising_until)
+        tripped, rising_until, speed = _return_tripped(self._limits, motion, track, elapsed, duration, dt)
         trips = swing.trips + tripped
         return SwingState(motion, swing.floor, swing.duration, swing.tilt, trips, rising_until, (x, y), speed)
 
@@ -121,19 +130,13 @@ class SwingFoot:
 
 @njit(cache=True)
 def _return_tripped(
-    swing: Unboxed[SwingLimits],
-    motion: Matrix,
-    watched: tuple[Point, Point, Point, float],
-    elapsed: float,
-    duration: float,
-    dt: float,
+    constants: Unboxed[SwingLimits], motion: Matrix, track: FootTrack, elapsed: float, duration: float, dt: float
 ) -> tuple[bool, float, Point]:
     """Return the motion (3, 4) to the measured place when the foot has tripped.
 
-    ``watched`` are the sole's place and that of the last tick [m], its speed [m/s], and ``rising_until`` [s]. Returns
-    whether the foot has tripped, ``rising_until`` and the speed.
+    Returns whether it has, and the new ``rising_until`` [s] and speed [m/s] of the track.
     """
-    limits, ((x, y), (last_x, last_y), (vx, vy), rising_until) = swing.record, watched
+    limits, ((x, y), (last_x, last_y), (vx, vy), rising_until) = constants.record, track
     share = min(dt / limits.trip_filter, 1.0)
     vx, vy = vx + share * ((x - last_x) / dt - vx), vy + share * ((y - last_y) / dt - vy)
     planned_x, planned_y = motion[1, X], motion[1, Y]
@@ -151,7 +154,7 @@ def _return_tripped(
 
 @njit(cache=True)
 def _advance(
-    swing: Unboxed[SwingLimits],
+    constants: Unboxed[SwingLimits],
     motion: Matrix,
     tilt: Vector,
     target: Vector,
@@ -163,7 +166,7 @@ def _advance(
     dt: float,
 ) -> None:
     """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``."""
-    limits = swing.record
+    limits = constants.record
     shape, share = limits.shape, min(dt / limits.tilt_time, 1.0)
     for i in range(2):
         tilt[i] += share * (slope[i] - tilt[i])

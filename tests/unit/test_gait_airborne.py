@@ -6,7 +6,8 @@ import pytest
 from models.config import default_config
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.contact import AirborneDetector, GaitMeasurement
+from planners.gait.contact import AirborneDetector
+from planners.gait.measurement import GaitMeasurement
 from planners.gait.reference import ReferenceBuilder
 from tests.support import standing
 

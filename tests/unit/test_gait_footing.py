@@ -10,9 +10,9 @@ from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import GaitMeasurement, Measurement
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Foothold
+from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import GaitPhase
 from tests.gaits import DT, in_single_support, on_one_foot

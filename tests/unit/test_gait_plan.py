@@ -12,8 +12,9 @@ from planners.gait import dcm
 from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import CommandState
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import GaitMeasurement, Measurement, Soles
+from planners.gait.contact import Soles
 from planners.gait.footsteps import Foothold, limits_of, preview_footholds
+from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.reaction import SwingLeg, leg_lever, whole_swing
 from planners.gait.route import Route, plan_to_pose, route_of
 from planners.gait.swing import SwingFoot
@@ -109,10 +110,8 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     nominal, offset = planned.plan.nominal(walk)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
     start, leg = landing + offset, unbox(SwingLeg(planned.swing.shape, planned.lever))
-    moving, still = (
-        (swing.motion, swing.floor, swing.duration, (nominal.x, nominal.y)),
-        dcm.DcmState.at_rest(np.zeros(2)),
-    )
+    moving = dcm.SwingMotion(swing.motion, swing.floor, swing.duration, (nominal.x, nominal.y))
+    still = dcm.DcmState.at_rest(np.zeros(2))
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
         body = at.com, at.com_velocity

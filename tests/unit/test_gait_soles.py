@@ -7,8 +7,9 @@ from msgspec import structs
 from models.config import default_config
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.contact import Measurement, Soles, SoleState
+from planners.gait.contact import Soles, SoleState
 from planners.gait.footsteps import Foothold
+from planners.gait.measurement import Measurement
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
 

@@ -11,7 +11,8 @@ from models.config import default_config
 from models.robot_model import RobotModel
 from models.types import RobotState
 from planners.gait.config import GaitConfig, foot_speed, load_gait_config
-from planners.gait.contact import GaitMeasurement, Soles
+from planners.gait.contact import Soles
+from planners.gait.measurement import GaitMeasurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.reference import ReferenceBuilder, height_in_reach
 from planners.gait.state import GaitPhase

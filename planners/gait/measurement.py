@@ -1,0 +1,139 @@
+"""Measurement of a robot state for the gait: CoM, DCM and soles."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from models.constants import GRAVITY
+from models.numerics.compiled import njit, register_jitable
+from models.numerics.unboxed import Unboxed, unbox
+from models.robot_model import RobotModel
+from models.types import Matrix, RobotState, Vector
+from planners.gait.footsteps import Feet, Foothold, Place, Point
+
+Array = NDArray[np.float64]
+
+#: Least cosine of a sole's tilt that its slope is computed from [-]: that of an upturned foot is meaningless
+_UPRIGHT_MIN = 0.1
+_LOADED = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
+
+
+class Measurement(Struct, frozen=True):
+    """CoM, DCM and soles of one robot state."""
+
+    com: Vector  # in W (3,) [m]
+    com_velocity: Vector  # in W (3,) [m/s]
+    soles: Feet
+    tilts: Matrix  # slope of each sole: rise along x and along y of W (2, 2) [-]
+    turning: Matrix  # angular velocity of each sole about its x and y (2, 2) [rad/s]
+    cops: Matrix  # in the frame of each sole; without load, that of the last tick with load (2, 2) [m]
+    loads: tuple[float, float]  # vertical force on each sole, share of the weight [-]
+    active: tuple[bool, bool]  # contact of each foot, by the estimator
+
+    def dcm(self, omega: float) -> Vector:
+        """``xi = c + c' / omega``, horizontal (2,) [m]."""
+        dcm: Vector = self.com[:2] + self.com_velocity[:2] / omega
+        return dcm
+
+
+@njit(cache=True)
+def filtered_dcm_rate(
+    rate: Vector, com_before: Vector, velocity_before: Vector, com: Vector, velocity: Vector, omega: float, dt: float,
+    share: float,
+) -> Vector:  # fmt: skip
+    """Rate of the DCM (2,) [m/s] after ``dt`` [s], a share of the way from the last one to that of two states."""
+    after = np.empty(2)
+    for i in range(2):
+        way = com[i] + velocity[i] / omega - (com_before[i] + velocity_before[i] / omega)
+        after[i] = rate[i] + share * (way / dt - rate[i])
+    return after
+
+
+class BodyMotion(NamedTuple):
+    """CoM and soles of one robot state, for compiled code."""
+
+    com: Vector  # in W (3,) [m]
+    com_velocity: Vector  # in W (3,) [m/s]
+    poses: Array  # of the soles in W, homogeneous (2, 4, 4)
+    twists: Matrix  # of the soles, each in its frame, linear part first (2, 6) [m/s, rad/s]
+
+
+class GaitMeasurement:
+    """Evaluates robot states."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model, self._data = model, model.data()
+        self._weight = model.mass * GRAVITY
+        self._motion = BodyMotion(np.zeros(3), np.zeros(3), np.zeros((2, 4, 4)), np.zeros((2, 6)))
+        self._unboxed = unbox(self._motion)
+
+    def measure(
+        self, state: RobotState, last: Measurement | None = None, motion: Unboxed[BodyMotion] | None = None
+    ) -> Measurement:
+        """Evaluate a state; ``last`` has the centres of pressure of soles without load.
+
+        ``motion`` is CoM and soles of this same ``state``, computed from it when None.
+        """
+        if motion is None:
+            self._move(state)
+            motion = self._unboxed
+        body, tilts, turning = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 2))
+        cops = np.zeros((2, 2)) if last is None else last.cops.copy()
+        left, right = state.contacts
+        first, second, loads = _measure(motion, left.wrench, right.wrench, self._weight, body, tilts, turning, cops)
+        return Measurement(
+            com=body[0],
+            com_velocity=body[1],
+            soles=(Foothold(*first), Foothold(*second)),
+            tilts=tilts,
+            turning=turning,
+            cops=cops,
+            loads=loads,
+            active=(left.active, right.active),
+        )
+
+    def _move(self, state: RobotState) -> None:
+        model, data, motion = self._model, self._data, self._motion
+        pin.centerOfMass(model.pin, data, state.q, state.v, False)
+        motion.com[:], motion.com_velocity[:] = data.com[0], data.vcom[0]
+        for foot, pose, twist in zip(model.feet, motion.poses, motion.twists, strict=True):
+            pose[:] = pin.updateFramePlacement(model.pin, data, foot.frame_id).homogeneous
+            twist[:] = pin.getFrameVelocity(model.pin, data, foot.frame_id, pin.LOCAL).vector
+
+
+@njit(cache=True)
+def _measure(
+    motion: Unboxed[BodyMotion],
+    left: Vector,
+    right: Vector,
+    weight: float,
+    body: Matrix,
+    tilts: Matrix,
+    turning: Matrix,
+    cops: Matrix,
+) -> tuple[Place, Place, Point]:
+    """Place of each sole, and its load as a share of the ``weight`` [N].
+
+    Fills the fields ``tilts``, ``turning`` and ``cops`` of ``Measurement``, and CoM and its velocity ``body`` (2, 3).
+    """
+    com, velocity, poses, twists = motion.record
+    for i in range(3):
+        body[0, i], body[1, i] = com[i], velocity[i]
+    for foot in range(2):
+        pose, wrench = poses[foot], left if foot == 0 else right
+        upright = max(pose[2, 2], _UPRIGHT_MIN)
+        for i in range(2):
+            tilts[foot, i] = -pose[i, 2] / upright
+            turning[foot, i] = twists[foot, 3 + i]
+        if wrench[2] / weight > _LOADED:
+            cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
+    return _place(poses[0]), _place(poses[1]), (left[2] / weight, right[2] / weight)
+
+
+@register_jitable
+def _place(pose: Matrix) -> Place:
+    return pose[0, 3], pose[1, 3], math.atan2(pose[1, 0], pose[0, 0]), pose[2, 3]
