@@ -104,7 +104,7 @@ class Trials:
 
     def _move(self, loop: ClosedLoop, name: str) -> None:
         """Play a motion; ``PoiseError`` with the reason when it does not end with a standing robot."""
-        self._say(loop, name)
+        self._command(loop, name)
         if not loop.wait_motion():
             raise PoiseError(self._why(loop, "it did not come to its end"))
         loop.run(self._config.pause)
@@ -113,7 +113,7 @@ class Trials:
 
     def _walk(self, loop: ClosedLoop) -> tuple[bool, str]:
         start, first = loop.truth.q[:2].copy(), len(loop.log)
-        self._say(loop, "walk")
+        self._command(loop, "walk")
         speed = self._config.walk_speed * loop.gait.config.velocity.forward
         loop.set_velocity(speed, 0.0, 0.0)
         loop.run(self._config.walk_time)
@@ -127,8 +127,8 @@ class Trials:
         steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
         return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop, first)}"
 
-    def _say(self, loop: ClosedLoop, word: str) -> None:
-        if not (reply := loop.command(word)).accepted:
+    def _command(self, loop: ClosedLoop, text: str) -> None:
+        if not (reply := loop.command(text)).accepted:
             raise PoiseError(reply.reason)
 
     def _standing(self, loop: ClosedLoop) -> bool:

@@ -11,7 +11,7 @@ MuJoCo's arrays.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict, Unpack
 
 import mujoco
 import numpy as np
@@ -70,7 +70,17 @@ class MujocoModel:
         data.eq_active[self.hold_equality] = 0
 
 
-def build_mujoco(model: RobotModel, *, payload_kg: float = 0.0, **options: Any) -> MujocoModel:
+class WorldOptions(TypedDict, total=False):
+    """Keyword arguments of both functions below; see ``build_mujoco_world``."""
+
+    timestep: float
+    visuals: bool
+    friction: float | None
+    terrain: str | Terrain
+    config: PlantConfig | None
+
+
+def build_mujoco(model: RobotModel, *, payload_kg: float = 0.0, **options: Unpack[WorldOptions]) -> MujocoModel:
     """Build one simulated robot and its floor; options are those of ``build_mujoco_world``."""
     return build_mujoco_world({"": model}, payload_kg={"": payload_kg}, **options)[""]
 

@@ -106,7 +106,7 @@ def find_plant(name: str) -> Callable[..., Plant]:
     """Class of a built-in plant, entry point of ``poise.plants`` or ``module:Class``; ``ConfigError`` if unknown."""
     installed = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     known = {**installed, **BUILT_IN}
-    if ":" not in (place := known.get(name, name)):
+    if not all((place := known.get(name, name)).partition(":")):
         raise ConfigError(f"plant: unknown '{name}'; known: {', '.join(sorted(known))}; or give module:Class")
     try:
         found: Callable[..., Plant] = resolve_name(place)

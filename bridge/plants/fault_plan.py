@@ -120,7 +120,7 @@ class Fault:
             raise self._refusal(name, f"{given} is negative")
 
     def _rules(self, own: tuple[str, ...]) -> Iterator[tuple[str, bool, str]]:
-        """What the parameters must be to each other: a name, whether it is to be refused, and why."""
+        """Rules between the parameters: name, whether it is refused, reason."""
         given = {name for name in own if getattr(self, name) is not None}
         yield "start", self.start < 0.0, f"{self.start} s is before the injection"
         yield "end", not self.start < self.end, f"{self.end} s is not after the start at {self.start} s"

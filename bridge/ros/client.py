@@ -98,16 +98,20 @@ class Client:
         return self.status.robot
 
     def expect(self, condition: Callable[[], bool], timeout: float, what: str, name: str) -> None:
-        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s], with where robots are."""
+        """Wait for ``what`` at a topic or service; ``CommandError`` after ``timeout`` [s] with namespaces of robots."""
         if self.wait(condition, timeout):
             return
         end = f"/{topics.SUPERVISOR_STATUS}"
         seen = [topic for topic, _ in self.node.get_topic_names_and_types() if topic.endswith(end)]
-        robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)} - {self.namespace}
-        up = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: give --namespace"
-        remedy = up if robots else "is one up? start it with: poise up"
+        robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)}
+        remedy = "is the robot up? start it with: poise up"
+        if self.namespace in robots:
+            remedy = "the robot is up: poise status says what it does"
+        elif robots:
+            option = "leave --namespace out" if robots == {""} else "give --namespace"
+            remedy = f"robots are up in {', '.join(robot or '/' for robot in sorted(robots))}: {option}"
         named = f"{self.namespace}/{name}" if self.namespace else name
-        raise CommandError(f"no {what} {named} within {timeout:.0f} s: {remedy}")
+        raise CommandError(f"no {what} {named} within {timeout:g} s: {remedy}")
 
     def spin(self, duration: float) -> None:
         """Serve callbacks for a time [s]."""

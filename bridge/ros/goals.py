@@ -241,7 +241,7 @@ class Turns:
 
 
 class Action(ABC):
-    """Behaviour of an action of a type."""
+    """Behaviour of one action; ``kind`` is its type."""
 
     def __init__(self, robot: RobotClient, kind: Any) -> None:
         self._robot, self._kind = robot, kind

@@ -20,7 +20,7 @@ from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
 
 PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
-ANSWER_TIMEOUT = 5.0  #: Longest wait for the answer to a goal, which is sent again every second [s]
+ANSWER_TIMEOUT = 5.0  #: Longest wait for a subscriber, and for the answer to a request that is repeated [s]
 STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the start and the end of a walk [s]
 RESET_TIMEOUT = 15.0  #: Longest wait until a robot that was reset stands [s]
 STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]

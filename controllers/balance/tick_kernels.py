@@ -89,16 +89,16 @@ def standing_reference(
 
 
 @njit(cache=True)
-def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
+def _move_footholds(arrays: BalanceArrays, loaded_left: bool, loaded_right: bool, share: float) -> None:
     """Move the footholds with the loaded soles, and the anchor to their middle, level, at their mean heading.
 
     Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
-    if left:
+    if loaded_left:
         follow_pose(rotations[0], positions[0], arrays.poses[0], share)
-    if right:
+    if loaded_right:
         follow_pose(rotations[1], positions[1], arrays.poses[1], share)
     for i in range(3):
         arrays.anchor[i] = 0.5 * (positions[0, i] + positions[1, i])
@@ -115,7 +115,7 @@ def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float
 
 @njit(cache=True)
 def _place_reference(arrays: BalanceArrays, velocity: Array, out: Array) -> None:
-    """Turn the posture's CoM, its velocity (3,), base and torso rotations from the anchor frame into W (8, 3)."""
+    """Write the posture's CoM, ``velocity`` (3,), base and torso rotations into the first 8 rows of ``out``, in W."""
     turn = arrays.anchor_rotation
     out[:8] = 0.0
     for i in range(3):
@@ -155,7 +155,10 @@ def feedback_tick(
     sole_positions: Array,
     shift: Array,
 ) -> float:
-    """DCM feedback of ``BalanceController``: admissible CMP, CoM acceleration that it causes; the capture margin [m].
+    """DCM feedback of ``BalanceController``; returns the capture margin [m].
+
+    Writes, in W, the measured DCM ``dcm`` (2,) [m], the admissible CMP ``cmp`` (2,) [m] and the CoM acceleration
+    ``acceleration`` (3,) [m/s^2] of the record.
 
     ``left`` and ``right`` are the feet planned to bear load, both where neither is. With ``led``, ``dcm`` and
     ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned

@@ -202,12 +202,12 @@ def _make_mode(reduction: Reduction, limits: BodyLimits, extra: Sequence[RowLimi
 
 
 @njit(cache=True)
-def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_ModeArrays], *given: Any) -> None:
-    """Rows of the tasks, reduction, cost, and rows of the limits."""
-    terms, shared, arrays, desired = model.record, setup.record, mode.record, Desired(*given)
+def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_ModeArrays], *desired: Any) -> None:
+    """Rows of tasks, reduction, cost, and rows of limits; ``desired`` are the fields of ``Desired`` in their order."""
+    terms, shared, arrays, references = model.record, setup.record, mode.record, Desired(*desired)
     dynamics, reduction, held = terms.dynamics, arrays.reduction, shared.contact_acceleration
-    body_rows(shared.tasks, terms, desired)
-    eliminate(dynamics, desired.sole_rotations, desired.sole_positions, shared.contacts, held, reduction)
+    body_rows(shared.tasks, terms, references)
+    eliminate(dynamics, references.sole_rotations, references.sole_positions, shared.contacts, held, reduction)
     _assemble_cost(shared.stack, reduction, shared.regularisation, arrays.hessian, arrays.gradient)
     limit_rows(shared.limits, dynamics, reduction, arrays.rows)
 

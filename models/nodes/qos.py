@@ -48,7 +48,7 @@ def sensor(*, lockstep: bool, waits: bool) -> QoSProfile:
 
 
 def command(deadline_s: float | None = None) -> QoSProfile:
-    """Joint commands: reliable, newest only."""
+    """Joint commands: reliable, newest only, with this offered deadline [s], none when None."""
     return keep_last(1, reliable=True, deadline_s=deadline_s)
 
 

@@ -158,6 +158,22 @@ def test_robots_in_other_namespaces_are_named(context: Context) -> None:
     node.destroy_node()
 
 
+def test_without_a_namespace_the_only_robot_is_named(context: Context) -> None:
+    node = Node("supervisor", context=context)
+    node.create_publisher(String, topics.SUPERVISOR_STATUS, LATCHED)
+    with Client(namespace="robot_1") as client, pytest.raises(CommandError, match="are up in /: leave --namespace out"):
+        client.robot(timeout=2.0)
+    node.destroy_node()
+
+
+def test_a_robot_that_is_up_lacks_a_service(supervisor: FakeSupervisor) -> None:
+    with (
+        Client() as client,
+        pytest.raises(CommandError, match=r"no service none within 1\.5 s: the robot is up: poise"),
+    ):
+        client.trigger("none", timeout=1.5)
+
+
 def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> None:
     node = Node("plant", context=context)
     odom = node.create_publisher(Odometry, topics.GROUND_TRUTH, SENSOR)

@@ -67,6 +67,8 @@ def test_the_graph_runs_the_plant(folder: Path, monkeypatch: pytest.MonkeyPatch)
     ("parameters", "culprit"),
     [
         ({"plant": "robot"}, "plant: unknown 'robot'; known: mujoco"),
+        ({"plant": "replay:"}, "plant: unknown 'replay:'; known: mujoco"),
+        ({"plant": ":ReplayPlant"}, "plant: unknown ':ReplayPlant'; known: mujoco"),
         ({"plant": "no_such_module:Plant"}, "plant: 'no_such_module:Plant' cannot be imported"),
         ({"plant": "replay:ReplayPlant", "plant_options": "{path: standing.npz}"}, "path"),
         ({"plant": "replay:ReplayPlant", "plant_options": "{file: FOLDER/empty.npz}"}, "no array 'q'"),

@@ -90,7 +90,10 @@ class Robots(list[Robot]):
 
     @contextmanager
     def program(self, name: str, folder: Path) -> Iterator[Callable[[Robot], str]]:
-        """The same textbook node for each robot, in its namespace; yields what reads the output of a robot's."""
+        """The same textbook node for each robot, in its namespace.
+
+        Yields a function that returns the output of a robot's node.
+        """
         logs = {robot: folder / f"{name}{robot.namespace}" for robot in self}
         with ExitStack() as ending:
             for robot, log in logs.items():
@@ -112,6 +115,7 @@ def robots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     with kind(what, domain_id=free_domain(), log=log, say=lambda text: None) as running:
         running.wait_standing(START_TIME)
         yield Robots(running)
+    assert set(running.exit_codes.values()) <= {0}
 
 
 def test_every_textbook_node_is_short() -> None:

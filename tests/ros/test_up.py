@@ -168,7 +168,7 @@ def test_a_plain_process_on_this_machine_reaches_the_graph(bench: Any, discovery
         plain.kill()
 
 
-def test_ros_arguments_quote_every_type(tmp_path: Path) -> None:
+def test_parameters_of_a_process_keep_their_types_in_its_file(tmp_path: Path) -> None:
     spec = ProcessSpec("module", ("a", "b"))
     values = {"a": {"text": "1", "flag": True, "list": [1.0, 2.0]}, "c": {"x": 1}}
     file = tmp_path / "parameters.yaml"

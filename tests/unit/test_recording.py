@@ -138,7 +138,9 @@ def test_a_film_strip_of_a_robot_that_is_known_by_its_file_alone(g1: RobotModel,
     picture = tmp_path / "strip.png"
     assert "mine" in render_filmstrip(tmp_path / "run.npz", picture) and not picture.exists()
     assert render_filmstrip(tmp_path / "run.npz", picture, str(profile)) == "" and picture.is_file()
-    later = [_standing(g1, 1.0 + 0.05 * k) for k in range(3)]
-    _recording("g1", later).save(tmp_path / "run.npz")
-    assert render_filmstrip(tmp_path / "run.npz", tmp_path / "later.png") == ""
-    assert (tmp_path / "later.png").read_bytes() != picture.read_bytes()  # the time that stands in it is that of plots
+    again, later = tmp_path / "again.png", tmp_path / "later.png"
+    assert render_filmstrip(tmp_path / "run.npz", again, str(profile)) == ""
+    assert again.read_bytes() == picture.read_bytes()
+    _recording("mine", [_standing(g1, 1.0 + 0.05 * k) for k in range(3)]).save(tmp_path / "run.npz")
+    assert render_filmstrip(tmp_path / "run.npz", later, str(profile)) == ""
+    assert later.read_bytes() != picture.read_bytes()  # the labels are the times of the recording
