@@ -127,7 +127,7 @@ def pendulum(point: Vector, end: Vector, omega: float, left: float, rest: Point,
 
 
 @njit(cache=True)
-def _single_support(
+def single_support(
     point: Vector,
     end: Vector,
     omega: float,
@@ -135,14 +135,17 @@ def _single_support(
     swing: SwingMotion,
     body: tuple[Vector, Vector],
     leg: Unboxed[SwingLeg],
-    out: Matrix,
-) -> None:
-    """DCM, its rate, and present CMP minus CoP (3, 2): ``DcmState.in_single``."""
-    (shape, lever), (com, velocity), motion = leg.record, body, swing.motion
+) -> Matrix:
+    """DCM, its rate, and present CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown with ``end``.
+
+    ``point`` is the ZMP point of the stance foot and ``end`` a DCM (2,) [m], ``body`` are the CoM and its velocity.
+    """
+    (shape, lever), (com, velocity), motion, out = leg.record, body, swing.motion, np.empty((3, 2))
     rest = rest_of_swing(omega, left, motion, swing.floor, swing.duration, swing.target, com, velocity, shape, lever)
     offset = cmp_offset(motion, com, velocity, lever)
     pendulum(point, end, omega, max(left, 0.0), rest, offset, out)
     out[2, 0], out[2, 1] = offset
+    return out
 
 
 @njit(cache=True)
@@ -216,23 +219,9 @@ class DcmState(Struct, frozen=True):
         dcm, now = blend(self.start, (end, rate), elapsed, duration)
         return DcmState(dcm, now, self.start, self.old)
 
-    def in_single(
-        self,
-        point: Vector,
-        end: Vector,
-        omega: float,
-        left: float,
-        swing: SwingMotion,
-        body: tuple[Vector, Vector],
-        leg: Unboxed[SwingLeg],
-    ) -> tuple[DcmState, Vector]:
-        """Single support, ``left`` [s] before the touchdown with the DCM ``end``; also present CMP minus CoP (2,) [m].
-
-        ``point`` is the ZMP point of the stance foot (2,) [m], ``body`` are the CoM and its velocity.
-        """
-        out = np.empty((3, 2))
-        _single_support(point, end, omega, left, swing, body, leg, out)
-        return DcmState(out[0], out[1], self.start, point), out[2]
+    def in_single(self, point: Vector, dcm: Vector, rate: Vector) -> DcmState:
+        """Single support on the ZMP point (2,) [m] of a foot; see ``single_support``."""
+        return DcmState(dcm, rate, self.start, point)
 
     def in_double(self, new: Vector, end: Vector, omega: float, elapsed: float, duration: float) -> DcmState:
         """Double support from the last stance foot to the new one; see ``double_support``.

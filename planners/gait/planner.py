@@ -16,7 +16,7 @@ from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
-from planners.gait.dcm import DcmState, SwingMotion
+from planners.gait.dcm import DcmState, SwingMotion, single_support
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
@@ -273,8 +273,9 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
         swing = SwingMotion(gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y))
-        end, body = gait.step.touchdown, (measured.com, measured.com_velocity)
-        return gait.dcm.in_single(self._stance_point(), end, self._omega(), left, swing, body, self._leg)
+        point, body = self._stance_point(), (measured.com, measured.com_velocity)
+        dcm, rate, offset = single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg)
+        return gait.dcm.in_single(point, dcm, rate), offset
 
     def _stance_point(self) -> Vector:
         """ZMP point of the stance foot (2,) [m]."""

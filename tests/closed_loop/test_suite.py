@@ -23,7 +23,7 @@ ROW = "stamp_in_the_future"
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     """A suite of one case, and of a benchmark that cannot be run."""
-    parts = {"faults": Part(("g1",), 1, (ROW,)), "stand": Part(("nobody",))}
+    parts = {"faults": Part(("g1",), 1, (ROW,)), "stand": Part(("unknown",))}
     keys = {"survived": "ended as they must", "absent": "absent"}
     info = Info("", choice="scenario", keys=keys, figures=("survived", "total", "nonsense"))
     listed = {"faults": Listed("faults", info, "benchmarks.faults.faults"), "stand": catalogue()["stand"]}
@@ -39,19 +39,19 @@ def run(folder: Path) -> Any:
 def test_a_suite_is_measured_once_and_its_report_is_built_from_the_lines(tmp_path: Path, tiny: None) -> None:
     pytest.importorskip("markdown_it")
     folder = tmp_path / "bench"
-    assert run(folder).exit_code == 1  # nobody's profile is missing
+    assert run(folder).exit_code == 1  # there is no such profile
     (line,) = [json.loads(text) for text in (folder / CASES).read_text().splitlines()]
     assert (line["bench"], line["case"]["row"], line["case"]["ok"]) == ("faults", ROW, True)
     report, failure = [json.loads(text) for text in (folder / REPORTS).read_text().splitlines()]
     assert report["keys"] == [line["key"]] and report["figures"] == pytest.approx({
         "survived": 1.0, "total": 1.0, "torque_step_max": line["case"]["torque_step"],
     })  # fmt: skip
-    assert (failure["bench"], failure["robot"]) == ("stand", "nobody") and "unknown robot" in failure["error"]
+    assert (failure["bench"], failure["robot"]) == ("stand", "unknown") and "unknown robot" in failure["error"]
     page, whole = (folder / "report.md").read_text(), (folder / "report.html").read_text()
     command = f"poise bench faults --robot g1 --seeds 1 --scenario {ROW}"
     for text in (f"| faults | g1 | passed | ended as they must: 1 (≥ 1) | `{command}` |", "| faults | g1 | 1 | 1 |"):
         assert text in page, text
-    for text in ("| stand | nobody | **could not be run** |", "stand, nobody: ", "0.21 to 1.00"):
+    for text in ("| stand | unknown | **could not be run** |", "stand, unknown: ", "0.21 to 1.00"):
         assert text in page, text
     # A figure that is none is to be seen.
     for text in ("| faults | `survived` | 1 (≥ 1) |", "| faults | `nonsense` | - |"):

@@ -138,7 +138,7 @@ from benchmarks.report import suite
 from benchmarks.core.benchmark import Part
 from benchmarks.cli import app
 
-parts = {"faults": Part(("g1",), 6, ("stamp_in_the_future",)), "stand": Part(("nobody",))}
+parts = {"faults": Part(("g1",), 6, ("stamp_in_the_future",)), "stand": Part(("unknown",))}
 suite.parts_of = lambda name: parts
 app(["all", "--full", "--out", sys.argv[1], "--workers", "2"])
 """
@@ -173,7 +173,7 @@ def test_a_suite_that_is_killed_goes_on_without_a_case_lost_or_repeated(tmp_path
     begun = f"{kept} of 6 cases of the unfinished that have begun"
     told = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
     assert told in page
-    assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand nobody." in page
+    assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand unknown." in page
 
     again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert f"{kept} cases were there, {CASES_OF_ALL - kept} measured" in again.stdout, again.stderr

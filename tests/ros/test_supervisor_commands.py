@@ -65,16 +65,16 @@ class Sources:
         return str(self.node.values.get("last refusal", ""))
 
     def until(self, velocity: tuple[float, float, float], *sends: tuple[Any, tuple[float, float, float]]) -> None:
-        """Have sources repeat their velocities until the gait is told one."""
+        """Have sources repeat their velocities until one reaches the gait."""
         self.asked.clear()
 
-        def told() -> bool:
+        def reached() -> bool:
             for publisher, value in sends:
                 publisher.publish(velocity_to_twist(value))
             self.bench.spin(0.05)
             return bool(self.asked) and self.asked[-1] == velocity
 
-        self.bench.wait(told)
+        self.bench.wait(reached)
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_a_second_publisher_and_a_planner_that_falls_silent_are_noticed(
     reports = StatusTopic(bench.world, topics.NODE_STATUS)
     bench.wait(lambda: world.modes and reports.get_subscription_count() == 1)
     bench.spin(0.3)
-    assert node._law.holds == ()  # a planner that has never been heard of is not missed
+    assert node._law.holds == ()  # a planner that was never there is not missed
     reports.publish(NodeStatus("motion_planner"))
     bench.spin(0.2)
     assert node._law.holds == ()

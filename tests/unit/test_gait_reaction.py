@@ -12,7 +12,7 @@ from models.errors import RobotModelError
 from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.dcm import DcmState, SwingMotion
+from planners.gait.dcm import SwingMotion, single_support
 from planners.gait.reaction import LegLever, SwingLeg, leg_lever, swing_slope, whole_swing
 from planners.gait.swing import SwingFoot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
@@ -71,8 +71,8 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
         swing, still = SwingMotion(foot.motion, foot.floor, foot.duration, (way[0], way[1])), np.zeros(2)
-        state, offset = DcmState.at_rest(still).in_single(still, still, OMEGA, left, swing, (com, velocity), LEG)
-        return state.dcm, offset
+        dcm, _, offset = single_support(still, still, OMEGA, left, swing, (com, velocity), LEG)
+        return dcm, offset
 
     for i in range(round(SINGLE / DT)):
         com = start + velocity * i * DT
