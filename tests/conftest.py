@@ -24,9 +24,10 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.hookimpl(tryfirst=True)  # before the workers of pytest-xdist read the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Workers of pytest-xdist take whole files, for their fixtures."""
+    """Workers of pytest-xdist take whole files, or whole packages, for their fixtures."""
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(item.path.name))
+        shared = item.getparent(pytest.Package) or item
+        item.add_marker(pytest.mark.xdist_group(shared.path.name))
 
 
 @pytest.hookimpl(wrapper=True)

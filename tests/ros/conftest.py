@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -145,16 +146,28 @@ class StatusTopic:
         self._publisher.publish(message)
 
 
+CONTROL_NODES = ("balance_controller", "state_estimator", "gait_planner", "supervisor", "motion_planner")
+
+
 class Eyes:
-    """What the tests see of the graph."""
+    """What the tests see of the graph.
+
+    Attributes:
+        stamp: Stamp of the last true state [ns].
+        truth_readers: Nodes of control that have subscribed to the true state.
+        control_topics: Topics to which nodes of control have subscribed.
+    """
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
         self.truth: list[np.ndarray] = []
+        self.stamp = 0
         self.posture = b""
         self.joints = b""
         self.motion: list[str] = []
         self.reports: dict[str, dict[str, str]] = {}
+        self.truth_readers: set[str] = set()
+        self.control_topics: set[str] = set()
         listen = graph.node.create_subscription
         listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
         listen(JointState, topics.POSTURE, self._on_posture, SENSOR, raw=True)
@@ -165,7 +178,8 @@ class Eyes:
         self.motions = graph.node.create_publisher(JointTrajectory, topics.MOTION_TRAJECTORY, EVENT)
 
     def _on_truth(self, data: bytes) -> None:
-        self.truth.append(OdometryCodec().decode(data)[1])
+        self.stamp, pose, _ = OdometryCodec().decode(data)
+        self.truth.append(pose)
 
     def _on_posture(self, data: bytes) -> None:
         self.posture = data
@@ -180,6 +194,33 @@ class Eyes:
             with suppress(PoiseError):
                 return self.graph.call(service)
         return self.graph.call(service)
+
+    def note_subscriptions(self) -> None:
+        """Add the present subscriptions of the nodes of control to ``truth_readers`` and ``control_topics``."""
+        node = self.graph.node
+        truth = node.get_subscriptions_info_by_topic(f"/{topics.GROUND_TRUTH}")
+        self.truth_readers.update(info.node_name for info in truth if info.node_name in CONTROL_NODES)
+        for name in set(CONTROL_NODES) & set(node.get_node_names()):
+            self.control_topics.update(topic for topic, _ in node.get_subscriber_names_and_types_by_node(name, "/"))
+
+    def check_truth(self) -> None:
+        """Assert that, from the first step to the end of a motion, no node of control has read the true state."""
+
+        def reached(mode: str) -> bool:
+            self.note_subscriptions()
+            return self.graph.mode == mode
+
+        self.graph.send("bow")
+        for mode in ("motion", "stand"):
+            self.graph.wait_for(partial(reached, mode), 120.0, mode)
+        assert set(CONTROL_NODES) <= set(self.graph.node.get_node_names())
+        needed = {f"/{topic}" for topic in (topics.JOINT_STATES, topics.IMU_RAW, topics.MODE)}
+        self.graph.wait_for(lambda: reached("stand") and needed <= self.control_topics, 60.0, "subscribing")
+        assert self.truth_readers == set()
+        assert not [topic for topic in self.control_topics if "truth" in topic]
+        for module, pid in self.graph.pids.items():
+            linked = "libmujoco" in Path(f"/proc/{pid}/maps").read_text(encoding="utf-8")
+            assert linked == (module == "bridge.nodes.robot_driver")
 
     @contextmanager
     def beside_the_robot(self, kind: type, topic: str) -> Iterator[Any]:
@@ -205,18 +246,19 @@ class Eyes:
         self.graph.wait_for(refused, 5.0, f"refused by {node} with '{culprit}'")
 
 
-OPTIONS = ("PROCESSES", "PARAMETERS")  #: Variables of a module that ``eyes`` reads
-
-
-@pytest.fixture(scope="module")
-def eyes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
-    """A graph that stands, of the processes and with the parameters that ``PROCESSES`` and ``PARAMETERS`` name."""
-    options = {name.lower(): getattr(request.module, name) for name in OPTIONS if hasattr(request.module, name)}
-    log = tmp_path_factory.mktemp("graph") / "log"
-    os.environ["ROS_LOG_DIR"] = str(log.parent)
+@contextmanager
+def standing_graph(folder: Path, **options: Any) -> Iterator[Eyes]:
+    """A graph that stands, with options of ``Graph``; all of its processes end with exit code 0."""
+    log = folder / "log"
+    os.environ["ROS_LOG_DIR"] = str(folder)
     with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None, **options) as graph:
         seen = Eyes(graph)
-        graph.wait_standing(90.0)
+
+        def standing() -> bool:
+            seen.note_subscriptions()
+            return graph.standing
+
+        graph.wait_for(standing, 90.0, "standing")
         graph.wait_for(lambda: bool(seen.posture) and len(seen.reports) >= 5, 10.0, "reporting")
         yield seen
         pids = list(graph.pids.values())
@@ -224,13 +266,24 @@ def eyes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
+OPTIONS = ("PROCESSES", "PARAMETERS")  #: Variables of a module that ``eyes`` reads
+
+
+@pytest.fixture(scope="module")
+def eyes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
+    """A graph that stands, of the processes and with the parameters that ``PROCESSES`` and ``PARAMETERS`` name."""
+    options = {name.lower(): getattr(request.module, name) for name in OPTIONS if hasattr(request.module, name)}
+    with standing_graph(tmp_path_factory.mktemp("graph"), **options) as seen:
+        yield seen
+
+
 @pytest.fixture
 def undisturbed(eyes: Eyes) -> Iterator[None]:
     """The robot neither moves nor changes its mode meanwhile."""
-    eyes.graph.spin(0.2)
+    eyes.graph.spin(0.05)  # what an earlier test has caused is received
     eyes.truth.clear()
     yield
-    eyes.graph.spin(0.3)
+    eyes.graph.spin(0.1)
     path = np.array(eyes.truth)[:, :3]
     assert np.ptp(path, axis=0).max() < 0.005  # [m]
     assert (eyes.graph.mode, eyes.graph.driver_state) == ("stand", "active")

@@ -1,4 +1,4 @@
-"""A robot in a namespace: it stands, and nothing of it is outside; the launch file and what it asks for."""
+"""A robot in a namespace, its driver at 500 Hz: it stands, waves and walks, nothing is outside; the launch file."""
 
 import importlib.util
 import os
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
 from typer.testing import CliRunner
 
 from bridge.cli import app
@@ -14,6 +16,8 @@ from bridge.launch.graph import Graph
 from bridge.ros.environment import free_domain
 from bridge.ros.processes import absolute_namespace
 from models.errors import PoiseError
+from models.nodes import topics
+from models.nodes.qos import COMMAND, SENSOR
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
@@ -25,7 +29,11 @@ OF_RCLPY = {"/parameter_events", "/rosout"}
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     log = tmp_path_factory.mktemp("namespace") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
-    with Graph("g1", domain_id=free_domain(), log=log, namespace="robot_1", say=lambda text: None) as graph:
+    parameters = {"robot_driver": {"rate": 500.0}}
+    with Graph(
+        "g1", lockstep=True, domain_id=free_domain(), log=log, namespace="robot_1", parameters=parameters,
+        say=lambda text: None,
+    ) as graph:  # fmt: skip
         graph.wait_standing(90.0)
         yield graph
     assert set(graph.exit_codes.values()) == {0}
@@ -36,6 +44,28 @@ def test_it_stands_and_nothing_of_it_is_outside(graph: Graph) -> None:
     names |= {name for name, _ in graph.node.get_service_names_and_types()}
     assert {"/robot_1/joint_states", "/robot_1/clock", "/robot_1/tf", "/robot_1/diagnostics"} <= names
     assert not [name for name in names if not name.startswith("/robot_1/")]
+
+
+def test_it_waves_and_walks_with_a_driver_of_500_hz(graph: Graph) -> None:
+    places: list[float] = []
+    node = graph.node
+    node.create_subscription(Odometry, topics.GROUND_TRUTH, lambda m: places.append(m.pose.pose.position.x), SENSOR)
+    velocity = node.create_publisher(Twist, topics.CMD_VEL, COMMAND)
+    graph.send("wave")
+    graph.wait_for(lambda: graph.mode == "motion", 60.0, "waving")
+    graph.wait_for(lambda: graph.mode == "stand", 120.0, "done waving")
+    graph.send("walk")
+    graph.wait_for(lambda: graph.mode == "walk", 60.0, "walking")
+    start, message = places[-1], Twist()
+    message.linear.x = 0.3
+
+    def walked() -> bool:
+        velocity.publish(message)
+        return places[-1] > start + 0.4
+
+    graph.wait_for(walked, 120.0, "forward")
+    assert graph.call("mode/stand")[0]
+    graph.wait_for(lambda: graph.standing, 60.0, "standing again")
 
 
 def test_its_nodes_have_their_parameters_and_answer(graph: Graph) -> None:

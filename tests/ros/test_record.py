@@ -11,18 +11,23 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap_ros2.reader import read_ros2_messages
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from typer.testing import CliRunner
 
 from bridge.cli import app
 from bridge.launch.graph import Graph
+from bridge.record.mcap_log import DESCRIPTION, ROBOT, TYPES, McapLog
+from bridge.record.run_file import read_run
 from bridge.ros.environment import PROFILE_VARIABLE, free_domain, graph_environment, roomy_profile
 from models.nodes import topics
-from models.nodes.messages import JointStateCodec
+from models.nodes.messages import JointCommandCodec, JointStateCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
 from models.robot_model import RobotModel
+from models.types import JointCommand
 from tests.ros.parameters import set_parameter
+from tests.ros.trajectories import point
 
 pytestmark = pytest.mark.ros
 
@@ -139,3 +144,21 @@ def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
     assert kinds["/tf"] == kinds["/tf_static"] == "tf2_msgs/msg/TFMessage"
     wanted = {"/imu/data", "/odom", "/contacts", "/diagnostics", "/clock", "/robot_description", "/encoder_offsets"}
     assert wanted | {"/motion/joint_trajectory", "/gait/footsteps", "/driver_state"} <= set(kinds)
+
+
+@pytest.mark.parametrize("old", [True, False])
+def test_a_recording_holds_setpoints_and_trajectories(g1: RobotModel, tmp_path: Path, old: bool) -> None:
+    """Earlier versions recorded the setpoints under the name that is a user's trajectory now."""
+    zero, log = np.zeros(g1.nj), McapLog(tmp_path / "run.mcap")
+    setpoint = JointCommandCodec(g1).encode(1000, JointCommand(g1.posture("stand"), zero, zero))
+    names = [topics.JOINT_TRAJECTORY] if old else [topics.JOINT_SETPOINTS, topics.JOINT_TRAJECTORY]
+    for name in names:
+        log.announce(f"/{name}", TYPES[name])
+    log.add(f"/{names[0]}", setpoint, 1000)
+    if not old:
+        log.add(f"/{names[1]}", bytes(serialize_message(point(["left_elbow_joint"], [1.0], 0.5))), 1000)
+    log.describe(DESCRIPTION, {ROBOT: "g1"})
+    log.close()
+    run = read_run(tmp_path / "run.mcap")
+    assert list(run.commands) == [1000]
+    assert len(run.motions) == (0 if old else 1)

@@ -1,5 +1,6 @@
 """The reference of topics, services and parameters says what the nodes declare."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,3 +19,9 @@ def test_the_reference_is_up_to_date(root: Path, tmp_path: Path, ros_domain_id: 
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120, check=False)
     assert result.returncode == 0, result.stderr
     assert file.read_text() == (root / "docs/reference.md").read_text(), "run `make reference`"
+
+
+def test_no_node_offers_best_effort(root: Path) -> None:
+    """The reference lists what each publisher offers."""
+    topics = (root / "docs/reference.md").read_text(encoding="utf-8").partition("## Services")[0]
+    assert not re.findall(r"^\| `([^`]+)` \| [^|]+ \| best effort", topics, re.MULTILINE)

@@ -71,6 +71,10 @@ def walker(eyes: Eyes) -> Iterator[Walker]:
     return Walker(eyes)
 
 
+def test_nobody_that_controls_reads_the_truth(eyes: Eyes) -> None:
+    eyes.check_truth()
+
+
 def test_a_killed_gait_planner_ends_a_walk_in_a_stand(eyes: Eyes, walker: Walker) -> None:
     walker.walk(steps=3)
     modes: list[str] = []
@@ -84,18 +88,15 @@ def test_a_killed_gait_planner_ends_a_walk_in_a_stand(eyes: Eyes, walker: Walker
     assert eyes.graph.driver_state == topics.ACTIVE
     assert min(base[2] for base in eyes.truth) > UPRIGHT
     walker.silence()
-    walker.walk(steps=2)
-    walker.silence()
-    assert eyes.truth[-1][2] > UPRIGHT
 
 
-@pytest.mark.parametrize("module", [GAIT, "controllers.nodes.supervisor", "planners.nodes.motion_planner"])
-def test_the_robot_stands_on_without(eyes: Eyes, undisturbed: None, module: str) -> None:
-    restart(eyes, module)
+def test_the_robot_stands_on_without_a_gait_planner(eyes: Eyes, undisturbed: None) -> None:
+    """The processes of the other planner and of the supervisor are those of ``standing/test_with_faults.py``."""
+    restart(eyes, GAIT)
 
 
 @pytest.mark.parametrize("module", ["controllers.nodes.state_estimator", "controllers.nodes.balance_controller"])
-def test_the_robot_is_damped_without_and_can_be_brought_back(eyes: Eyes, walker: Walker, module: str) -> None:
+def test_the_robot_is_damped_without_and_can_be_brought_back(eyes: Eyes, module: str) -> None:
     graph = eyes.graph
     restart(eyes, module)
     graph.wait_for(lambda: graph.driver_state == topics.DAMPED, 20.0, "damped")
@@ -104,6 +105,9 @@ def test_the_robot_is_damped_without_and_can_be_brought_back(eyes: Eyes, walker:
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
     graph.wait_standing(90.0)
+
+
+def test_it_walks_with_the_restarted_processes(eyes: Eyes, walker: Walker) -> None:
     walker.walk(steps=2)
     walker.silence()
     assert eyes.truth[-1][2] > UPRIGHT

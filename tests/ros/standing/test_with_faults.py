@@ -41,9 +41,10 @@ def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) ->
     assert eyes.ask("estop")[0]
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 1.0, "damped")
     _restart_supervisor(eyes.graph)
+    fault = "the drivers were damped when the supervisor started"
+    eyes.graph.wait_for(lambda: fault in eyes.reports["/supervisor"]["message"], 20.0, f"reporting '{fault}'")
     accepted, reason = eyes.ask("mode/stand")
-    assert not accepted, reason
-    assert "the drivers were damped when the supervisor started" in reason
+    assert not accepted and fault in reason
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
     eyes.graph.wait_standing(90.0)
@@ -58,10 +59,9 @@ def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
     message.wrench.force.x = 800.0
     push.publish(message)
     eyes.graph.wait_for(lambda: eyes.graph.driver_state == "damped", 10.0, "damped")
-    eyes.graph.spin(2.0)
-    assert eyes.truth[-1][2] < 0.4  # [m] it lies
+    eyes.graph.wait_for(lambda: eyes.truth[-1][2] < 0.4, 10.0, "lying")  # [m]
     assert eyes.ask("reset_faults")[0]
-    eyes.graph.spin(1.5)  # whatever the checks find, they have found it
+    eyes.graph.spin(1.0)  # whatever the checks find, they have found it
     accepted, reason = eyes.ask("mode/stand")
     assert not accepted, reason
     assert "base tilted by" in reason

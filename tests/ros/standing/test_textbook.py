@@ -26,7 +26,7 @@ from models.nodes.qos import LATCHED, SENSOR
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
-FOLDER = Path(__file__).parents[2] / "examples" / "textbook"
+FOLDER = Path(__file__).parents[3] / "examples" / "textbook"
 needs_types = pytest.mark.skipif(bool(missing_types()), reason=missing_types() or "built")
 START_TIME, ANSWER_TIME = 300.0, 180.0
 """Longest waits for standing robots and for an effect [s]: other programs may use the processor."""
@@ -41,9 +41,16 @@ class Robot:
         self.truth = np.full(7, np.nan)
         self.refusals = ""
         listen = graph.node.create_subscription
-        listen(JointState, "joint_states", self._on_joints, 10)
-        listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True)
-        listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, LATCHED)
+        self._subscriptions = (
+            listen(JointState, "joint_states", self._on_joints, 10),
+            listen(Odometry, topics.GROUND_TRUTH, self._on_truth, SENSOR, raw=True),
+            listen(DiagnosticStatus, topics.REFUSALS, self._on_refusal, LATCHED),
+        )
+
+    def close(self) -> None:
+        """Destroy the subscriptions."""
+        for subscription in self._subscriptions:
+            self.graph.node.destroy_subscription(subscription)
 
     def _on_joints(self, message: JointState) -> None:
         self.joints = dict(zip(message.name, message.position, strict=True))
@@ -107,15 +114,22 @@ class Robots(list[Robot]):
 
 @pytest.fixture(scope="module", params=["one", pytest.param("two", marks=pytest.mark.slow)])
 def robots(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robots]:
-    """A robot, or two in their namespaces."""
+    """The robot of this folder, or two in their namespaces."""
+    if request.param == "one":
+        graph = request.getfixturevalue("running").graph
+        graph.wait_standing(START_TIME)
+        one = Robots(graph)
+        yield one
+        for robot in one:
+            robot.close()
+        return
     log = tmp_path_factory.mktemp("graph") / "log"
     os.environ["ROS_LOG_DIR"] = str(log.parent)
     pair = {name: Inhabitant("g1") for name in ("robot_1", "robot_2")}
-    kind, what = (Graph, "g1") if request.param == "one" else (WorldGraph, pair)
-    with kind(what, domain_id=free_domain(), log=log, say=lambda text: None) as running:
-        running.wait_standing(START_TIME)
-        yield Robots(running)
-    assert set(running.exit_codes.values()) <= {0}
+    with WorldGraph(pair, domain_id=free_domain(), log=log, say=lambda text: None) as world:
+        world.wait_standing(START_TIME)
+        yield Robots(world)
+    assert set(world.exit_codes.values()) <= {0}
 
 
 def test_every_textbook_node_is_short() -> None:
@@ -170,6 +184,8 @@ def test_the_humanoid_controller_waves(robots: Robots, tmp_path: Path) -> None:
             robot.graph.send("wave")
         robots.until(lambda robot: "waving with 29 joints" in output(robot), "receiving the command")
         robots.until(waved, "waving")
+    for robot in robots:
+        robot.graph.send("stop")
     robots.until_standing()
 
 
@@ -181,7 +197,7 @@ def test_a_scan_in_an_unknown_frame_is_refused_by_name(robots: Robots, tmp_path:
 def test_the_scan_reader_walks_and_its_end_ends_in_a_stand(robots: Robots, tmp_path: Path) -> None:
     start = {robot: robot.truth[:2].copy() for robot in robots}
     with robots.program("scan_reader", tmp_path):
-        robots.until(lambda robot: float(np.linalg.norm(robot.truth[:2] - start[robot])) > 0.4, "walking")
+        robots.until(lambda robot: float(np.linalg.norm(robot.truth[:2] - start[robot])) > 0.2, "walking")
     robots.until_standing()
 
 
@@ -200,7 +216,7 @@ def test_words_become_velocities_and_two_integers_are_added(robots: Robots, tmp_
         for turning in robots:  # one after the other: a word reaches the robot of its namespace alone
             others = {robot: robot.yaw for robot in robots if robot is not turning}
             words[turning].publish(String(data="spin"))
-            robots.until(lambda robot, turning=turning: abs(turning.yaw - heading[turning]) > 0.5, "turning")
+            robots.until(lambda robot, turning=turning: abs(turning.yaw - heading[turning]) > 0.3, "turning")
             words[turning].publish(String(data="stop"))
             robots.until_standing()
             assert all(abs(robot.yaw - before) < 0.1 for robot, before in others.items())

@@ -1,7 +1,6 @@
-"""Actions and services with types of this project, on the real graph in lockstep."""
+"""Actions and services with types of this project, on the real graph."""
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -10,12 +9,11 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from bridge.launch.graph import Graph
-from bridge.ros.environment import free_domain
-from bridge.ros.processes import process_specs
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.qos import SENSOR
+from tests.ros.conftest import Eyes
 
 try:
     SetMode, Command = (interface("poise_interfaces", "srv", name) for name in ("SetMode", "Command"))
@@ -24,7 +22,7 @@ try:
 except PoiseError as _error:
     pytest.skip(str(_error), allow_module_level=True)
 
-pytestmark = [pytest.mark.ros, pytest.mark.graph]
+pytestmark = [pytest.mark.ros, pytest.mark.graph, pytest.mark.usefixtures("eyes")]
 
 ABORTED, CANCELED, SUCCEEDED = 6, 5, 4
 """action_msgs/GoalStatus."""
@@ -38,18 +36,22 @@ class User:
         self._clients: dict[str, Any] = {}
 
     def call(self, kind: Any, name: str, **request: Any) -> Any:
-        client = self._clients.setdefault(name, self.graph.node.create_client(kind, name))
-        self.graph.wait_for(client.service_is_ready, 20.0, f"offering {name}")
-        self.graph.spin(0.5)
+        if name not in self._clients:
+            client = self._clients[name] = self.graph.node.create_client(kind, name)
+            self.graph.wait_for(client.service_is_ready, 20.0, f"offering {name}")
+            self.graph.spin(0.5)  # until the service has discovered its client
+        client = self._clients[name]
         future = client.call_async(kind.Request(**request))
         self.graph.wait_for(future.done, 20.0, f"answering {name}")
         return future.result()
 
     def send(self, kind: Any, name: str, goal: Any, feedback: list[Any] | None = None) -> Any:
         """Send a goal; returns its handle once it is accepted."""
-        client = self._clients.setdefault(name, ActionClient(self.graph.node, kind, name))
-        self.graph.wait_for(client.server_is_ready, 20.0, f"offering {name}")
-        self.graph.spin(0.5)
+        if name not in self._clients:
+            client = self._clients[name] = ActionClient(self.graph.node, kind, name)
+            self.graph.wait_for(client.server_is_ready, 20.0, f"offering {name}")
+            self.graph.spin(0.5)  # until the server has discovered its client
+        client = self._clients[name]
         heard: list[Any] = [] if feedback is None else feedback
         future = client.send_goal_async(goal, feedback_callback=lambda message: heard.append(message.feedback))
         self.graph.wait_for(future.done, 20.0, f"accepting a goal of {name}")
@@ -73,13 +75,8 @@ class User:
 
 
 @pytest.fixture(scope="module")
-def user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[User]:
-    log = tmp_path_factory.mktemp("actions") / "log"
-    specs = process_specs(actions=True)
-    with Graph("g1", domain_id=free_domain(), lockstep=True, specs=specs, log=log, say=lambda text: None) as graph:
-        graph.wait_standing(120.0)
-        yield User(graph)
-    assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
+def user(running: Eyes) -> User:
+    return User(running.graph)
 
 
 def test_modes_and_words_are_answered_with_the_reason(user: User) -> None:
@@ -93,9 +90,7 @@ def test_modes_and_words_are_answered_with_the_reason(user: User) -> None:
 
 def test_a_motion_is_played_to_its_end(user: User) -> None:
     feedback: list[Any] = []
-    status, result = user.result(
-        user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="wave"), feedback)
-    )
+    status, result = user.result(user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="bow"), feedback))
     assert status == SUCCEEDED and result.success, result
     assert {message.state for message in feedback} == {"requested", "running"}
     assert feedback[-1].elapsed > 1.0

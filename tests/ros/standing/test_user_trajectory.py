@@ -1,36 +1,18 @@
 """Trajectories of a user, as textbooks publish them, are executed while the robot balances."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
-from bridge.record.mcap_log import DESCRIPTION, ROBOT, TYPES, McapLog
-from bridge.record.run_file import read_run
 from models.nodes import topics
-from models.nodes.messages import JointCommandCodec, JointStateCodec, set_stamp, trajectory_to_message
+from models.nodes.messages import JointStateCodec, trajectory_to_message
 from models.nodes.qos import EVENT
 from models.robot_model import RobotModel
-from models.types import JointCommand
 from models.types import JointTrajectory as Trajectory
 from tests.ros.conftest import Eyes
+from tests.ros.trajectories import arm, point
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
-
-
-def point(names: list[str], positions: list[float], seconds: float, frame_id: str = "") -> JointTrajectory:
-    """One point, due after a time [s]."""
-    message = JointTrajectory(joint_names=names, points=[JointTrajectoryPoint(positions=positions)])
-    set_stamp(message.points[0].time_from_start, round(1e9 * seconds))
-    message.header.frame_id = frame_id
-    return message
-
-
-def arm(eyes: Eyes, g1: RobotModel, joint: str) -> float:
-    """Reference angle of a joint [rad]."""
-    return float(JointStateCodec(g1).decode(eyes.posture)[1][g1.joint_index(joint)])
 
 
 @pytest.mark.parametrize("topic", [topics.JOINT_TRAJECTORY, topics.MOTION_TRAJECTORY])
@@ -59,21 +41,3 @@ def test_a_frame_is_no_request_of_a_user(eyes: Eyes, g1: RobotModel) -> None:
     eyes.motion.clear()
     publisher.publish(point(["left_elbow_joint"], [arm(eyes, g1, "left_elbow_joint")], 0.5, "base_link"))
     eyes.graph.wait_for(lambda: eyes.motion == ["running", "done"], 10.0, "executed")
-
-
-@pytest.mark.parametrize("old", [True, False])
-def test_a_recording_holds_setpoints_and_trajectories(g1: RobotModel, tmp_path: Path, old: bool) -> None:
-    """Earlier versions recorded the setpoints under the name that is a user's trajectory now."""
-    zero, log = np.zeros(g1.nj), McapLog(tmp_path / "run.mcap")
-    setpoint = JointCommandCodec(g1).encode(1000, JointCommand(g1.posture("stand"), zero, zero))
-    names = [topics.JOINT_TRAJECTORY] if old else [topics.JOINT_SETPOINTS, topics.JOINT_TRAJECTORY]
-    for name in names:
-        log.announce(f"/{name}", TYPES[name])
-    log.add(f"/{names[0]}", setpoint, 1000)
-    if not old:
-        log.add(f"/{names[1]}", bytes(serialize_message(point(["left_elbow_joint"], [1.0], 0.5))), 1000)
-    log.describe(DESCRIPTION, {ROBOT: "g1"})
-    log.close()
-    run = read_run(tmp_path / "run.mcap")
-    assert list(run.commands) == [1000]
-    assert len(run.motions) == (0 if old else 1)
