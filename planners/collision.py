@@ -11,18 +11,21 @@ from models.types import Vector
 from models.urdf import data_folder
 from planners.motion_config import CollisionConfig
 
+_meshes = coal.CachedMeshLoader(coal.BV_OBBRSS)  #: Meshes of this process with their hulls, by file
+
 
 def hull_geometry(model: pin.Model, urdf: str) -> pin.GeometryModel:
     """Collision bodies of a URDF as convex hulls, without pairs; ``RobotModelError`` for a missing mesh."""
     try:
         geometry = pin.buildGeomFromUrdf(
-            model, urdf, pin.GeometryType.COLLISION, package_dirs=[str(data_folder().parent), *_parents(urdf)]
+            model, urdf, pin.GeometryType.COLLISION, None, [str(data_folder().parent), *_parents(urdf)], _meshes
         )
     except ValueError as error:
         raise RobotModelError(f"{urdf}: collision bodies: {error}") from error
     for body in geometry.geometryObjects:
         if isinstance(body.geometry, coal.BVHModelBase):
-            body.geometry.buildConvexHull(True, "Qt")
+            if body.geometry.convex is None:
+                body.geometry.buildConvexHull(True, "Qt")
             body.geometry = body.geometry.convex
     return geometry
 
