@@ -22,14 +22,6 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 ROOT = Path(__file__).resolve().parents[1]
 
 
-@pytest.hookimpl(tryfirst=True)  # before the workers of pytest-xdist read the marks
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Workers of pytest-xdist take whole files, or whole packages, for their fixtures."""
-    for item in items:
-        shared = item.getparent(pytest.Package) or item
-        item.add_marker(pytest.mark.xdist_group(shared.path.name))
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Exempt imported objects from garbage collection, which otherwise takes a tenth of the test time."""

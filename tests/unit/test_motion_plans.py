@@ -24,8 +24,10 @@ JOINT_MARGIN = 0.02  # [rad]
 ROBOTS = ("g1", "talos")
 
 
-def crouched(model: RobotModel, planner: MotionPlanner) -> Vector:
+@cache
+def crouched(robot: str) -> Vector:
     """A start posture far from 'stand', on planted soles: pelvis lower and forward, left hand up, torso turned."""
+    model, planner = load(robot)
     frame = model.standing_configuration()
     data = model.data()
     pin.framesForwardKinematics(model.pin, data, frame)
@@ -39,10 +41,11 @@ def crouched(model: RobotModel, planner: MotionPlanner) -> Vector:
 @cache
 def planned(robot: str, motion: str, start: str) -> tuple[JointTrajectory, Vector]:
     model, planner = load(robot)
-    q = np.array(model.posture("stand")) if start == "stand" else crouched(model, planner)
+    q = np.array(model.posture("stand")) if start == "stand" else crouched(robot)
     return planner.plan(motion, q), q
 
 
+@cache
 def fine(robot: str, motion: str, start: str, rate: float = 200.0) -> tuple[Vector, Matrix, Matrix, Matrix]:
     """The curve that the robot executes, sampled between the trajectory's own points."""
     model, _ = load(robot)
@@ -53,8 +56,10 @@ def fine(robot: str, motion: str, start: str, rate: float = 200.0) -> tuple[Vect
     return times, *(np.array([sample[k] for sample in samples]) for k in range(3))
 
 
-def raw_meshes(model: RobotModel) -> tuple[pin.GeometryModel, pin.GeometryData]:
+@cache
+def raw_meshes(robot: str) -> tuple[pin.GeometryModel, pin.GeometryData]:
     """The URDF's own collision meshes, not their hulls; pairs of bodies more than two joints apart."""
+    model, _ = load(robot)
     geometry = pin.buildGeomFromUrdf(
         model.pin, str(model.urdf), pin.GeometryType.COLLISION, package_dirs=[str(data_folder().parent)]
     )
@@ -146,7 +151,7 @@ class TestEveryMotion:
     def test_raw_meshes_never_touch(self, robot: str, motion: str, start: str) -> None:
         model, _ = load(robot)
         data = model.data()
-        geometry, geometry_data = raw_meshes(model)
+        geometry, geometry_data = raw_meshes(robot)
         _, q, _, _ = fine(robot, motion, start, rate=5.0)
         for joints in q:
             full, _ = plant(model, data, joints)
