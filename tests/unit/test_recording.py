@@ -140,7 +140,8 @@ def test_a_film_strip_of_a_robot_that_is_known_by_its_file_alone(
     picture = tmp_path / "strip.png"
     assert "mine" in render_filmstrip(tmp_path / "run.npz", picture) and not picture.exists()
     assert render_filmstrip(tmp_path / "run.npz", picture, str(profile)) == "" and picture.is_file()
-    monkeypatch.setattr("bridge.record.render.FRAMES", 2)
+    monkeypatch.setattr("bridge.record.render.FRAME_SIZE", (150, 240))
+    monkeypatch.setattr("bridge.record.render.frame_times", lambda recording: [recording.t[0], recording.t[-1]])
     later = _recording("mine", [_standing(g1, 1.0 + 0.05 * k) for k in range(3)])
     drawn = []
     for number, each in enumerate((recording, recording, later)):
