@@ -52,17 +52,17 @@ def test_stands_still(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("angle", [0.0, 90.0, 180.0, 315.0])
-def test_takes_the_required_push_without_a_step(robot: str, angle: float) -> None:
+def test_takes_the_required_pushes_without_a_step(robot: str) -> None:
     loop = without_steps(robot)
     loop.run(0.5)
-    direction = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
-    force = SHARE_OF_BOUND * ankle_bound(loop, direction)
-    loop.apply_push((*(force * direction), 0.0), DURATION, body="base_link")
-    loop.run(3.5)
-    assert loop.mode is Mode.STAND and not loop.fallen, loop.fall_reason
-    assert np.abs(loop.truth.v[:6]).max() < 0.05
-    assert loop.foot_slip.max() < 0.01
+    for angle in np.radians([0.0, 90.0, 180.0, 315.0]):
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        force = SHARE_OF_BOUND * ankle_bound(loop, direction)
+        loop.apply_push((*(force * direction), 0.0), DURATION, body="base_link")
+        loop.run(2.0)
+        assert loop.mode is Mode.STAND and not loop.fallen, (angle, loop.fall_reason)
+        assert np.abs(loop.truth.v[:6]).max() < 0.05, angle
+        assert loop.foot_slip.max() < 0.01, angle
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -86,9 +86,12 @@ def test_moves_while_pushed(robot: str, motion: str) -> None:
     assert loop.command(motion).accepted
     loop.run(1.5)
     loop.apply_push((0.0, force, 0.0), DURATION, body="base_link")
+    assert loop.mode is Mode.MOTION
     for _ in range(60):
         loop.run(0.1)
         lowest = min(lowest, loop.truth.q[2])
+        if loop.mode is not Mode.MOTION:
+            break
     assert loop.mode is Mode.STAND and not loop.fallen, loop.fall_reason
     assert loop.foot_slip.max() < 0.01
     if motion == "squat":

@@ -35,7 +35,7 @@ def test_a_configured_height_is_kept() -> None:
         loop.run(0.5)
         assert loop.command("squat").accepted
         terms, heights = controller.whole_body.terms, []
-        for _ in range(4000):
+        for _ in range(2000):
             loop.step()
             heights.append(float(terms.com[2] - min(sole.position[2] for sole in terms.soles)))
         lowest[minimum] = min(heights)
