@@ -34,6 +34,7 @@ class World:
 
     def __init__(self, bench: Any, robot: RobotModel) -> None:
         self.bench, self.states, self.offsets = bench, [], []
+        self.clients: dict[str, Any] = {}
         node, codec = bench.world, JointStateCodec(robot)
         node.create_subscription(String, topics.DRIVER_STATE, lambda word: self.states.append(word.data), LATCHED)
         hear = node.create_subscription
@@ -46,10 +47,11 @@ class World:
         )
 
     def call(self, kind: type, name: str, **fields: object) -> tuple[bool, str]:
-        client = self.bench.world.create_client(kind, name)
-        self.bench.wait(client.service_is_ready)
-        self.bench.spin(0.2)
-        future = client.call_async(kind.Request(**fields))
+        if name not in self.clients:
+            self.clients[name] = self.bench.world.create_client(kind, name)
+            self.bench.wait(self.clients[name].service_is_ready)
+            self.bench.spin(0.2)
+        future = self.clients[name].call_async(kind.Request(**fields))
         self.bench.wait(future.done)
         return future.result().success, future.result().message
 

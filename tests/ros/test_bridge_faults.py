@@ -30,13 +30,14 @@ class World:
         for name, kind in kinds.items():
             hear(kind, name, lambda _, name=name: self.seen.update([name]), qos)
         hear(JointState, topics.JOINT_STATES, lambda data: self.stamps.append(stamp_of(data)), qos, raw=True)
-        self.clients = {name: bench.world.create_client(Trigger, name) for name in ("faults/inject", "faults/clear")}
+        self.clients: dict[str, Any] = {}
 
     def call(self, name: str) -> tuple[bool, str]:
-        client = self.clients[name]
-        self.bench.wait(client.service_is_ready)
-        self.bench.spin(0.2)
-        future = client.call_async(Trigger.Request())
+        if name not in self.clients:
+            self.clients[name] = self.bench.world.create_client(Trigger, name)
+            self.bench.wait(self.clients[name].service_is_ready)
+            self.bench.spin(0.2)
+        future = self.clients[name].call_async(Trigger.Request())
         self.bench.wait(future.done)
         return future.result().success, future.result().message
 

@@ -52,6 +52,7 @@ class Services:
         self.state = world.create_publisher(String, topics.DRIVER_STATE, LATCHED)
         self.node = bench.add(StateEstimatorNode, **parameters)
         self.calibration = self.node._calibration
+        self.clients: dict[str, Any] = {}
 
     def tell(self, offsets: np.ndarray) -> None:
         zero = np.zeros(self.robot.nj)
@@ -69,10 +70,11 @@ class Services:
         return sensors if applied is None else apply_calibration(sensors, applied)
 
     def ask(self, what: str) -> Any:
-        client = self.bench.world.create_client(Trigger, f"calibrate/{what}")
-        self.bench.wait(client.service_is_ready)
-        self.bench.spin(0.2)
-        return client.call_async(Trigger.Request())
+        if what not in self.clients:
+            self.clients[what] = self.bench.world.create_client(Trigger, f"calibrate/{what}")
+            self.bench.wait(self.clients[what].service_is_ready)
+            self.bench.spin(0.2)
+        return self.clients[what].call_async(Trigger.Request())
 
     def answer(self, future: Any) -> tuple[bool, str]:
         """Wait for an answer while samples arrive, faster than in real time."""

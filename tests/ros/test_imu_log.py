@@ -136,7 +136,7 @@ def test_a_log_of_so_many_seconds(robot: Any, log: Any, tmp_path: Path) -> None:
     assert f"{len(rows)} samples" in process.stdout.read()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_a_signal_completes_the_files(robot: Any, log: Any, tmp_path: Path, number: signal.Signals) -> None:
     process = log()
     part = tmp_path / ".imu.csv.part"

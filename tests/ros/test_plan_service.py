@@ -113,7 +113,9 @@ def test_a_plan_is_one_that_the_controller_takes(bench: Any, g1: RobotModel) -> 
     )
 
 
-def test_who_wants_it_executed_hears_what_the_controller_says(bench: Any, g1: RobotModel) -> None:
+def test_who_wants_it_executed_hears_what_the_controller_says(
+    bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     world = World(bench, g1)
     world.stand()
     future = world.ask(PLACE, execute=True)
@@ -128,5 +130,6 @@ def test_who_wants_it_executed_hears_what_the_controller_says(bench: Any, g1: Ro
     world.state.publish(MotionStatus(MotionState.REFUSED, reason="start jump"))
     answer = world.answer(refused)
     assert not answer.success and answer.message == "the controller refuses it: start jump"
+    monkeypatch.setattr("planners.nodes.motion_planner.BEGIN_TIMEOUT", 0.3)
     silent = world.answer(world.ask(PLACE, execute=True))
     assert not silent.success and "does not say" in silent.message

@@ -99,7 +99,7 @@ LOOPBACK = "0100007F"
 
 
 def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path) -> None:
-    result = reached("loopback", 6.0, tmp_path, root)
+    result = reached("loopback", 3.0, tmp_path, root)
     assert "near" in result["near"]  # heard, and answered
     assert (result["far"], result["exits"]) == ([], [0, 0])
     assert "late" in result["late"] and "near" in result["late"] and "far" not in result["late"]

@@ -187,8 +187,8 @@ def test_a_clock_that_is_read_before_the_rest_after_a_stall_damps_nothing(
 
 def test_a_stall_of_the_supervisor_is_no_silent_clock(bench: Any, world: World, g1: RobotModel) -> None:
     node = world.adopted(g1, clock_timeout=0.1)
-    for _ in range(3):
-        time.sleep(0.3)
+    for _ in range(2):
+        time.sleep(0.2)
         node._update()  # before the messages that arrived meanwhile
         bench.spin(0.1)
     assert world.modes == ["stand"]
