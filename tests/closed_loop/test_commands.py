@@ -35,7 +35,7 @@ def test_text_commands(g1: RobotModel) -> None:
 
 
 def test_motion_runs_to_its_end(g1: RobotModel) -> None:
-    loop = ClosedLoop(g1)
+    loop = ClosedLoop(g1, record=False)
     hand = [loop.plant.mujoco.bodies[name] for name in ("l_wrist", "r_wrist")]
     before = loop.data.xpos[hand, 2].copy()
     assert loop.command("wave").accepted

@@ -60,8 +60,19 @@ def test_known_pushes_are_felt_and_nothing_else(robot: RobotModel) -> None:
     assert not loop.fallen
 
 
-@pytest.mark.parametrize("kind", ["on", "off", "absent"])
-def test_stands_squats_and_is_pushed_without_a_foot_sensor(robot: RobotModel, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("g1", "on"),
+        ("g1", "off"),
+        ("g1", "absent"),
+        pytest.param("talos", "on", marks=pytest.mark.slow),
+        ("talos", "off"),
+        pytest.param("talos", "absent", marks=pytest.mark.slow),
+    ],
+)
+def test_stands_squats_and_is_pushed_without_a_foot_sensor(name: str, kind: str) -> None:
+    robot = RobotModel.load(name)
     wrench = {"on": half_weight(robot), "off": 0.0, "absent": np.nan}[kind]
     feet = ("left", "right") if kind == "absent" else ("left",)
     loop = loop_with(robot, *(stuck(foot, wrench) for foot in feet))

@@ -22,15 +22,20 @@ from tests.sweep_cases import deadly, refused, slow_square, square
 CASES = 8
 
 
-@pytest.fixture(params=["pool", "dask"])
-def make(request: pytest.FixtureRequest) -> Iterator[Callable[[], Executor]]:
-    """Both kinds of workers."""
-    if request.param == "pool":
-        yield lambda: make_executor(2)
-        return
+@pytest.fixture(scope="module")
+def dask() -> Iterator[Callable[[], Executor]]:
+    """Two workers of dask, started again when they die."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=None, dashboard_address=None) as made:
         yield lambda: make_executor(2, made.scheduler_address)
+
+
+@pytest.fixture(params=["pool", "dask"])
+def make(request: pytest.FixtureRequest) -> Callable[[], Executor]:
+    """Both kinds of workers."""
+    if request.param == "dask":
+        return request.getfixturevalue("dask")
+    return lambda: make_executor(2)
 
 
 def kill_first(folder: Path) -> None:

@@ -3,6 +3,7 @@
 import re
 import shlex
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -50,14 +51,21 @@ def commands(text: str) -> list[str]:
     return [line for line in lines if line.startswith(("poise ", "make "))]
 
 
+@cache
+def root_command() -> Any:
+    """The command line; its groups load when they are asked for."""
+    return typer.main.get_command(app)
+
+
+@cache
 def refusal(line: str) -> str:
     """Why the command line does not take a command; empty when it does. Nothing is run."""
-    command: Any = typer.main.get_command(app)
+    command = root_command()
     words = shlex.split(line)[1:]
     parent = command.context_class(command, info_name="poise")
     while hasattr(command, "commands"):
         name = words.pop(0) if words else ""
-        found = command.get_command(parent, name)  # groups load when they are asked for
+        found = command.get_command(parent, name)
         if found is None:
             return f"{line}: no command '{name}'"
         command = found

@@ -119,17 +119,17 @@ def test_a_scheduler_that_dies_is_named_and_the_same_command_goes_on(
 ) -> None:
     scheduler = cluster.scheduler()
     cluster.worker()
-    path = tmp_path / "cases.jsonl"
+    path, cases = tmp_path / "cases.jsonl", inputs(begun)[:12]
     act = after(begun, 5, scheduler.kill)
     with ResultsFile(path) as file, pytest.raises(WorkersError, match=f"{cluster.address}: the scheduler has ended"):
-        swept(cluster.address, file, inputs(begun))
+        swept(cluster.address, file, cases)
     act.join()
     kept = len(read_lines(path))
-    assert 0 < kept < CASES
+    assert 0 < kept < len(cases)
     with ResultsFile(path) as file:
         options = Options(sweep=Sweep(InProcess(), file))
-        run_cases(slow_square, inputs(begun), bench="squares", options=options)
-        assert (file.found, file.added) == (kept, CASES - kept)
+        run_cases(slow_square, cases, bench="squares", options=options)
+        assert (file.found, file.added) == (kept, len(cases) - kept)
 
 
 def test_a_scheduler_that_gets_no_worker_is_named(
@@ -178,10 +178,11 @@ def bare(tmp_path: Path) -> Path:
 
 def test_a_scheduler_needs_no_poise_and_a_worker_does(cluster: Cluster, bare: Path, tmp_path: Path) -> None:
     cluster.scheduler(source=bare)
-    cluster.worker()
+    nanny, _ = cluster.worker()
     with ResultsFile(tmp_path / "cases.jsonl") as file:
         assert swept(cluster.address, file, [{"seed": 3}], square)[0]["square"] == 9
-    cluster.scheduler()
+    nanny.terminate()
+    nanny.wait(PATIENCE)
     cluster.worker(source=bare)
     with (
         ResultsFile(tmp_path / "cases.jsonl") as file,
