@@ -23,7 +23,7 @@ LIFT_TIME, LIFT_HEIGHT, STRIDE = 0.6, 0.05, 0.03
 PUSH_SPEED, PUSH_TIME, RETURN_TIME = 0.4, 0.1, 0.12
 
 
-@dataclass
+@dataclass(eq=False)
 class Motion:
     """Truth and exact sensors, one row per tick."""
 
@@ -115,6 +115,7 @@ def motion(robot: RobotModel) -> Motion:
     return Motion(q[1:-1], v[1:-1], gyro[1:-1], accel[1:-1], wrenches[1:-1])
 
 
+@cache
 def torques_of(robot: RobotModel, truth: Motion) -> np.ndarray:
     """Joint torques of the motion under its foot wrenches (n, nj); whatever else holds the base takes the rest."""
     data, n = robot.data(), len(truth)
@@ -141,7 +142,7 @@ def sensors_of(robot: RobotModel, truth: Motion, seed: int | None) -> list[Senso
     accel = truth.accel + scale * profile.imu.accel_bias * rng.normal(size=3)
     accel = accel + scale * profile.imu.accel_noise_density / np.sqrt(DT) * rng.normal(size=(n, 3))
     wrenches = truth.wrenches + scale * profile.feet.force_noise * rng.normal(size=(n, 2, 6))
-    tau = torques_of(robot, truth)
+    tau = torques_of(robot, truth).copy()
     return [SensorData(k * DT, q[k], v[k], tau[k], gyro[k], accel[k], wrenches[k]) for k in range(n)]
 
 
