@@ -60,7 +60,7 @@ def _mark_events(axes: Axes, recording: Recording, *, text: bool = False) -> Non
                 labels.append((time, []))
             labels[-1][1].append(name)
     for time, names in labels:
-        axes.annotate(", ".join(names), (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
+        axes.annotate("\n".join(names), (time, 1.0), xycoords=("data", "axes fraction"), rotation=30.0, fontsize=7)
 
 
 def _balance(model: RobotModel, recording: Recording, stability: Stability) -> Figure:

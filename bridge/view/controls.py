@@ -11,6 +11,7 @@ import numpy as np
 
 from bridge.ros.operator import MODE_SERVICES, Operator
 from bridge.view.listener import Snapshot, ViewConfig, Words
+from controllers.safety.supervisor import ACTIVE_MODES
 from models.heading import heading
 from models.nodes.odometry import Velocity
 from models.robot_model import RobotModel
@@ -62,10 +63,11 @@ class Controls:
         if snapshot is not None:
             self._yaw = heading(*snapshot.q[3:7])
         margin = math.nan if snapshot is None else snapshot.margin
+        balancing = words.mode in {mode.value for mode in ACTIVE_MODES}
         rows = [
             ("mode", words.mode or "unknown"),
             ("drivers", words.drivers or "unknown"),
-            ("gait", words.phase or "unknown"),
+            ("gait", words.phase or "unknown" if balancing else "none"),
             ("in command", words.commander or "none"),
             ("capture margin", "-" if math.isnan(margin) else f"{100 * margin:.1f} cm"),
             ("real-time factor", "unknown" if math.isnan(words.factor) else f"{words.factor:.2f}"),

@@ -174,7 +174,7 @@ def test_whatever_is_red_has_its_reason_and_the_remedy(
         controls = Controls(server.gui, Operator(client, print), CONFIG, ["wave"], load_gait_config(g1).velocity)
         words = listener.words()
         controls.show(None, words)
-        for name, reason in (*words.faults, ("next", GET_UP)):
+        for name, reason in (*words.faults, ("next", GET_UP), ("gait", "none")):
             assert f"<b>{name}</b>: {html.escape(reason)}" in shown.content
         assert words.waiting in shown.content
     finally:
