@@ -23,7 +23,7 @@ from controllers.joints import joint_servo
 from controllers.joints.joint_servo import JointServo
 from controllers.joints.torque_limiter import TorqueLimits, torque_limits
 from controllers.qp.solve import QPSolver
-from controllers.safety import preflight
+from controllers.safety import joint_monitor, preflight
 from controllers.safety.health import SupervisorConfig
 from controllers.safety.joint_monitor import JointMonitor
 from controllers.safety.supervisor import Supervisor
@@ -128,6 +128,7 @@ def _never_busy(self: Supervisor, name: str) -> CommandReply:
 _load = profile.load_config
 
 MONITOR = _of(JointMonitor, "step", _always(None))
+DELAY = _of(joint_monitor, "default_config", lambda *name: replace(default_config(*name), delay=0.003))
 DRIVERS = _of(JointServo, "overdue", _always(False))
 COASTING = _of(EstimatorHealth, "count", _count_no_drop_out)
 TILT = _of(stack, "tilt", _always(0.0))
@@ -150,7 +151,7 @@ GUARDS: dict[str, Guard] = {
     "joints_nan_2ms": FINITE,
     "encoder_stuck": MONITOR,
     "encoder_stuck_walk": MONITOR,
-    "joints_late_20ms_walk": MONITOR,
+    "joints_late_20ms_walk": DELAY,
     "stamps_repeated": COASTING,
     "stamps_old": COASTING,
     "stamps_old_10ms": STAMPS,

@@ -21,6 +21,12 @@ def demand(loop: ClosedLoop, command: str) -> None:
         raise PoiseError(f"{command}: {reply.reason}")
 
 
+def start_walk(loop: ClosedLoop, forward: float, left: float = 0.0, turn: float = 0.0) -> None:
+    """Command ``walk`` and a velocity [m/s, m/s, rad/s]."""
+    demand(loop, "walk")
+    loop.set_velocity(forward, left, turn)
+
+
 def keep_upright(loop: ClosedLoop) -> None:
     """``PoiseError`` when the robot has fallen, saying how."""
     if loop.fallen:

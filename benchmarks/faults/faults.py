@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Bound, at_least, settings
 from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, Report, chosen
-from benchmarks.core.loops import Search, TorqueSteps, demand, largest
+from benchmarks.core.loops import Search, TorqueSteps, largest, start_walk
 from benchmarks.faults.fault_acts import ACTS, Doing
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
@@ -146,8 +146,7 @@ class _Trial:
         """Settle, inject, watch."""
         given, loop, row = config(), self._loop, self._row
         if row.walk:
-            demand(loop, "walk")
-            loop.set_velocity(given.forward, 0.0, 0.0)
+            start_walk(loop, given.forward)
         loop.run(given.settle)
         before = loop.mode
         doing: Doing = iter(())

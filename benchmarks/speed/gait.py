@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
 from benchmarks.core.harness import Case, percentiles
-from benchmarks.core.loops import advance, demand
+from benchmarks.core.loops import advance, start_walk
 from benchmarks.core.timed_run import (
     MICRO,
     QUANTILES,
@@ -126,8 +126,7 @@ def measure(robot: str, seed: int) -> Case:
     """Time the ticks of one walk: ``figures``, and ``quantiles`` [us] of every subject at ``QUANTILES``."""
     config = _config()
     loop = ClosedLoop(robot=robot, seed=seed, record=False)
-    demand(loop, "walk")
-    loop.set_velocity(config.forward, 0.0, 0.0)
+    start_walk(loop, config.forward)
     advance(loop, config.warm_up)
     law = loop.controller
     if not isinstance(law, BalanceController):

@@ -22,7 +22,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
 from benchmarks.core.harness import Case, Report, percentiles
-from benchmarks.core.loops import advance, demand, keep_upright
+from benchmarks.core.loops import advance, keep_upright, start_walk
 from benchmarks.core.timed_run import MICRO, QUANTILES, Stopwatch, TimedBenchmark, collector_off
 from bridge.closed_loop import ClosedLoop
 from bridge.loop.lockstep import PlantMonitor
@@ -211,8 +211,7 @@ def measure(robot: str, seed: int) -> Case:
     with one_core(), collector_off():
         for scenario in SCENARIOS:
             if scenario == "walk":
-                demand(loop, "walk")
-                loop.set_velocity(config.forward, 0.0, 0.0)
+                start_walk(loop, config.forward)
             advance(loop, config.warm_up_walk if scenario == "walk" else config.warm_up_stand)
             found[scenario] = time_pieces(loop, config.pieces)
     quantiles = {f"tick_{name}": np.percentile(pieces.ticks, QUANTILES).tolist() for name, pieces in found.items()}

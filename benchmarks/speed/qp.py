@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 
 from benchmarks.core.benchmark import Benchmark, saved, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
-from benchmarks.core.loops import advance, demand
+from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.core.timed_run import collector_off
 from benchmarks.stability.exercise import exercise_config, push_forces
 from bridge.closed_loop import ClosedLoop
@@ -83,8 +83,7 @@ def record(robot: str, seed: int, config: QPConfig) -> list[RecordedQP]:
         found += _row("pushed", loop, balance.whole_body, config)
         advance(loop, push.push_period)
     loop.wait_motion()
-    demand(loop, "walk")
-    loop.set_velocity(config.walk_speed, 0.0, 0.0)
+    start_walk(loop, config.walk_speed)
     advance(loop, config.walk_for)
     for _ in range(config.rows):
         end = loop.t + config.walk_for

@@ -22,7 +22,7 @@ from pydantic.dataclasses import dataclass as schema
 
 from benchmarks.core.benchmark import settings
 from benchmarks.core.harness import Case, percentiles
-from benchmarks.core.loops import advance, demand
+from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.core.timed_run import (
     MICRO,
     QUANTILES,
@@ -189,8 +189,7 @@ def time_stack(model: RobotModel, seed: int, *, warm_up: float, duration: float,
     figures: dict[str, float] = {}
     for mode in MODES:
         if mode == "walk":
-            demand(loop, "walk")
-            loop.set_velocity(speed, 0.0, 0.0)
+            start_walk(loop, speed)
         advance(loop, warm_up)
         watch = Stopwatch(round(duration / loop.plant.period) + 1, 2)
         with collector_off(), watch.timing(loop.stack, "step", 0), watch.timing(loop.stack, "supervise", 1):

@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from benchmarks.core.benchmark import Benchmark, Bound, settings
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentiles, run_cases
-from benchmarks.core.loops import demand
+from benchmarks.core.loops import demand, start_walk
 from benchmarks.core.timed_run import Stopwatch, blocks_growth, collector_off
 from benchmarks.stability.exercise import exercise, exercise_config
 from bridge.closed_loop import ClosedLoop
@@ -116,8 +116,7 @@ def _push(log: ErrorLog, loop: ClosedLoop, seed: int, config: EstimateConfig) ->
 
 
 def _walk(log: ErrorLog, loop: ClosedLoop, seed: int, config: EstimateConfig) -> None:
-    demand(loop, "walk")
-    loop.set_velocity(config.walk_velocity, 0.0, 0.0)
+    start_walk(loop, config.walk_velocity)
     log.run(config.walk_time)
     loop.set_velocity(0.0, 0.0, 0.0)
     log.run(config.stop_time)

@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import settings
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case
-from benchmarks.core.loops import demand
+from benchmarks.core.loops import demand, start_walk
 from benchmarks.stability.falls import last_moments
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Count, Positive, Share
@@ -181,8 +181,7 @@ def _run(loop: ClosedLoop, duration: float) -> None:
 def _begin(loop: ClosedLoop, seed: int, command: Velocity, config: WalkConfig) -> ClosedLoop:
     """Start a walk at a velocity and run it for ``start_time``; ``PoiseError`` when the robot would not walk."""
     loop.reset(seed)
-    demand(loop, "walk")
-    loop.set_velocity(*command)
+    start_walk(loop, *command)
     _run(loop, config.start_time)
     return loop
 

@@ -13,6 +13,7 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 
 Array = NDArray[np.float64]
+_TURNS = 8  #: Ticks in which every delay is tried once
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -26,6 +27,8 @@ class JointMonitorConfig:
     offset: Positive  # added to the first two, and an eighth of it to the third [N.m]
     margin: NonNegative  # distance from a joint's limit within which no torque is judged [rad]
     grace: NonNegative  # time after a start without a judgement [s]
+    delay: Positive  # longest delay of the commands that is measured [s]
+    delay_window: Positive  # time constant of that measurement [s]
 
 
 class _Memory(NamedTuple):
@@ -35,7 +38,8 @@ class _Memory(NamedTuple):
     #: largest torque given; lowest and highest position and fastest velocity at which the drivers follow commands;
     #: largest change of a torque in a tick (10, nj)
     gains: Array
-    command: Array  # setpoints of position, velocity and torque that the drivers have (3, nj)
+    sent: Array  # torques of the last commands at zero position and velocity (ticks, nj) [N.m]
+    misfit: Array  # share of a tick in what follows: mean error of the torques by the delay in ticks (1 + ticks,) [-]
     expected: Array  # torques (nj,) [N.m]
     torques: Array  # expected and given in the last ticks (rows, 2, nj) [N.m]
     last: Array  # positions and velocities (2, nj)
@@ -47,57 +51,61 @@ class JointMonitor:
     r"""Compares the measurements of the drivers with their commands.
 
     .. math::
-        \tau_{cmd} = \tau_{ff} + k_p (q_{set} - q) + k_d (v_{set} - v), \quad
+        \tau_{cmd}(t) = u(t - T) - k_p q - k_d v, \quad u = \tau_{ff} + k_p q_{set} + k_d v_{set}, \quad
         \tau_{exp} \mathrel{+}= [\tau_{cmd} - \tau_{exp}]_{\pm \dot\tau_{max} \Delta t}, \quad
         |\overline{\tau} - \overline{\tau_{exp}}| > error\;\tau_{max} + offset
 
     is a motor at fault, and sooner one that gives no torque at a command. The limits of torque and of its rate are
-    those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. The first
-    bound is wide because of the delay of a command to the drivers. An encoder is at fault when position and velocity
-    have not changed in the last bit for ``window``: the noise of the velocities of the profile changes them at every
-    sample.
+    those of the drivers; near a limit of position or velocity, where they fade torques, nothing is judged. The delay T
+    from a sample to the first one that its command has an effect on is measured: with it the torques of all joints fit
+    best. An encoder is at fault when position and velocity have not changed in the last bit for ``window``: the noise
+    of the velocities of the profile changes them at every sample.
 
     ``period`` is that of the tick [s]; ``fault``, kept until ``reset``, names joint and figures in one sentence.
     """
 
     def __init__(self, model: RobotModel, period: float = 0.001, config: JointMonitorConfig | None = None) -> None:
-        self.model = model
-        self.config = config or default_config(JointMonitorConfig, "controllers", "joint_monitor")
-        nj, self._period = model.nj, period
+        self.model, self._period = model, period
+        self.config = given = config or default_config(JointMonitorConfig, "controllers", "joint_monitor")
         self._noisy = model.profile.sensors.encoders.velocity_noise > 0.0
-        rows = max(round(self.config.window / period), 1)
-        given, largest = self.config, model.tau_max
+        nj, largest, rows = model.nj, model.tau_max, max(round(given.window / period), 1)
         bounds = given.error * largest, given.commanded * largest, given.no_output * largest
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
         rate = period * model.tau_rate_max
         gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside, rate])
-        command, torques, last, mean = (np.zeros(shape) for shape in ((3, nj), (rows, 2, nj), (2, nj), (3, nj)))
-        self._memory = _Memory(gains, command, np.zeros(nj), torques, last, np.zeros(nj, dtype=np.int64), mean)
-        self._unboxed, self._command = unbox(self._memory), tuple(command)
+        delays, share = max(round(given.delay / period), 1), min(_TURNS * period / given.delay_window, 1.0)
+        shapes = (delays, nj), 1 + delays, nj, (rows, 2, nj), (2, nj)
+        sent, misfit, expected, torques, last = (np.zeros(shape) for shape in shapes)
+        misfit[0] = share
+        still, mean, none = np.zeros(nj, dtype=np.int64), np.zeros((3, nj)), np.zeros(nj)
+        self._memory = _Memory(gains, sent, misfit, expected, torques, last, still, mean)
+        self._unboxed = unbox(self._memory)
+        _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), none, none, none, none, 0, self._unboxed)  # compiles
         self.reset()
-        _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), np.zeros(nj), 0, self._unboxed)  # compiles
-        self.reset()
+
+    @property
+    def delay(self) -> float:
+        """Measured delay of the commands [s]."""
+        return self._period * (1 + int(self._memory.misfit[1:].argmin()))
 
     def reset(self) -> None:
         """Clear the fault; judge again after ``grace``."""
-        self.fault = ""
-        self._tick = 0
+        self.fault, self._tick = "", 0
         self._grace = round(self.config.grace / self._period)
         memory = self._memory
-        memory.expected[:] = memory.torques[:] = 0.0
-        memory.still[:] = 0
+        memory.expected[:] = memory.torques[:] = memory.sent[:] = memory.misfit[1:] = memory.still[:] = 0
         memory.last[:] = np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
-        """One tick: the measured state, and the command that answers it, which the drivers have in the next tick."""
-        if self._tick > 0 and not self.fault:
-            found = _watch_joints(state.q, state.v, state.tau, self._tick, self._unboxed)
-            if (found > 0 or (found < 0 and self._noisy)) and self._tick > self._grace:
-                self.fault = self._describe(found, state)
+        """One tick: the measured state, and the command that answers it, which the drivers have in a later tick."""
+        if self.fault:
+            return
+        setpoints = command.q, command.v, command.tau
+        found = _watch_joints(state.q, state.v, state.tau, *setpoints, self._tick, self._unboxed)
+        if (found > 0 or (found < 0 and self._noisy)) and self._tick > self._grace:
+            self.fault = self._describe(found, state)
         self._tick += 1
-        q, v, tau = self._command
-        q[:], v[:], tau[:] = command.q, command.v, command.tau
 
     def _describe(self, found: int, state: RobotState) -> str:
         joint = abs(found) - 1
@@ -110,20 +118,27 @@ class JointMonitor:
 
 
 @njit(cache=True)
-def _watch_joints(state_q: Array, state_v: Array, tau: Array, tick: int, memory: Unboxed[_Memory]) -> int:
+def _watch_joints(
+    state_q: Array, state_v: Array, tau: Array, q_set: Array, v_set: Array, feed_forward: Array, tick: int,
+    memory: Unboxed[_Memory],
+) -> int:  # fmt: skip
     """One tick of every joint: 0 when all is well, 1 + the index of a motor at fault, or -1 - that of an encoder.
 
-    ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` [N.m] (nj,) are measured.
+    ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` [N.m] (nj,) are measured; the command is their answer, (nj,) each.
     """
-    gains, command, expected, torques, last, still, mean = memory.record
+    gains, sent, misfit, expected, torques, last, still, mean = memory.record
     q, v = state_q[7:], state_v[6:]
     rows, nj = torques.shape[0], torques.shape[2]
-    row, found = tick % rows, 0
+    row, found, delays = tick % rows, 0, sent.shape[0]
+    feedback, weight = np.empty(nj), np.zeros(nj)
+    best = 1 + np.argmin(misfit[1 : 1 + max(min(tick, delays), 1)])
     for j in range(nj):
-        commanded = command[2, j] + gains[0, j] * (command[0, j] - q[j]) + gains[1, j] * (command[1, j] - v[j])
-        commanded = min(max(commanded, -gains[2, j]), gains[2, j])
-        known = np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
+        feedback[j] = gains[0, j] * q[j] + gains[1, j] * v[j]
+        commanded = min(max(sent[(tick - best) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
+        known = tick > 0 and np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
+        if known and abs(commanded - expected[j]) <= gains[9, j]:
+            weight[j] = 1.0 / gains[2, j]
         if known:
             expected[j] += min(max(commanded - expected[j], -gains[9, j]), gains[9, j])
             torques[row, 0, j], torques[row, 1, j] = expected[j], tau[j]
@@ -134,6 +149,13 @@ def _watch_joints(state_q: Array, state_v: Array, tau: Array, tick: int, memory:
         last[0, j], last[1, j] = q[j], v[j]
         if still[j] >= rows:
             found = -1 - j
+    for delay in range(1 + tick % _TURNS, min(tick, delays) + 1, _TURNS):
+        total = 0.0
+        for j in range(nj):
+            if weight[j] > 0.0:
+                commanded = min(max(sent[(tick - delay) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
+                total += weight[j] * abs(commanded - tau[j])
+        misfit[delay] += misfit[0] * (total - misfit[delay])
     mean[:] = 0.0
     for i in range(rows):
         for j in range(nj):
@@ -147,4 +169,5 @@ def _watch_joints(state_q: Array, state_v: Array, tau: Array, tick: int, memory:
         dead = abs(mean[0, j]) > gains[4, j] and mean[2, j] < gains[5, j]
         if (wrong or dead) and found == 0:
             found = 1 + j
+        sent[tick % delays, j] = feed_forward[j] + gains[0, j] * q_set[j] + gains[1, j] * v_set[j]
     return found

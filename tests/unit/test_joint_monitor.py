@@ -91,3 +91,18 @@ def test_a_drive_that_follows_as_fast_as_it_may_is_no_fault(joints: Joints) -> N
 def test_missing_samples_tell_nothing(joints: Joints) -> None:
     assert joints.run(100, given=float("nan"), q=float("nan"), v=float("nan")) == 100
     assert joints.run(100) == 100
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 21, 35])
+def test_a_late_command_is_no_fault_and_a_dead_motor_is_one_all_the_same(g1: RobotModel, ticks: int) -> None:
+    joints, sent = Joints(g1), []
+    for tick in range(1500):  # a torque that swings as that of a hip does in a walk
+        sent.append(30.0 * np.sin(2.0 * np.pi * 2.0 * 0.001 * tick) + joints.rng.standard_normal())
+        joints.command.tau[joints.joint] = sent[max(tick - ticks, 0)]
+        state = joints.state()
+        joints.command.tau[joints.joint] = sent[tick]
+        joints.monitor.step(state, joints.command)
+    assert joints.monitor.fault == ""
+    assert joints.monitor.delay == pytest.approx(0.001 * ticks)
+    joints.command.tau[joints.joint] = -30.0
+    assert joints.run(150, given=0.0) < 110
