@@ -283,7 +283,8 @@ def undisturbed(eyes: Eyes) -> Iterator[None]:
     eyes.graph.spin(0.05)  # what an earlier test has caused is received
     eyes.truth.clear()
     yield
-    eyes.graph.spin(0.1)
+    begin = eyes.stamp
+    eyes.graph.wait_for(lambda: eyes.stamp - begin > 10**8, 20.0, "publishing the truth")
     path = np.array(eyes.truth)[:, :3]
     assert np.ptp(path, axis=0).max() < 0.005  # [m]
     assert (eyes.graph.mode, eyes.graph.driver_state) == ("stand", "active")

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 PROCESSES = "separate"
 #: Time goes on before a killed process is there again, as on a real robot
-PARAMETERS = {"robot_driver": {"yield_max": 0.5}}
+PARAMETERS = {"robot_driver": {"yield_max": 1.0}}
 GAIT = "planners.nodes.gait_planner"
 UPRIGHT = 0.65  #: Least height of the base of a standing G1 [m]
 
