@@ -69,16 +69,14 @@ class JointMonitor:
         self.config = given = config or default_config(JointMonitorConfig, "controllers", "joint_monitor")
         self._noisy = model.profile.sensors.encoders.velocity_noise > 0.0
         nj, largest, rows = model.nj, model.tau_max, max(round(given.window / period), 1)
-        bounds = given.error * largest, given.commanded * largest, given.no_output * largest
+        bounds = np.array([given.error, given.commanded, given.no_output])[:, None] * largest
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
-        rate = period * model.tau_rate_max
-        gains = np.vstack([model.kp, model.kd, largest, np.array(bounds) + offsets, *inside, rate])
+        gains = np.vstack([model.kp, model.kd, largest, bounds + offsets, *inside, period * model.tau_rate_max])
         delays, share = max(round(given.delay / period), 1), min(_TURNS * period / given.delay_window, 1.0)
         shapes = (delays, nj), 1 + delays, nj, (rows, 2, nj), (2, nj)
         sent, misfit, expected, torques, last = (np.zeros(shape) for shape in shapes)
-        misfit[0] = share
-        still, mean, none = np.zeros(nj, dtype=np.int64), np.zeros((3, nj)), np.zeros(nj)
+        still, mean, none, misfit[0] = np.zeros(nj, dtype=np.int64), np.zeros((3, nj)), np.zeros(nj), share
         self._memory = _Memory(gains, sent, misfit, expected, torques, last, still, mean)
         self._unboxed = unbox(self._memory)
         _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), none, none, none, none, 0, self._unboxed)  # compiles
@@ -101,11 +99,11 @@ class JointMonitor:
         """One tick: the measured state, and the command that answers it, which the drivers have in a later tick."""
         if self.fault:
             return
-        setpoints = command.q, command.v, command.tau
-        found = _watch_joints(state.q, state.v, state.tau, *setpoints, self._tick, self._unboxed)
-        if (found > 0 or (found < 0 and self._noisy)) and self._tick > self._grace:
+        measured, tick = (state.q, state.v, state.tau), self._tick
+        found = _watch_joints(*measured, command.q, command.v, command.tau, tick, self._unboxed)
+        if (found > 0 or (found < 0 and self._noisy)) and tick > self._grace:
             self.fault = self._describe(found, state)
-        self._tick += 1
+        self._tick = tick + 1
 
     def _describe(self, found: int, state: RobotState) -> str:
         joint = abs(found) - 1
