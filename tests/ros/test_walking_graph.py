@@ -89,7 +89,6 @@ def test_a_velocity_while_standing_walks_and_zero_ends_in_a_stand(walking: Walki
     walking.graph.wait_standing()
     start = walking.place.copy()
     ahead, still = (velocity_to_twist((speed, 0.0, 0.0)) for speed in (0.3, 0.0))
-    walking.graph.spin(1.0)
     walking.until(lambda: walking.place[0] - start[0] > 0.2, "ahead", lambda: walking.cmd_vel.publish(ahead))
     assert walking.graph.mode == "walk"
     walking.until(lambda: walking.graph.mode == "stand", "standing", lambda: walking.cmd_vel.publish(still))
