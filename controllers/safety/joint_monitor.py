@@ -106,8 +106,7 @@ class JointMonitor:
         self._tick = tick + 1
 
     def _describe(self, found: int, state: RobotState) -> str:
-        joint = abs(found) - 1
-        name = self.model.joint_names[joint]
+        name = self.model.joint_names[joint := abs(found) - 1]
         if found < 0:
             return f"encoder of '{name}' stuck at {state.q[7 + joint]:.4f} rad for {self.config.window:g} s"
         expected, given, _ = self._memory.mean[:, joint]

@@ -157,7 +157,7 @@ def test_slower_than_the_goal_fails(stand: int, walk: int, others: int, passed: 
 def test_a_report_of_a_short_run(loop: ClosedLoop, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def measured(robot: str, seed: int) -> dict[str, object]:
         loop.reset(seed)
-        found = {name: time_pieces(loop, 2, 0.02) for name in SCENARIOS}
+        found = {name: time_pieces(loop, loop, 2, 0.02) for name in SCENARIOS}
         for pieces in found.values():
             pieces.kept[:] = True  # on a busy machine every tick may be interrupted
         quantiles = {f"tick_{name}": np.percentile(found[name].ticks, QUANTILES).tolist() for name in SCENARIOS}
