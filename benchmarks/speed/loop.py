@@ -1,8 +1,8 @@
 """Speed of a whole closed loop on one core, as a multiple of real time, and its time by stage.
 
 The robot stands, then walks, with sensor noise and delay, without a log. Second by second, in turn: the plain loop, an
-equal one with ticks split by stage (Python stays slower with an object that was patched), and the physics of that second
-alone: ratios are of the same run. Speed is judged by processor time, without the garbage collector.
+equal one with ticks split by stage (Python stays slower with an object that was patched), and the physics of that
+second alone: ratios are of the same run. Speed is judged by processor time, without the garbage collector.
 """
 
 import os
@@ -206,15 +206,15 @@ loop_config = partial(settings, LoopBenchConfig, "loop")
 def measure(robot: str, seed: int) -> Case:
     """Time a robot that stands, then walks: ``figures``, and ``quantiles`` [us] of each scenario's ticks."""
     config = loop_config()
-    loops = [ClosedLoop(robot=robot, seed=seed, record=False) for _ in range(2)]
+    plain, split = (ClosedLoop(robot=robot, seed=seed, record=False) for _ in range(2))
     found: dict[str, Pieces] = {}
     with one_core(), collector_off():
         for scenario in SCENARIOS:
-            for loop in loops:
+            for loop in (plain, split):
                 if scenario == "walk":
                     start_walk(loop, config.forward)
                 advance(loop, config.warm_up_walk if scenario == "walk" else config.warm_up_stand)
-            found[scenario] = time_pieces(*loops, config.pieces)
+            found[scenario] = time_pieces(plain, split, config.pieces)
     quantiles = {f"tick_{name}": np.percentile(pieces.ticks, QUANTILES).tolist() for name, pieces in found.items()}
     return {"figures": summarise(found), "quantiles": quantiles}
 
