@@ -345,6 +345,11 @@ class ControlStack:
         return self._monitor.fault
 
     @property
+    def delay(self) -> float:
+        """Delay from a sample to the first one that its command has an effect on, as measured [s]."""
+        return self._monitor.delay
+
+    @property
     def walking(self) -> bool:
         """Whether the gait follows its commands."""
         return isinstance(self._law, BalanceController) and self._law.walking

@@ -1,7 +1,7 @@
 """Speed of a whole closed loop on one core, as a multiple of real time, and its time by stage.
 
 The robot stands, then walks, with sensor noise and delay, without a log. Second by second, in turn: the plain loop, an
-equal one with ticks split by stage (Python stays slower with an object that was patched), and the physics of that
+equal one with ticks split by stage (Python stays slower with objects that were patched), and the physics of that
 second alone: ratios are of the same run. Speed is judged by processor time, without the garbage collector.
 """
 

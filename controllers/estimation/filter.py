@@ -37,7 +37,6 @@ from controllers.estimation.filter_kernels import (
     ProcessNoise,
     SolePoses,
     correct,
-    correct_soles,
     predict,
     retract,
 )
@@ -172,23 +171,6 @@ class InvariantFilter:
             covariance[np.ix_(rows, rows)] = covariance[np.ix_(_FOOT_PLUS, _FOOT_PLUS)] + noise
         covariance[:] = 0.5 * (covariance + covariance.T)
 
-    def predict(
-        self, rate: Vector, force: Vector, dt: float, foot_densities: Matrix, pivots: Matrix, scale: float,
-        sole_noise: Matrix,
-    ) -> None:  # fmt: skip
-        """Propagate by ``dt`` [s] with the measured rate and specific force (3,) in the IMU's frame.
-
-        ``foot_densities`` (2, 2) are random walks of position and orientation of each foot [m/sqrt(s), rad/sqrt(s)],
-        ``pivots`` (2, 2) the points of the soles about which they turn [m], ``scale`` multiplies the inertial noise,
-        and ``sole_noise`` (2, 6, 6) is the covariance of the sole poses that the encoders give.
-        """
-        propagate(rate, force, dt, foot_densities, pivots, scale, sole_noise, self.memory)
-
-    def measure_soles(self, soles: SolePoses) -> int:
-        """Correct with the pose of both soles; returns how many were unusable (0 in a sound filter)."""
-        memory = self.memory
-        return int(correct_soles(memory.state, soles, memory.gate, memory.error))
-
     def measure_rest(self) -> int:
         """Correct with the assumption that the robot does not move; returns 1 when unusable."""
         return self._correct(_REST_PLUS, _REST_MINUS, self.state.vectors[0].copy(), self._rest_noise)
@@ -219,7 +201,12 @@ def propagate(
     rate: Array, force: Array, dt: float, foot_densities: Array, pivots: Array, scale: float, sole_noise: Array,
     memory: Filter,
 ) -> None:  # fmt: skip
-    """``InvariantFilter.predict``."""
+    """Propagate by ``dt`` [s] with the measured rate [rad/s] and specific force [m/s^2] (3,) in the IMU's frame.
+
+    ``foot_densities`` (2, 2) are random walks of position and orientation of each foot [m/sqrt(s), rad/sqrt(s)],
+    ``pivots`` (2, 2) the points of the soles about which they turn [m], ``scale`` multiplies the inertial noise, and
+    ``sole_noise`` (2, 6, 6) is the covariance of the sole poses that the encoders give.
+    """
     state, limits, noise = memory.state, memory.limits, memory.noise
     noise.pivots[:] = pivots
     noise.wander[:] = sole_noise * (2.0 * dt / memory.persistence)

@@ -191,6 +191,7 @@ class BalanceControllerNode(PoiseNode):
         self._publish_status(replace(status, gait_silent=self._gait is not None and self._gait.silent))
         self.values["ticks over budget in a row"] = str(self._overruns)
         self.values["joint at fault"] = self._joint_fault
+        self.values["delay of the commands [ms]"] = f"{1e3 * self._stack.delay:.0f}"
         self.values["residual"] = f"{result.residual:.3g}"
         self.values["capture margin [m]"] = f"{self._stack.capture_margin:.4f}"
         self.values["solve time [us]"] = f"{1e6 * result.solve_time:.0f}"

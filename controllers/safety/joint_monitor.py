@@ -13,7 +13,8 @@ from models.robot_model import RobotModel
 from models.types import JointCommand, RobotState
 
 Array = NDArray[np.float64]
-_TURNS = 8  #: Ticks in which every delay is tried once
+_STRIDE = 8  #: Ticks in which every delay is tried once
+_BETTER = 0.9  #: Misfit of a delay, over that of the present one, below which it replaces it [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -39,7 +40,9 @@ class _Memory(NamedTuple):
     #: largest change of a torque in a tick (10, nj)
     gains: Array
     sent: Array  # torques of the last commands at zero position and velocity (ticks, nj) [N.m]
-    misfit: Array  # share of a tick in what follows: mean error of the torques by the delay in ticks (1 + ticks,) [-]
+    share: float  # of a trial in the misfit of a delay [-]
+    misfit: Array  # mean error of the torques over their limits with delays of 1, 2, ... ticks (ticks,) [-]
+    delay: NDArray[np.int64]  # measured delay [ticks] (1,)
     expected: Array  # torques (nj,) [N.m]
     torques: Array  # expected and given in the last ticks (rows, 2, nj) [N.m]
     last: Array  # positions and velocities (2, nj)
@@ -73,27 +76,27 @@ class JointMonitor:
         offsets = given.offset * np.array([[1.0], [1.0], [0.125]])
         inside = model.q_lower + given.margin, model.q_upper - given.margin, model.v_max
         gains = np.vstack([model.kp, model.kd, largest, bounds + offsets, *inside, period * model.tau_rate_max])
-        delays, share = max(round(given.delay / period), 1), min(_TURNS * period / given.delay_window, 1.0)
-        shapes = (delays, nj), 1 + delays, nj, (rows, 2, nj), (2, nj)
-        sent, misfit, expected, torques, last = (np.zeros(shape) for shape in shapes)
-        still, mean, none, misfit[0] = np.zeros(nj, dtype=np.int64), np.zeros((3, nj)), np.zeros(nj), share
-        self._memory = _Memory(gains, sent, misfit, expected, torques, last, still, mean)
+        delays, share = max(round(given.delay / period), 1), min(_STRIDE * period / given.delay_window, 1.0)
+        sent, misfit, delay = np.zeros((delays, nj)), np.zeros(delays), np.ones(1, dtype=np.int64)
+        expected, torques, last, mean = np.zeros(nj), np.zeros((rows, 2, nj)), np.zeros((2, nj)), np.zeros((3, nj))
+        still, zero = np.zeros(nj, dtype=np.int64), np.zeros(nj)
+        self._memory = _Memory(gains, sent, share, misfit, delay, expected, torques, last, still, mean)
         self._unboxed = unbox(self._memory)
-        _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), none, none, none, none, 0, self._unboxed)  # compiles
+        _watch_joints(np.zeros(nj + 7), np.zeros(nj + 6), zero, zero, zero, zero, 0, self._unboxed)  # compiles
         self.reset()
 
     @property
     def delay(self) -> float:
         """Measured delay of the commands [s]."""
-        return self._period * (1 + int(self._memory.misfit[1:].argmin()))
+        return self._period * int(self._memory.delay[0])
 
     def reset(self) -> None:
         """Clear the fault; judge again after ``grace``."""
-        self.fault, self._tick = "", 0
-        self._grace = round(self.config.grace / self._period)
+        self.fault, self._tick, self._grace = "", 0, round(self.config.grace / self._period)
         memory = self._memory
-        memory.expected[:] = memory.torques[:] = memory.sent[:] = memory.misfit[1:] = memory.still[:] = 0
-        memory.last[:] = np.nan
+        for array in (memory.expected, memory.torques, memory.sent, memory.still):
+            array[:] = 0
+        memory.misfit[:], memory.delay[:], memory.last[:] = np.inf, 1, np.nan
 
     def step(self, state: RobotState, command: JointCommand) -> None:
         """One tick: the measured state, and the command that answers it, which the drivers have in a later tick."""
@@ -106,7 +109,8 @@ class JointMonitor:
         self._tick = tick + 1
 
     def _describe(self, found: int, state: RobotState) -> str:
-        name = self.model.joint_names[joint := abs(found) - 1]
+        joint = abs(found) - 1
+        name = self.model.joint_names[joint]
         if found < 0:
             return f"encoder of '{name}' stuck at {state.q[7 + joint]:.4f} rad for {self.config.window:g} s"
         expected, given, _ = self._memory.mean[:, joint]
@@ -121,21 +125,21 @@ def _watch_joints(
 ) -> int:  # fmt: skip
     """One tick of every joint: 0 when all is well, 1 + the index of a motor at fault, or -1 - that of an encoder.
 
-    ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` [N.m] (nj,) are measured; the command is their answer, (nj,) each.
+    ``state_q`` (nq,), ``state_v`` (nv,) and ``tau`` (nj,) [N.m] are measured; ``q_set`` [rad], ``v_set`` [rad/s] and
+    ``feed_forward`` [N.m], each (nj,), are the command that answers them; ``tick`` counts from the last reset.
     """
-    gains, sent, misfit, expected, torques, last, still, mean = memory.record
-    q, v = state_q[7:], state_v[6:]
-    rows, nj = torques.shape[0], torques.shape[2]
+    gains, sent, share, misfit, delay, expected, torques, last, still, mean = memory.record
+    q, v, rows, nj = state_q[7:], state_v[6:], torques.shape[0], torques.shape[2]
     row, found, delays = tick % rows, 0, sent.shape[0]
-    feedback, weight = np.empty(nj), np.zeros(nj)
-    best = 1 + np.argmin(misfit[1 : 1 + max(min(tick, delays), 1)])
+    follows, feedback = np.zeros(nj, dtype=np.bool_), np.empty(nj)
+    if tick * share > 2 * _STRIDE and misfit.min() < _BETTER * misfit[delay[0] - 1]:
+        delay[0] = 1 + misfit.argmin()
     for j in range(nj):
         feedback[j] = gains[0, j] * q[j] + gains[1, j] * v[j]
-        commanded = min(max(sent[(tick - best) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
+        commanded = min(max(sent[(tick - delay[0]) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
         known = tick > 0 and np.isfinite(commanded) and np.isfinite(tau[j])  # a missing sample is no evidence
         known = known and gains[6, j] < q[j] < gains[7, j] and abs(v[j]) < gains[8, j]
-        if known and abs(commanded - expected[j]) <= gains[9, j]:
-            weight[j] = 1.0 / gains[2, j]
+        follows[j] = known and abs(commanded - expected[j]) <= gains[9, j]
         if known:
             expected[j] += min(max(commanded - expected[j], -gains[9, j]), gains[9, j])
             torques[row, 0, j], torques[row, 1, j] = expected[j], tau[j]
@@ -146,13 +150,16 @@ def _watch_joints(
         last[0, j], last[1, j] = q[j], v[j]
         if still[j] >= rows:
             found = -1 - j
-    for delay in range(1 + tick % _TURNS, min(tick, delays) + 1, _TURNS):
-        total = 0.0
+    for trial in range(1 + tick % _STRIDE, min(tick, delays) + 1, _STRIDE):
+        total, count = 0.0, 0
         for j in range(nj):
-            if weight[j] > 0.0:
-                commanded = min(max(sent[(tick - delay) % delays, j] - feedback[j], -gains[2, j]), gains[2, j])
-                total += weight[j] * abs(commanded - tau[j])
-        misfit[delay] += misfit[0] * (total - misfit[delay])
+            torque = sent[(tick - trial) % delays, j] - feedback[j]
+            if follows[j] and np.isfinite(torque):
+                total += abs(min(max(torque, -gains[2, j]), gains[2, j]) - tau[j]) / gains[2, j]
+                count += 1
+        if count > 0:
+            before = misfit[trial - 1] if misfit[trial - 1] < np.inf else total / count
+            misfit[trial - 1] = before + share * (total / count - before)
     mean[:] = 0.0
     for i in range(rows):
         for j in range(nj):

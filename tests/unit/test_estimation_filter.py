@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.estimation.filter import InvariantFilter
-from controllers.estimation.filter_kernels import FOOT, SIZE, SOLE, SolePoses, correct
+from controllers.estimation.filter import InvariantFilter, propagate
+from controllers.estimation.filter_kernels import FOOT, SIZE, SOLE, SolePoses, correct, correct_soles
 from models.constants import GRAVITY
 from models.profile import ImuSensor
 from tests.filter_states import CONFIG, DT, EXACT, FOOT_MINUS, FOOT_PLUS, positive_definite
@@ -22,9 +22,8 @@ def test_covariance_stays_positive_definite_through_swings_and_long_runs() -> No
     swing = [CONFIG.foot.swing, CONFIG.foot.swing_rotation]
     for k in range(20000):
         densities = np.array([quiet, swing] if (k // 300) % 2 else [swing, quiet])
-        filter_.predict(
-            rng.normal(size=3), 10.0 * rng.normal(size=3), DT, densities, 0.05 * rng.normal(size=(2, 2)), 1.0, EXACT
-        )
+        rate, force, pivots = rng.normal(size=3), 10.0 * rng.normal(size=3), 0.05 * rng.normal(size=(2, 2))
+        propagate(rate, force, DT, densities, pivots, 1.0, EXACT, filter_.memory)
         for foot in range(2):
             assert correct(filter_.state.covariance, FOOT_PLUS, FOOT_MINUS[foot], residual, noise, 1e9, error) >= 0.0
         filter_.state.vectors[:] = np.clip(filter_.state.vectors, -2.0, 2.0)
@@ -90,7 +89,7 @@ def test_a_foot_wanders_less_the_longer_it_lies(
 def advance(filter_: InvariantFilter, densities: tuple[float, float], noise: np.ndarray = EXACT) -> None:
     """One step at rest, both feet alike."""
     both = np.tile(densities, (2, 1))
-    filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, both, np.zeros((2, 2)), 1.0, noise)
+    propagate(np.zeros(3), np.array([0.0, 0.0, GRAVITY]), DT, both, np.zeros((2, 2)), 1.0, noise, filter_.memory)
 
 
 def test_error_of_the_encoders_wanders_while_the_robot_stands() -> None:
@@ -157,8 +156,9 @@ def test_an_accelerometer_bias_does_not_leak_into_yaw() -> None:
         filter_.initialise(soles, np.eye(3), np.array([0.0, 0.0, GRAVITY]))
         yaw = filter_.state.covariance[2, 2]
         for _ in range(2000):
-            filter_.predict(np.zeros(3), np.array([0.0, 0.0, GRAVITY]) + bias, DT, quiet, np.zeros((2, 2)), 1.0, EXACT)
-            assert filter_.measure_soles(soles) == 0
+            force, memory = np.array([0.0, 0.0, GRAVITY]) + bias, filter_.memory
+            propagate(np.zeros(3), force, DT, quiet, np.zeros((2, 2)), 1.0, EXACT, memory)
+            assert correct_soles(memory.state, soles, memory.gate, memory.error) == 0
             assert filter_.state.covariance[2, 2] >= yaw * (1.0 - 1e-9)
             yaw = filter_.state.covariance[2, 2]
         turn = pin.log3(filter_.state.rotation)

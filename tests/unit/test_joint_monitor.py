@@ -93,16 +93,45 @@ def test_missing_samples_tell_nothing(joints: Joints) -> None:
     assert joints.run(100) == 100
 
 
-@pytest.mark.parametrize("ticks", [1, 3, 21, 35])
-def test_a_late_command_is_no_fault_and_a_dead_motor_is_one_all_the_same(g1: RobotModel, ticks: int) -> None:
-    joints, sent = Joints(g1), []
+def late(joints: Joints, ticks: int, noise: float = 1.0, every: int = 0) -> None:
+    """Run 1.5 s with commands that arrive late; every so many samples the torques are missing, 0 for never."""
+    sent: list[float] = []
     for tick in range(1500):  # a torque that swings as that of a hip does in a walk
-        sent.append(30.0 * np.sin(2.0 * np.pi * 2.0 * 0.001 * tick) + joints.rng.standard_normal())
+        sent.append(30.0 * np.sin(2.0 * np.pi * 2.0 * 0.001 * tick) + noise * joints.rng.standard_normal())
         joints.command.tau[joints.joint] = sent[max(tick - ticks, 0)]
         state = joints.state()
+        if every and tick % every == 0:
+            state = replace(state, tau=np.full(joints.model.nj, np.nan))
         joints.command.tau[joints.joint] = sent[tick]
         joints.monitor.step(state, joints.command)
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 21, 35])
+def test_a_late_command_is_no_fault_and_a_dead_motor_is_one_all_the_same(g1: RobotModel, ticks: int) -> None:
+    joints = Joints(g1)
+    late(joints, ticks, noise=20.0)
     assert joints.monitor.fault == ""
     assert joints.monitor.delay == pytest.approx(0.001 * ticks)
     joints.command.tau[joints.joint] = -30.0
     assert joints.run(150, given=0.0) < 110
+
+
+def test_missing_samples_do_not_change_the_delay(g1: RobotModel) -> None:
+    joints = Joints(g1)
+    late(joints, 3, noise=20.0, every=8)
+    assert joints.monitor.delay == pytest.approx(0.003)
+
+
+def test_a_command_that_is_not_finite_does_not_end_the_measurement(g1: RobotModel) -> None:
+    joints = Joints(g1)
+    joints.command.tau[joints.joint] = np.nan
+    joints.monitor.step(standing(g1), joints.command)
+    joints.command.tau[joints.joint] = 0.0
+    late(joints, 5, noise=20.0)
+    assert joints.monitor.delay == pytest.approx(0.005)
+
+
+def test_constant_commands_do_not_change_the_delay(g1: RobotModel) -> None:
+    joints = Joints(g1)
+    assert joints.run(2000) == 2000
+    assert joints.monitor.delay == pytest.approx(0.001)
