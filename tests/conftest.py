@@ -7,7 +7,7 @@ import os
 from collections.abc import Generator, Iterator
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -20,20 +20,6 @@ use_one_thread()
 os.environ.setdefault("MUJOCO_GL", "egl")
 
 ROOT = Path(__file__).resolve().parents[1]
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
-    """Workers of pytest-xdist take whole files, or whole packages, for their fixtures, in the order of collection."""
-    from xdist.scheduler import LoadFileScheduling
-
-    class Scheduling(LoadFileScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.split("::", 1)[0]
-            folder = file.rpartition("/")[0]
-            return folder if (config.rootpath / folder / "__init__.py").is_file() else file
-
-    return Scheduling(config, log)
 
 
 @pytest.hookimpl(wrapper=True)
