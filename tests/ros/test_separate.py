@@ -71,7 +71,7 @@ def walker(eyes: Eyes) -> Iterator[Walker]:
     return Walker(eyes)
 
 
-def test_nobody_that_controls_reads_the_truth(eyes: Eyes) -> None:
+def test_control_nodes_do_not_subscribe_to_the_true_state(eyes: Eyes) -> None:
     eyes.check_truth()
 
 
@@ -88,6 +88,9 @@ def test_a_killed_gait_planner_ends_a_walk_in_a_stand(eyes: Eyes, walker: Walker
     assert eyes.graph.driver_state == topics.ACTIVE
     assert min(base[2] for base in eyes.truth) > UPRIGHT
     walker.silence()
+    walker.walk(steps=2)
+    walker.silence()
+    assert eyes.truth[-1][2] > UPRIGHT
 
 
 def test_the_robot_stands_on_without_a_gait_planner(eyes: Eyes, undisturbed: None) -> None:
@@ -96,7 +99,7 @@ def test_the_robot_stands_on_without_a_gait_planner(eyes: Eyes, undisturbed: Non
 
 
 @pytest.mark.parametrize("module", ["controllers.nodes.state_estimator", "controllers.nodes.balance_controller"])
-def test_the_robot_is_damped_without_and_can_be_brought_back(eyes: Eyes, module: str) -> None:
+def test_the_robot_is_damped_without_and_walks_again_after_a_reset(eyes: Eyes, walker: Walker, module: str) -> None:
     graph = eyes.graph
     restart(eyes, module)
     graph.wait_for(lambda: graph.driver_state == topics.DAMPED, 20.0, "damped")
@@ -105,9 +108,6 @@ def test_the_robot_is_damped_without_and_can_be_brought_back(eyes: Eyes, module:
     assert eyes.ask("reset_faults")[0]
     assert eyes.ask("reset")[0]
     graph.wait_standing(90.0)
-
-
-def test_it_walks_with_the_restarted_processes(eyes: Eyes, walker: Walker) -> None:
     walker.walk(steps=2)
     walker.silence()
     assert eyes.truth[-1][2] > UPRIGHT
