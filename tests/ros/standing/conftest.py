@@ -14,16 +14,23 @@ from tests.ros.conftest import Eyes, standing_graph
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Eyes]:
     """The graph of this folder."""
     with standing_graph(tmp_path_factory.mktemp("graph"), specs=process_specs(actions=not missing_types())) as seen:
+        begin = seen.stamp  # [ns]; the base sways by 5 mm in the first second without support
+        seen.graph.wait_for(lambda: seen.stamp - begin > 2 * 10**9, 30.0, "at rest")
         yield seen
 
 
 @pytest.fixture
-def eyes(running: Eyes) -> Eyes:
-    """The graph of this folder, in mode stand whatever an earlier test has left."""
+def eyes(running: Eyes) -> Iterator[Eyes]:
+    """The graph of this folder, in mode stand at the begin (also after a failed test) and at the end of a test."""
     try:
         running.graph.wait_standing(5.0)
     except PoiseError:
         assert running.ask("reset_faults")[0]
         assert running.ask("reset")[0]
         running.graph.wait_standing(90.0)
-    return running
+    yield running
+    running.graph.wait_for(
+        lambda: running.graph.standing and running.reports["/supervisor"]["message"] == "mode 'stand'",
+        10.0,
+        "standing without a fault after the test",
+    )

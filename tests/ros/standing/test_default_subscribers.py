@@ -74,9 +74,10 @@ def textbook(eyes: Eyes, log: Path, *words: str) -> Iterator[subprocess.Popen[by
 def test_every_state_arrives_and_subscribers_that_stop_reading_do_not_delay_the_control_path(
     eyes: Eyes, tmp_path: Path, undisturbed: None
 ) -> None:
-    timeouts, begin = int(eyes.reports["/robot_driver"]["driver timeouts"]), eyes.stamp
+    timeouts = int(eyes.reports["/robot_driver"]["driver timeouts"])
     with textbook(eyes, tmp_path / "sleep", "sleep"), textbook(eyes, tmp_path / "stop") as stopped:
         stopped.send_signal(signal.SIGSTOP)
+        begin = eyes.stamp
         # a writer that keeps all would be full after 5000 messages, one in each millisecond, and wait
         eyes.graph.wait_for(lambda: eyes.stamp - begin > 6 * 10**9, 60.0, "going on")
     eyes.graph.spin(0.3)  # until the next report
