@@ -93,6 +93,8 @@ def test_moves_while_pushed(robot: str, motion: str) -> None:
         if loop.mode is not Mode.MOTION:
             break
     assert loop.mode is Mode.STAND and not loop.fallen, loop.fall_reason
+    loop.run(1.0)
+    assert loop.mode is Mode.STAND and not loop.fallen, loop.fall_reason
     assert loop.foot_slip.max() < 0.01
     if motion == "squat":
         assert lowest < height - 0.05
