@@ -223,7 +223,7 @@ def test_another_process_works_out_the_same_numbers(bench: Any, g1: RobotModel) 
     assert not there[0].reply.accepted and "ended with code -9" in there[0].reply.reason
 
 
-def test_one_service_calibrates_by_name_and_keeps_what_it_is_told_to(
+def test_one_service_calibrates_by_name_and_saves_when_requested(
     bench: Any, g1: RobotModel, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     try:

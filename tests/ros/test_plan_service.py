@@ -32,7 +32,7 @@ pytestmark = pytest.mark.ros
 
 
 class World:
-    """A planner, and everybody whom it hears."""
+    """A planner, and publishers of the topics that it reads."""
 
     def __init__(self, bench: Any, robot: RobotModel) -> None:
         self.bench, self.robot, world = bench, robot, bench.world
@@ -113,7 +113,7 @@ def test_a_plan_is_one_that_the_controller_takes(bench: Any, g1: RobotModel) -> 
     )
 
 
-def test_who_wants_it_executed_hears_what_the_controller_says(
+def test_a_request_to_execute_is_answered_with_the_state_of_the_motion(
     bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = World(bench, g1)

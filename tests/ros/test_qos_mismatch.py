@@ -42,7 +42,7 @@ class Ends(PoiseNode):
 
 
 class Diagnostics:
-    """What one node says of itself."""
+    """Diagnostics of one node."""
 
     def __init__(self, bench: Any, name: str) -> None:
         self._name, self.level, self.values = name, b"", dict[str, str]()
@@ -95,7 +95,7 @@ def test_it_is_reported_while_the_other_end_is_there(
         other = world.create_subscription(String, SAID, lambda message: None, subscriber)
         expected = {SAID: f"subscriber: {policy}"}
     bench.wait(lambda: said.mismatches == expected and said.level == DiagnosticStatus.WARN)
-    bench.spin(0.5)  # longer than it counts by itself: the graph knows the other end
+    bench.spin(0.5)  # longer than the node counts mismatches itself: the other end is discovered
     assert said.mismatches == expected
     (world.destroy_publisher if publisher is not None else world.destroy_subscription)(other)
     bench.wait(lambda: said.mismatches == {} and said.level == DiagnosticStatus.OK)
