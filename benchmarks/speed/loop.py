@@ -139,23 +139,23 @@ class Pieces:
     stages: NDArray[np.floating[Any]]  #: Time of each of ``STAGES`` in them (n, 8) [us]
 
 
-def time_pieces(plain: ClosedLoop, loop: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
-    """Time two equal loops, the second split by stage, ``pieces`` of each kind; ``PoiseError`` when a robot fell."""
-    ticks = round(piece / loop.plant.period)
-    split, bare = SplitLoop(loop, pieces * ticks), BarePhysics(loop.model, ticks)
+def time_pieces(plain: ClosedLoop, watched: ClosedLoop, pieces: int, piece: float = PIECE) -> Pieces:
+    """Time two equal loops, ``watched`` split by stage, ``pieces`` of each kind; ``PoiseError`` when a robot fell."""
+    ticks = round(piece / watched.plant.period)
+    split, bare = SplitLoop(watched, pieces * ticks), BarePhysics(watched.model, ticks)
     spans: tuple[list[Span], list[Span], list[Span]] = ([], [], [])
 
     def split_piece() -> None:
         for _ in range(ticks):
             split.step()
-            bare.note(loop.data)
+            bare.note(watched.data)
 
     for _ in range(pieces):
         spans[0].append(spanned(partial(advance, plain, piece)))
-        bare.begin(loop.data)
+        bare.begin(watched.data)
         with split.recording():
             spans[1].append(spanned(split_piece))
-        keep_upright(loop)
+        keep_upright(watched)
         bare.rewind()
         spans[2].append(spanned(bare.replay))
     wall = split.watch.wall[:, 0] * MICRO
@@ -206,15 +206,15 @@ loop_config = partial(settings, LoopBenchConfig, "loop")
 def measure(robot: str, seed: int) -> Case:
     """Time a robot that stands, then walks: ``figures``, and ``quantiles`` [us] of each scenario's ticks."""
     config = loop_config()
-    plain, split = (ClosedLoop(robot=robot, seed=seed, record=False) for _ in range(2))
+    plain, watched = (ClosedLoop(robot=robot, seed=seed, record=False) for _ in range(2))
     found: dict[str, Pieces] = {}
     with one_core(), collector_off():
         for scenario in SCENARIOS:
-            for loop in (plain, split):
+            for loop in (plain, watched):
                 if scenario == "walk":
                     start_walk(loop, config.forward)
                 advance(loop, config.warm_up_walk if scenario == "walk" else config.warm_up_stand)
-            found[scenario] = time_pieces(plain, split, config.pieces)
+            found[scenario] = time_pieces(plain, watched, config.pieces)
     quantiles = {f"tick_{name}": np.percentile(pieces.ticks, QUANTILES).tolist() for name, pieces in found.items()}
     return {"figures": summarise(found), "quantiles": quantiles}
 

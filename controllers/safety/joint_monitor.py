@@ -132,7 +132,7 @@ def _watch_joints(
     q, v, rows, nj = state_q[7:], state_v[6:], torques.shape[0], torques.shape[2]
     row, found, delays = tick % rows, 0, sent.shape[0]
     follows, feedback = np.zeros(nj, dtype=np.bool_), np.empty(nj)
-    if tick * share > 2 * _STRIDE and misfit.min() < _BETTER * misfit[delay[0] - 1]:
+    if tick * share > 2 * _STRIDE and misfit.min() < _BETTER * misfit[delay[0] - 1]:  # twice the window
         delay[0] = 1 + misfit.argmin()
     for j in range(nj):
         feedback[j] = gains[0, j] * q[j] + gains[1, j] * v[j]
