@@ -33,6 +33,8 @@ from planners.motion_config import MotionConfig
 #: Longest wait for the controller's status of a trajectory [s]; none comes for one refused beside a running one
 BEGIN_TIMEOUT = 2.0
 LOOK_PERIOD = 0.05  #: Period of checks of that wait [s]
+REST_TIMEOUT = 1.0  #: Longest wait of a requested motion for a posture at rest [s]
+REST_SPEED = 1e-3  #: Largest speed of a joint of a posture at rest [rad/s]
 
 
 class MotionService:
@@ -146,7 +148,10 @@ class MotionService:
 
 
 class MotionPlannerNode(PoiseNode):
-    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes."""
+    """Runs ``MotionPlanner`` on request, from the reference posture that the controller publishes.
+
+    A motion that is requested while the posture still moves, as after a stop, is planned once it is at rest.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_planner", **kwargs)
@@ -161,6 +166,8 @@ class MotionPlannerNode(PoiseNode):
         self._law = MotionPlanner(self.model, self._config, extra=[*calibration_motions(), *own])
         self._codec = JointStateCodec(self.model)
         self._posture: Vector | None = None
+        self._stamp, self._moving = 0, False  # of that posture [ns]
+        self._request, self._until = "", 0  # motion that waits for a posture at rest, until a stamp [ns]
         self._trajectory = self.announce(JointTrajectoryMsg, topics.MOTION_TRAJECTORY, EVENT)
         self._plan_state = self.announce(String, topics.MOTION_PLAN_STATE, EVENT)
         self._publish_status = self.announce_status(topics.MOTION_STATUS)
@@ -173,7 +180,10 @@ class MotionPlannerNode(PoiseNode):
             self.message = f"motions: {', '.join(self._law.names)}"
 
     def _on_posture(self, data: bytes) -> None:
-        self._posture = self._codec.decode(data)[1]
+        self._stamp, self._posture, speed, _ = self._codec.decode(data)
+        self._moving = bool(np.abs(speed).max() > REST_SPEED)
+        if self._request and not (self._moving and self._stamp < self._until):
+            self._plan(self._request)
 
     def _start(self) -> Vector:
         """Posture that plans start from (nj,) [rad]; raises ``MessageError`` before the first."""
@@ -182,21 +192,27 @@ class MotionPlannerNode(PoiseNode):
         return self._posture
 
     def _on_request(self, message: String) -> None:
+        self._request = "" if message.data == topics.STOP_MOTION else message.data
+        self._until = self._stamp + round(REST_TIMEOUT * 1e9)
+        if self._request and not self._moving:
+            self._plan(self._request)
+
+    def _plan(self, request: str) -> None:
         """Plan; answers repeat the request, so that the sender recognises an overtaken one."""
-        if message.data == topics.STOP_MOTION:
-            return
+        self._request = ""
         try:
-            motion = variant(message.data.partition(" ")[0], self.model.name, self._law.names)
+            motion = variant(request.partition(" ")[0], self.model.name, self._law.names)
             trajectory = self._law.plan(motion, start_q=self._start())
         except PoiseError as error:
-            refusal = MotionStatus(MotionState.REFUSED, message.data, str(error))
+            refusal = MotionStatus(MotionState.REFUSED, request, str(error))
             self._publish_status(refusal)
             self._plan_state.publish(String(data=str(refusal)))
-            raise
-        self.values["last plan"] = message.data
-        self.get_logger().info(f"planned {message.data}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
+            self.refuse(topics.MOTION_REQUEST, error)
+            return
+        self.values["last plan"] = request
+        self.get_logger().info(f"planned {request}: {trajectory.times[-1]:.1f} s, {len(trajectory.times)} points")
         answer = trajectory_to_message(thin(trajectory, self._points_max))
-        answer.header.frame_id = message.data
+        answer.header.frame_id = request
         self._trajectory.publish(answer)
 
 

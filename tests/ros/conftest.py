@@ -3,7 +3,7 @@
 import gc
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -156,10 +156,11 @@ class Eyes:
         stamp: Stamp of the last true state [ns].
         truth_readers: Nodes of control that have subscribed to the true state.
         control_topics: Topics to which nodes of control have subscribed.
+        log: What the processes print; optional.
     """
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+    def __init__(self, graph: Graph, log: Path | None = None) -> None:
+        self.graph, self.log = graph, log
         self.truth: list[np.ndarray] = []
         self.stamp = 0
         self.posture = b""
@@ -252,7 +253,7 @@ def standing_graph(folder: Path, **options: Any) -> Iterator[Eyes]:
     log = folder / "log"
     os.environ["ROS_LOG_DIR"] = str(folder)
     with Graph("g1", domain_id=free_domain(), log=log, say=lambda text: None, **options) as graph:
-        seen = Eyes(graph)
+        seen = Eyes(graph, log)
 
         def standing() -> bool:
             seen.note_subscriptions()
@@ -264,6 +265,18 @@ def standing_graph(folder: Path, **options: Any) -> Iterator[Eyes]:
         pids = list(graph.pids.values())
     assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """The report of a failed test has the warnings and errors of its graph, and the last lines of its log."""
+    report = yield
+    seen = getattr(item, "funcargs", {}).get("eyes")
+    if report.failed and isinstance(seen, Eyes) and seen.log is not None:
+        lines = seen.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        grave = [line for line in lines[:-40] if "[WARN]" in line or "[ERROR]" in line]
+        report.sections.append(("log of the graph", "\n".join(grave[-40:] + lines[-40:])))
+    return report
 
 
 OPTIONS = ("PROCESSES", "PARAMETERS")  #: Variables of a module that ``eyes`` reads

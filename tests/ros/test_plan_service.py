@@ -51,9 +51,13 @@ class World:
 
     def stand(self) -> None:
         """Say that the robot stands, and how."""
-        zero = np.zeros(self.robot.nj)
         self.mode.publish(String(data="stand"))
-        self.posture.publish(JointStateCodec(self.robot).encode(1, self.robot.posture("stand"), zero, zero))
+        self.hold(self.robot.posture("stand"))
+
+    def hold(self, posture: Any, *, speed: float = 0.0, time: float = 0.0) -> None:
+        """Publish the posture (nj,) [rad] of a time [s], in which each joint moves with a speed [rad/s]."""
+        zero = np.zeros(self.robot.nj)
+        self.posture.publish(JointStateCodec(self.robot).encode(1 + round(time * 1e9), posture, zero + speed, zero))
         self.bench.spin(0.3)
 
     def ask(self, place: tuple[float, float, float], frame_id: str = "base_link", **more: Any) -> Any:
@@ -124,7 +128,7 @@ def test_a_request_to_execute_is_answered_with_the_state_of_the_motion(
     assert not future.done()
     assert "another plan" in world.answer(world.ask(PLACE)).message  # and the node goes on meanwhile
     world.state.publish(MotionStatus(MotionState.RUNNING))
-    assert world.answer(future).success and len(world.published[0].points) > 100
+    assert world.answer(future).success and len(world.published[0].points) > 50
     refused = world.ask(PLACE, execute=True)
     bench.wait(lambda: len(world.published) == 2, 30.0)
     world.state.publish(MotionStatus(MotionState.REFUSED, reason="start jump"))
@@ -133,3 +137,22 @@ def test_a_request_to_execute_is_answered_with_the_state_of_the_motion(
     monkeypatch.setattr("planners.nodes.motion_planner.BEGIN_TIMEOUT", 0.3)
     silent = world.answer(world.ask(PLACE, execute=True))
     assert not silent.success and "does not say" in silent.message
+
+
+@pytest.mark.parametrize("speed, time", [(0.0, 0.1), (0.5, 1.1)])
+def test_a_motion_is_planned_from_a_posture_at_rest_or_after_a_second(
+    bench: Any, g1: RobotModel, speed: float, time: float
+) -> None:
+    world, posture = World(bench, g1), g1.posture("stand").copy()
+    requests = bench.world.create_publisher(String, topics.MOTION_REQUEST, EVENT)
+    bench.wait(lambda: requests.get_subscription_count() >= 1)
+    world.hold(posture, speed=0.5)
+    requests.publish(String(data="wave 1"))
+    world.hold(posture, speed=0.5, time=0.05)
+    assert not world.published
+    posture[g1.joint_index("right_elbow_joint")] += 0.2
+    world.hold(posture, speed=speed, time=time)
+    bench.wait(lambda: world.published, 30.0)
+    np.testing.assert_allclose(trajectory_from_message(world.published[0]).positions[0], posture, atol=0.01)
+    world.hold(posture, time=2.0)
+    assert len(world.published) == 1
