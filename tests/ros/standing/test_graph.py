@@ -1,6 +1,8 @@
 """The real graph over DDS: it stands, refuses what is malformed naming the culprit, ends cleanly."""
 
 import math
+import os
+import signal
 from typing import Any
 
 import numpy as np
@@ -215,8 +217,14 @@ def test_a_motion_is_planned_and_followed_without_the_truth_and_ends_in_stand(ey
 def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undisturbed: None, g1: RobotModel) -> None:
     before = JointStateCodec(g1).decode(eyes.posture)[1]
     eyes.motion.clear()
-    eyes.graph.send("wave")
-    eyes.graph.send("stop")
+    planner = eyes.graph.pids["planners.nodes.motion_planner"]
+    os.kill(planner, signal.SIGSTOP)
+    try:
+        for word, mode in (("wave", "motion"), ("stop", "stand")):
+            eyes.graph.send(word)
+            eyes.graph.wait_for(lambda mode=mode: eyes.graph.mode == mode, 20.0, mode)
+    finally:
+        os.kill(planner, signal.SIGCONT)
     eyes.graph.wait_for(lambda: any("came too late" in word for word in eyes.motion), 20.0, "dropped")
     eyes.graph.spin(0.5)
     assert "running" not in eyes.motion

@@ -8,7 +8,7 @@ from std_msgs.msg import String
 
 from bridge.launch.graph import Graph
 from models.nodes import topics
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import LATCHED
 from tests.ros.conftest import Eyes
 
 pytestmark = [pytest.mark.ros, pytest.mark.graph]
@@ -32,6 +32,7 @@ def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: 
     modes: list[str] = []
     ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
     _restart_supervisor(eyes.graph)
+    eyes.graph.wait_for(lambda: bool(modes), 20.0, "saying its mode")
     eyes.graph.spin(0.5)
     eyes.graph.node.destroy_subscription(ears)
     assert set(modes) == {"stand"}
@@ -51,9 +52,7 @@ def test_a_supervisor_killed_while_damped_comes_back_with_a_fault(eyes: Eyes) ->
 
 
 def test_a_fallen_robot_is_not_armed_again(eyes: Eyes) -> None:
-    push = eyes.graph.node.create_publisher(WrenchStamped, topics.PUSH, EVENT)
-    eyes.graph.wait_for(lambda: push.get_subscription_count() > 0, 5.0, "listening for pushes")
-    eyes.graph.spin(0.2)
+    push = eyes.publisher(WrenchStamped, topics.PUSH)
     message = WrenchStamped()
     message.header.frame_id = "torso_link"
     message.wrench.force.x = 800.0
