@@ -272,7 +272,7 @@ class ControlStack:
 
     def control(self, dt: float) -> ControlResult | None:
         """Gait, motions, head, whole-body law and joint monitor of one tick; None while the mode moves nothing."""
-        self._record_change("mode", self.mode.value)
+        self._record_change("mode", self.mode)
         self.scheduled = None
         if self.mode not in ACTIVE_MODES:
             return None
@@ -379,7 +379,7 @@ class ControlStack:
         """Enter a mode."""
         if mode is not self._mode:
             self._mode = mode
-            self._record_change("mode", mode.value)
+            self._record_change("mode", mode)
         if isinstance(self._law, BalanceController):
             self._law.enter(mode)
 

@@ -11,7 +11,7 @@ linear, then angular. Receivers never write to the arrays of these types.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, StrEnum
 
 import numpy as np
 from msgspec import Struct
@@ -162,7 +162,7 @@ class JointTrajectory:
     efforts: Matrix | None = None  # feed-forward torques (n, k) [N.m], or None
 
 
-class Mode(Enum):
+class Mode(StrEnum):
     """What the robot is doing; see the mode machine in ``controllers/safety/supervisor.py``."""
 
     OFF = "off"

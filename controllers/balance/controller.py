@@ -350,11 +350,13 @@ class BalanceController:
     def _blend(self, standing: Reference, planned: Reference, rest: Rest, phase: GaitPhase) -> Reference:
         """Arms and head of the posture; the rest goes from the posture's reference to the gait's."""
         share = min_jerk(self._share)[0]
-        posture, velocity, acceleration = blend_postures(
+        posture, velocity, acceleration = postures = np.empty((3, self.model.nj))
+        blend_postures(
             self.motions.free,
             share,
             (standing.posture, standing.posture_velocity, standing.posture_acceleration),
             (planned.posture, planned.posture_velocity, planned.posture_acceleration),
+            postures,
         )
         if self._share == 1.0:
             return replace(planned, posture=posture, posture_velocity=velocity, posture_acceleration=acceleration)

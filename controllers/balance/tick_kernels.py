@@ -219,14 +219,11 @@ def blend_rotations(first: Array, second: Array, share: float, out: Array) -> No
 
 @njit(cache=True)
 def blend_postures(
-    free: NDArray[np.bool_], share: float, first: tuple[Array, Array, Array], second: tuple[Array, Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Posture, velocity and acceleration a share of the way from one to another; the first of ``free`` joints (nj,)."""
-    nj = free.shape[0]
-    posture, velocity, acceleration = np.empty(nj), np.empty(nj), np.empty(nj)
-    for j in range(nj):
+    free: NDArray[np.bool_], share: float, first: tuple[Array, ...], second: tuple[Array, ...], blended: Array
+) -> None:
+    """Fill posture, velocity and acceleration (3, nj) a share of the way from one to another; the first of ``free``."""
+    for j in range(free.shape[0]):
         weight = 0.0 if free[j] else share
-        posture[j] = first[0][j] + weight * (second[0][j] - first[0][j])
-        velocity[j] = first[1][j] + weight * (second[1][j] - first[1][j])
-        acceleration[j] = (1.0 - weight) * first[2][j] + weight * second[2][j]
-    return posture, velocity, acceleration
+        blended[0, j] = first[0][j] + weight * (second[0][j] - first[0][j])
+        blended[1, j] = first[1][j] + weight * (second[1][j] - first[1][j])
+        blended[2, j] = (1.0 - weight) * first[2][j] + weight * second[2][j]

@@ -29,7 +29,7 @@ from models.types import CommandReply, Mode
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")
 _SENTENCE = re.compile(r"[\w ,.!?]+")  #: Text that may hold a command among other words
 #: Modes in which the whole-body controller moves the joints
-ACTIVE_MODES = frozenset({Mode.STAND, Mode.WALK, Mode.MOTION})
+ACTIVE_MODES = (Mode.STAND, Mode.WALK, Mode.MOTION)
 
 
 class Supervisor:

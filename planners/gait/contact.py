@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from models.numerics.compiled import njit
+from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig, LiftConfig
@@ -61,7 +62,8 @@ class Soles:
         self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
         self._centres: list[Point] = [(x, y) for x, y in self.centres.tolist()]
         ground = config.ground
-        self._anchor = AnchorLimits(config.anchor_load, config.anchor_time, ground.anchor_time, ground.settle_time)
+        limits = AnchorLimits(config.anchor_load, config.anchor_time, ground.anchor_time, ground.settle_time)
+        self._anchor = unbox(limits)
 
     def point_of(self, foot: int, hold: Foothold) -> Vector:
         """ZMP point of a foot on a foothold: the middle of the sole, in W (2,) [m]."""
@@ -197,12 +199,12 @@ def _follow(
     swinging: int,
     landed: int,
     dt: float,
-    anchor: AnchorLimits,
+    limits: Unboxed[AnchorLimits],
     slopes: Matrix,
     tilts: Matrix,
 ) -> tuple[Place, Place, Point]:
     """``Soles.followed`` from the last and present poses of the soles; moves ``tilts`` towards ``slopes`` (2, 2)."""
-    x = y = total = 0.0
+    anchor, x, y, total = limits.record, 0.0, 0.0, 0.0
     for foot in range(2):
         load = loads[foot]
         if foot != swinging and load >= anchor.load:

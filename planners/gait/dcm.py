@@ -25,14 +25,9 @@ from planners.gait.footsteps import Point, point_at
 from planners.gait.reaction import LegLever, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
 from planners.gait.swing import SwingShape
 
-
-class SwingMotion(NamedTuple):
-    """The swing under way, for compiled code."""
-
-    motion: Matrix  # of the foot, see ``SwingState`` (3, 4)
-    floor: float  # its height at lift-off [m]
-    duration: float  # from lift-off to touchdown [s]
-    target: Point  # in W [m]
+#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], time from lift-off to
+#: touchdown [s], and target in W [m]
+SwingMotion = tuple[Matrix, float, float, Point]
 
 
 class StepModel(NamedTuple):
@@ -128,24 +123,18 @@ def pendulum(point: Vector, end: Vector, omega: float, left: float, rest: Point,
 
 @njit(cache=True)
 def single_support(
-    point: Vector,
-    end: Vector,
-    omega: float,
-    left: float,
-    swing: SwingMotion,
-    body: tuple[Vector, Vector],
-    leg: Unboxed[SwingLeg],
-) -> Matrix:
-    """DCM, its rate, and present CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown with ``end``.
+    point: Vector, end: Vector, omega: float, left: float, swing: SwingMotion, body: tuple[Vector, Vector],
+    leg: Unboxed[SwingLeg], out: Matrix,
+) -> None:  # fmt: skip
+    """Fill DCM, its rate, and CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown with ``end``.
 
     ``point`` is the ZMP point of the stance foot and ``end`` a DCM (2,) [m], ``body`` are the CoM and its velocity.
     """
-    (shape, lever), (com, velocity), motion, out = leg.record, body, swing.motion, np.empty((3, 2))
-    rest = rest_of_swing(omega, left, motion, swing.floor, swing.duration, swing.target, com, velocity, shape, lever)
+    (shape, lever), (com, velocity), (motion, floor, duration, target) = leg.record, body, swing
+    rest = rest_of_swing(omega, left, motion, floor, duration, target, com, velocity, shape, lever)
     offset = cmp_offset(motion, com, velocity, lever)
     pendulum(point, end, omega, max(left, 0.0), rest, offset, out)
     out[2, 0], out[2, 1] = offset
-    return out
 
 
 @njit(cache=True)

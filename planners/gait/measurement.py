@@ -43,14 +43,12 @@ class Measurement(Struct, frozen=True):
 @njit(cache=True)
 def filtered_dcm_rate(
     rate: Vector, com_before: Vector, velocity_before: Vector, com: Vector, velocity: Vector, omega: float, dt: float,
-    share: float,
-) -> Vector:  # fmt: skip
-    """Rate of the DCM (2,) [m/s] after ``dt`` [s], a share of the way from the last one to that of two states."""
-    after = np.empty(2)
+    share: float, after: Vector,
+) -> None:  # fmt: skip
+    """Fill the DCM's rate (2,) [m/s] after ``dt`` [s], a share of the way from the last one to that of two states."""
     for i in range(2):
         way = com[i] + velocity[i] / omega - (com_before[i] + velocity_before[i] / omega)
         after[i] = rate[i] + share * (way / dt - rate[i])
-    return after
 
 
 class BodyMotion(NamedTuple):

@@ -16,7 +16,7 @@ from planners.gait.adjustment import StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
-from planners.gait.dcm import DcmState, SwingMotion, single_support
+from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
@@ -158,7 +158,8 @@ class GaitPlanner:
         gait.measured = measured = self._sensors.measure(state, before, motion)
         share = min(dt / self.config.push_filter, 1.0)
         states = before.com, before.com_velocity, measured.com, measured.com_velocity
-        gait.dcm_rate = filtered_dcm_rate(gait.dcm_rate, *states, self._omega(), dt, share)
+        rate, gait.dcm_rate = gait.dcm_rate, np.empty(2)
+        filtered_dcm_rate(rate, *states, self._omega(), dt, share, gait.dcm_rate)
         if rest is not None and gait.rest is not None and gait.phase is GaitPhase.STAND:  # a posture moves the CoM
             gait.body = structs.replace(gait.body, height=gait.body.height + rest.height - gait.rest.height)
         gait.rest = rest
@@ -272,10 +273,10 @@ class GaitPlanner:
         """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m]."""
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
-        swing = SwingMotion(gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y))
-        point, body = self._stance_point(), (measured.com, measured.com_velocity)
-        dcm, rate, offset = single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg)
-        return gait.dcm.in_single(point, dcm, rate), offset
+        swing = gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y)
+        point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
+        single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
+        return gait.dcm.in_single(point, out[0], out[1]), out[2]
 
     def _stance_point(self) -> Vector:
         """ZMP point of the stance foot (2,) [m]."""

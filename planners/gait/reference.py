@@ -59,14 +59,11 @@ class ReferenceBuilder:
         """Reference of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
         left, right = state.soles.holds
         single, foot, body = state.phase is GaitPhase.SINGLE, 1 - state.stance, state.body
-        rotations, positions, motions, bodies = _place_bodies(
-            ((left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)),
-            state.soles.tilts,
-            foot if single else -1,
-            state.swing.motion,
-            state.swing.tilt,
-            self._upright,
-        )
+        rotations, bodies = np.empty((2, 2, 3, 3))
+        positions, motions = np.empty((2, 3)), np.zeros((2, 2, 6))
+        places = (left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)
+        swing, out = state.swing, (rotations, positions, motions, bodies)
+        _place_bodies(places, state.soles.tilts, foot if single else -1, swing.motion, swing.tilt, self._upright, *out)
         dcm = state.dcm.dcm
         return Reference(
             com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height]),
@@ -137,22 +134,16 @@ def sole_rotation(yaw: float, rise_x: float, rise_y: float, rotation: Matrix) ->
 
 @njit(cache=True)
 def _place_bodies(
-    places: tuple[Place, Place],
-    tilts: Matrix,
-    foot: int,
-    motion: Matrix,
-    tilt: Vector,
-    upright: Matrix,
-) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Rotations and positions of the soles, their motions, and rotations of base and torso at the mean heading.
+    places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector, upright: Matrix,
+    rotations: Matrix, positions: Matrix, motions: Matrix, bodies: Matrix,
+) -> None:  # fmt: skip
+    """Fill rotations and positions of the soles, their motions, and rotations of base and torso at the mean heading.
 
     These are (2, 3, 3), (2, 3) [m], velocities and accelerations (2, 2, 6), and (2, 3, 3). ``places`` are the planted
     soles with their slopes ``tilts`` (2, 2); ``foot`` swings (-1 without one), with position, velocity and acceleration
     x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). ``upright`` are the rotations of base and torso at heading 0
     (2, 3, 3).
     """
-    rotations, positions = np.empty((2, 3, 3)), np.empty((2, 3))
-    motions, bodies = np.zeros((2, 2, 6)), np.empty((2, 3, 3))
     first, second = places[0][3], places[1][3]
     for i in range(2):
         x, y, z, yaw = places[i]
@@ -180,7 +171,6 @@ def _place_bodies(
                 s * x + c * y,
                 upright[body, 2, k],
             )
-    return rotations, positions, motions, bodies
 
 
 @njit(cache=True)

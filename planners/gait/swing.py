@@ -41,13 +41,9 @@ class SwingLimits(NamedTuple):
     trip_time: float  # [s]
 
 
-class FootTrack(NamedTuple):
-    """Measured motion of the swing foot, by which a trip is detected."""
-
-    place: Point  # in W [m]
-    last_place: Point  # one tick earlier [m]
-    speed: Point  # filtered [m/s]
-    rising_until: float  # see ``SwingState`` [s]
+#: Measured motion of the swing foot, by which a trip is detected: place in W, and that one tick earlier [m], speed,
+#: filtered [m/s], and ``rising_until`` of ``SwingState`` [s]
+FootTrack = tuple[Point, Point, Point, float]
 
 
 class SwingState(Struct, frozen=True):
@@ -114,7 +110,7 @@ class SwingFoot:
     ) -> SwingState:
         """Return to the measured place x, y of the sole in W [m] when the foot has tripped; times in [s]."""
         motion = swing.motion.copy()
-        track = FootTrack((x, y), swing.place or (x, y), swing.speed, swing.rising_until)
+        track = (x, y), swing.place or (x, y), swing.speed, swing.rising_until
         tripped, rising_until, speed = _return_tripped(self._limits, motion, track, elapsed, duration, dt)
         trips = swing.trips + tripped
         return SwingState(motion, swing.floor, swing.duration, swing.tilt, trips, rising_until, (x, y), speed)

@@ -110,11 +110,13 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     nominal, offset = planned.plan.nominal(walk)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
     start, leg = landing + offset, unbox(SwingLeg(planned.swing.shape, planned.lever))
-    moving = dcm.SwingMotion(swing.motion, swing.floor, swing.duration, (nominal.x, nominal.y))
+    moving = swing.motion, swing.floor, swing.duration, (nominal.x, nominal.y)
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
         body = at.com, at.com_velocity
-        start = dcm.single_support(point, landing + offset, OMEGA, single, moving, body, leg)[0]
+        out = np.empty((3, 2))
+        dcm.single_support(point, landing + offset, OMEGA, single, moving, body, leg, out)
+        start = out[0]
     step, time, end, solved = planned.plan.adjust(walk, planned.with_dcm(start), 0.0, single, nominal, swing)
     assert solved
     assert (step.x, step.y, step.yaw, step.z) == pytest.approx((nominal.x, nominal.y, nominal.yaw, nominal.z), abs=1e-6)

@@ -12,7 +12,7 @@ from models.errors import RobotModelError
 from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
-from planners.gait.dcm import SwingMotion, single_support
+from planners.gait.dcm import single_support
 from planners.gait.reaction import LegLever, SwingLeg, leg_lever, swing_slope, whole_swing
 from planners.gait.swing import SwingFoot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
@@ -70,9 +70,9 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        swing, still = SwingMotion(foot.motion, foot.floor, foot.duration, (way[0], way[1])), np.zeros(2)
-        dcm, _, offset = single_support(still, still, OMEGA, left, swing, (com, velocity), LEG)
-        return dcm, offset
+        swing, still, out = (foot.motion, foot.floor, foot.duration, (way[0], way[1])), np.zeros(2), np.empty((3, 2))
+        single_support(still, still, OMEGA, left, swing, (com, velocity), LEG, out)
+        return out[0], out[2]
 
     for i in range(round(SINGLE / DT)):
         com = start + velocity * i * DT
