@@ -182,7 +182,7 @@ class MotionPlannerNode(PoiseNode):
     def _on_posture(self, data: bytes) -> None:
         self._stamp, self._posture, speed, _ = self._codec.decode(data)
         self._moving = bool(np.abs(speed).max() > REST_SPEED)
-        if self._request and not (self._moving and self._stamp < self._until):
+        if self._request and self.active and not (self._moving and self._stamp < self._until):
             self._plan(self._request)
 
     def _start(self) -> Vector:
