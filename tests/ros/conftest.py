@@ -56,7 +56,7 @@ class Bench:
     def add(
         self, kind: Callable[..., Any], *, active: bool = True, configured: bool = True, **parameters: object
     ) -> Any:
-        """Create a node, configured, and activated unless told otherwise."""
+        """Create a node, configured, and and activated when ``active``."""
         arguments = ["--ros-args"]
         for name, value in parameters.items():
             arguments += ["-p", f"{name}:={value}"]
@@ -235,8 +235,8 @@ class Eyes:
         """A second publisher on a sensor's topic; the fault that the supervisor latches is reset afterwards."""
         publisher = self.graph.node.create_publisher(kind, topic, SENSOR)
         yield publisher
-        told = f"'/{topic}' has a second publisher"
-        self.graph.wait_for(lambda: told in self.reports["/supervisor"]["message"], 5.0, "told of two publishers")
+        reported = f"'/{topic}' has a second publisher"
+        self.graph.wait_for(lambda: reported in self.reports["/supervisor"]["message"], 5.0, "reporting two publishers")
         self.graph.node.destroy_publisher(publisher)
         self.graph.spin(0.5)  # they are counted five times a second
         assert self.ask("reset_faults")[0]

@@ -232,10 +232,10 @@ def test_a_motion_stopped_while_it_is_planned_does_not_start(eyes: Eyes, undistu
 
 
 def test_the_transforms_of_a_standing_robot_go_on(eyes: Eyes) -> None:
-    heard: list[bytes] = []
-    listener = eyes.graph.node.create_subscription(TFMessage, topics.TF, heard.append, EVENT, raw=True)
-    eyes.graph.wait_for(lambda: len(heard) >= 10, 10.0, "transforming")
-    first, last = (deserialize_message(data, TFMessage).transforms for data in (heard[0], heard[-1]))
+    received: list[bytes] = []
+    listener = eyes.graph.node.create_subscription(TFMessage, topics.TF, received.append, EVENT, raw=True)
+    eyes.graph.wait_for(lambda: len(received) >= 10, 10.0, "transforming")
+    first, last = (deserialize_message(data, TFMessage).transforms for data in (received[0], received[-1]))
     assert [each.child_frame_id for each in last] == ["base_link", "base_footprint"]
     stamps = [each[0].header.stamp.sec + 1e-9 * each[0].header.stamp.nanosec for each in (first, last)]
     assert stamps[1] - stamps[0] > 0.1
