@@ -56,7 +56,7 @@ class Bench:
     def add(
         self, kind: Callable[..., Any], *, active: bool = True, configured: bool = True, **parameters: object
     ) -> Any:
-        """Create a node, configured, and and activated when ``active``."""
+        """Create a node, configured, and activated when ``active``."""
         arguments = ["--ros-args"]
         for name, value in parameters.items():
             arguments += ["-p", f"{name}:={value}"]
