@@ -182,8 +182,7 @@ class MotionPlannerNode(PoiseNode):
     def _on_posture(self, data: bytes) -> None:
         self._stamp, self._posture, speed, _ = self._codec.decode(data)
         self._moving = bool(np.abs(speed).max() > REST_SPEED)
-        if self._request and self.active and not (self._moving and self._stamp < self._until):
-            self._plan(self._request)
+        self._plan_at_rest()
 
     def _start(self) -> Vector:
         """Posture that plans start from (nj,) [rad]; raises ``MessageError`` before the first."""
@@ -194,7 +193,11 @@ class MotionPlannerNode(PoiseNode):
     def _on_request(self, message: String) -> None:
         self._request = "" if message.data == topics.STOP_MOTION else message.data
         self._until = self._stamp + round(REST_TIMEOUT * 1e9)
-        if self._request and not self._moving:
+        self._plan_at_rest()
+
+    def _plan_at_rest(self) -> None:
+        """Plan the motion that waits, once the posture is at rest or the wait is over."""
+        if self._request and self.active and not (self._moving and self._stamp < self._until):
             self._plan(self._request)
 
     def _plan(self, request: str) -> None:
