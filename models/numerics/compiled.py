@@ -135,7 +135,7 @@ class KernelCacheLocator(caching._CacheLocator):
 
 
 if "NUMBA_OPT" not in os.environ:  # a third less time to compile than with numba's 3, and ticks as fast
-    vars(numba.config)["OPT"] = type(numba.config.OPT)(2)
+    vars(numba.config)["OPT"] = type(vars(numba.config)["OPT"])(2)
 vars(caching)["IndexDataCacheFile"] = _Index
 vars(numba.config)["CACHE_LOCATOR_CLASSES"] = ",".join(
     [f"{__name__}.{KernelCacheLocator.__name__}", *_FALLBACK_LOCATORS]
