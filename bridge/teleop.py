@@ -22,10 +22,10 @@ from controllers.commands.command_signature import Signer
 from models.config import STRICT, Positive, default_config
 from models.errors import PoiseError
 from models.nodes import topics
-from models.nodes.odometry import Velocity
 from models.nodes.qos import LATCHED
 from models.nodes.spin import Stop
 from models.robot_model import RobotModel
+from models.types import Velocity
 from planners.gait.config import VelocityConfig, load_gait_config
 
 Axis = Literal["forward", "left", "turn"]

@@ -9,7 +9,6 @@ from msgspec import structs
 from controllers.balance.controller import BalanceController
 from controllers.balance.head import Head, HeadConfig
 from controllers.balance.tuning import Tuning
-from controllers.commands.arbitration import Velocity
 from controllers.estimation.config import EstimatorConfig
 from controllers.estimation.estimator import StateEstimator
 from controllers.input_log import InputLog
@@ -32,6 +31,7 @@ from models.types import (
     RobotState,
     SensorData,
     Vector,
+    Velocity,
 )
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import Foothold

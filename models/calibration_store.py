@@ -15,11 +15,10 @@ from models.config import STRICT, default_config, load_config
 from models.errors import ConfigError, JointNameError
 from models.files import user_folder
 from models.robot_model import RobotModel
-from models.types import FOOT_NAMES
+from models.types import FOOT_NAMES, Vector3
 
 DIRECTORY_VARIABLE = "POISE_CALIBRATION_DIR"  #: Environment variable that names the folder of the calibration files
 SCHEMA = 1  #: Version of the file; another one is refused
-Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -14,8 +14,7 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, NonNegative, Positive, load_config
 from models.errors import ConfigError
-
-Vector3 = tuple[float, float, float]
+from models.types import Vector3
 
 #: Frames that every profile places on a link (REP-120 names); the soles and base_link have keys of their own
 REQUIRED_FRAMES = ("torso", "gaze", "l_wrist", "r_wrist", "imu")

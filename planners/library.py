@@ -12,10 +12,10 @@ from pydantic.dataclasses import dataclass
 from models.config import STRICT, load_config
 from models.errors import ConfigError
 from models.robot_model import RobotModel
+from models.types import Vector3
 from planners.goals import TARGET_FRAMES
 
 START = "start"  #: Name of the posture that a motion starts from, beside the postures of the robot's profile
-Vector3 = tuple[float, float, float]
 JointValues = dict[str, dict[str, float]]
 
 

@@ -20,10 +20,8 @@ from models.constants import GRAVITY
 from models.errors import ConfigError
 from models.heading import heading, turned
 from models.robot_model import RobotModel
-from models.types import Matrix, Mode, Vector
+from models.types import Matrix, Mode, Vector, Velocity
 from planners.gait.config import VelocityConfig, load_gait_config
-
-Velocity = tuple[float, float, float]  # forward [m/s], left [m/s], turn [rad/s], in the body's frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,10 @@ from collections.abc import Callable
 
 from bridge.loop.lockstep import Lockstep
 from bridge.plants.scanner import LaserScanner
-from controllers.commands.arbitration import Velocity
 from controllers.commands.obstacle_stop import ObstacleStop
-from models.types import Mode
+from models.types import STILL, Mode
 
 LIMIT_PERIOD = 0.02  #: Update period of the velocity, as in the graph [s]
-STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class ObstacleGuard:

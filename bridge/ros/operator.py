@@ -13,9 +13,9 @@ from std_srvs.srv import Trigger
 from bridge.ros.client import Client, signed
 from controllers.commands.command_signature import Signer
 from models.nodes import topics
-from models.nodes.odometry import Velocity, velocity_to_twist
+from models.nodes.odometry import velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT
-from models.types import Vector
+from models.types import Vector, Velocity
 
 SOURCE = "teleop"  #: The operator's source of commands (controllers/config/arbitration.yaml)
 #: Buttons and the services that they call

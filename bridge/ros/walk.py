@@ -10,12 +10,12 @@ from bridge.ros.client import Client
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.interfaces import interface
-from models.nodes.odometry import Velocity, velocity_from_twist, velocity_to_twist
+from models.nodes.odometry import velocity_from_twist, velocity_to_twist
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.nodes.services import PACKAGE
 from models.nodes.status import subscribe_status
 from models.status import GaitStatus, MotionState, RouteState, RouteStatus
-from models.types import CommandReply, Mode
+from models.types import CommandReply, Mode, Velocity
 from planners.gait.footsteps import Foothold
 from planners.nodes.footstep_messages import pose_message
 

@@ -13,9 +13,8 @@ from bridge.ros.operator import MODE_SERVICES, Operator
 from bridge.view.listener import Snapshot, ViewConfig, Words
 from controllers.safety.supervisor import ACTIVE_MODES
 from models.heading import heading
-from models.nodes.odometry import Velocity
 from models.robot_model import RobotModel
-from models.types import Vector
+from models.types import Vector, Velocity
 from planners.gait.config import VelocityConfig
 
 #: Headings of pushes, from that of the robot [deg]

@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from models.config import STRICT, default_config
 from models.errors import CommandError
+from models.types import STILL, Velocity
 
 PLAIN = "plain"  #: Source of the topics ``humanoid_commands`` and ``cmd_vel``
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -48,9 +49,6 @@ class ArbitrationConfig:
         if len(set(priorities)) < len(priorities):
             raise ValueError("sources: two have the same priority")
 
-
-Velocity = tuple[float, float, float]  #: Walking velocity: forward [m/s], left [m/s], turn [rad/s]
-STILL: Velocity = (0.0, 0.0, 0.0)
 
 NO_SOURCE = "none"  #: Name for: no source is in command
 

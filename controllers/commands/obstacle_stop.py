@@ -9,12 +9,11 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from controllers.commands.arbitration import Velocity
 from models.config import STRICT, default_config
 from models.errors import MessageError
 from models.robot_model import RobotModel
 from models.scan import SCAN_FRAME, Scan, check_scan
-from models.types import Matrix, Vector
+from models.types import Matrix, Vector, Velocity
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty, String
 
-from controllers.commands.arbitration import PLAIN, STILL, Arbiter, ArbitrationConfig, Velocity
+from controllers.commands.arbitration import PLAIN, Arbiter, ArbitrationConfig
 from controllers.commands.command_signature import Verifier
 from controllers.commands.obstacle_stop import ObstacleStop
 from controllers.nodes.health_topics import HealthTopics
@@ -23,7 +23,7 @@ from models.nodes.odometry import require_base_frame, velocity_from_twist, veloc
 from models.nodes.perception import scan_from_message
 from models.nodes.qos import COMMAND, EVENT, LATCHED, SENSOR
 from models.status import RouteState, RouteStatus
-from models.types import CommandReply, Mode
+from models.types import STILL, CommandReply, Mode, Velocity
 
 VELOCITY = "velocity "  #: Prefix of a word with a velocity
 STOP = "stop"  #: Command that every source may send, whichever is in command

@@ -11,7 +11,7 @@ from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_ns, declare_period
 from models.nodes.qos import EVENT, STATE
-from planners.gait.commands import STILL
+from models.types import STILL
 from planners.nodes.gait_link import (
     GaitCommand,
     GaitReport,

@@ -17,13 +17,12 @@ from ``take_motion`` to the motion planner, and answers services with the ``Comm
 
 import re
 
-from controllers.commands.arbitration import Velocity
 from controllers.safety.health import Health, Severity, SupervisorConfig
 from models.config import default_config
 from models.errors import did_you_mean
 from models.robot_model import RobotModel
 from models.status import GET_UP
-from models.types import CommandReply, Mode
+from models.types import CommandReply, Mode, Velocity
 
 #: Text commands that need a gait planner; answered with the reason while there is none
 GAIT_WORDS = ("walk", "forward", "backward", "left", "right", "turn", "spin")

@@ -13,7 +13,7 @@ from std_msgs.msg import MultiArrayDimension, UInt8MultiArray
 from models.errors import MessageError
 from models.nodes.messages import Codec, require_finite
 from models.nodes.topics import BASE_FRAME, ODOM_FRAME
-from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector
+from models.types import FOOT_NAMES, ContactState, Matrix, RobotState, Vector, Velocity
 
 QUATERNION_TOLERANCE = 1e-3  #: Accepted deviation of a quaternion's norm from 1 [-]
 
@@ -67,9 +67,6 @@ def contacts_from_message(message: UInt8MultiArray) -> tuple[bool, bool]:
     if labels != FOOT_NAMES or len(message.data) != len(FOOT_NAMES):
         raise MessageError(f"layout: labels {labels} with {len(message.data)} values, expected {FOOT_NAMES}")
     return bool(message.data[0]), bool(message.data[1])
-
-
-Velocity = tuple[float, float, float]  #: Forward [m/s], left [m/s], turn [rad/s], of ``base_link`` in its own frame
 
 
 def velocity_to_twist(velocity: Velocity) -> Any:

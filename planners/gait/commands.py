@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from msgspec import Struct, structs
 
 from models.errors import CommandError
+from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig, VelocityConfig
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity
+from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of
-
-STILL: Velocity = (0.0, 0.0, 0.0)
 
 
 class VelocityCommand:

@@ -22,9 +22,9 @@ from models.nodes.base import PoiseNode
 from models.nodes.parameters import declare_config
 from models.nodes.qos import EVENT, STATE
 from models.robot_model import RobotModel
-from planners.gait.commands import STILL
+from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.footsteps import LEFT, RIGHT, Foothold, Velocity
+from planners.gait.footsteps import LEFT, RIGHT, Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep, Route
 from planners.gait.state import GaitState

@@ -18,10 +18,10 @@ from models.nodes.parameters import declare, declare_period
 from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.spin import program
 from models.status import GaitStatus
-from models.types import FOOT_NAMES, Mode
-from planners.gait.commands import STILL, VelocityCommand, limited
+from models.types import FOOT_NAMES, STILL, Mode, Velocity
+from planners.gait.commands import VelocityCommand, limited
 from planners.gait.config import GaitConfig
-from planners.gait.footsteps import Feet, Velocity
+from planners.gait.footsteps import Feet
 from planners.gait.planner import GaitPlanner
 from planners.gait.route import Footstep
 from planners.gait.state import GaitView, capture_margin, coming_steps

@@ -17,7 +17,7 @@ from models.nodes.qos import COMMAND, EVENT, LATCHED, STATE
 from models.nodes.status import subscribe_status
 from models.robot_model import RobotModel
 from models.status import ControlStatus, GaitStatus
-from planners.gait.commands import STILL
+from models.types import STILL
 from planners.gait.footsteps import Foothold
 from planners.gait.route import Footstep
 from planners.nodes.footstep_messages import pose_message

@@ -9,15 +9,14 @@ from hypothesis import strategies as st
 
 from controllers.commands.arbitration import (
     NO_SOURCE,
-    STILL,
     Arbiter,
     ArbitrationConfig,
     LockConfig,
     SourceConfig,
-    Velocity,
 )
 from models.config import default_config, parse_config
 from models.errors import CommandError, ConfigError
+from models.types import STILL, Velocity
 
 AHEAD, LEFT, TURN = (0.3, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.5)
 

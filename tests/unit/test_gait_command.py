@@ -9,7 +9,8 @@ import pytest
 from msgspec import structs
 
 from models.robot_model import RobotModel
-from planners.gait.commands import STILL, VelocityCommand
+from models.types import STILL
+from planners.gait.commands import VelocityCommand
 from planners.gait.footsteps import Foothold
 from planners.gait.planner import GaitPlanner
 from planners.gait.state import GaitPhase, GaitView, capture_margin, coming_steps
