@@ -1,4 +1,4 @@
-"""Reports of the other nodes, as the ``Health`` that the supervisor judges."""
+"""Reports of the other nodes, as the ``Health`` that the supervisor checks."""
 
 import time
 from pathlib import Path
@@ -26,7 +26,7 @@ from models.types import SolveStatus, Vector
 NO_CONTROL = ControlStatus(active=False, solve=SolveStatus.OPTIMAL, overruns=0, joint_fault="")
 WATCHED = ("motion_planner",)  #: Nodes without a stamped topic, supervised by their status
 COUNT_PERIOD = 0.2  #: Time between two counts of the sensors' publishers [s]
-SWAY_TIME = 1.0  #: Over which the velocity of the base is averaged: a step to either side [s]
+SWAY_TIME = 1.0  #: Time constant of the mean velocity of the base: a step to either side [s]
 FAST_DDS = bytes((1, 15))  #: Vendor that begins an endpoint's identity; host and process follow
 PROCESSES, PID_MAX = Path("/proc"), 1 << 22  #: Processes of this machine, and the largest id of one on Linux
 CHECK_MAX = 40_000_000  #: Time between two checks that counts as silence of a topic: two periods [ns]
@@ -68,7 +68,7 @@ class HealthTopics:
         self._coasting_since: int | None = None
         self._gait = GaitStatus(ready=False, settled=True)
         self._alive: dict[str, float] = {}
-        self._looked, self._silence = [0, 0], [0, 0]
+        self._last_stamps, self._silence = [0, 0], [0, 0]  # of state and command [ns]
         self._checked = 0  # time of the plant at the last check [ns]
         self._twist: Vector = np.zeros(6)
         self._count_at = 0.0
@@ -116,7 +116,7 @@ class HealthTopics:
         return bool(self.now and self._odom_stamp and self._command_stamp)
 
     @property
-    def judged(self) -> int:
+    def state_stamp(self) -> int:
         """Stamp of the newest state [ns]."""
         return self._odom_stamp
 
@@ -164,7 +164,7 @@ class HealthTopics:
         ``driver_state`` is the drivers' reported state; damped drivers are a fault only once
         ``config.controller_timeout`` has passed since the robot began to move.
         """
-        arming_time, then = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
+        arming_time, oldest = config.controller_timeout, time.monotonic() - config.heartbeat_timeout
         armed = self.now - self._started > arming_time * NANOSECONDS
         late = round(config.heartbeat_timeout * NANOSECONDS)
         advance, self._checked = min(self.now - self._checked, CHECK_MAX), self.now
@@ -178,19 +178,19 @@ class HealthTopics:
             overruns=self._control.overruns,
             gait_active=self.gait_active,
             coasting=0.0 if self._coasting_since is None else (self.now - self._coasting_since) / NANOSECONDS,
-            silent=tuple(name for name, seen in self._alive.items() if seen < then),
+            silent=tuple(name for name, seen in self._alive.items() if seen < oldest),
             intruders=self.intruders,
             joint_fault=self._control.joint_fault if driver_state == topics.ACTIVE else "",
         )
 
     def _last_seen(self, which: int, stamp: int, late: int, advance: int) -> int:
-        """The stamp to count an age from: that of now while the stamps still advance between two checks.
+        """The stamp to count an age from [ns]: the present time while the stamps still advance between two checks.
 
-        The publisher is alive then, and its delay is that of this process and its queue; the drivers refuse commands
+        The publisher is alive then, and the delay is one of this process and its queue; the drivers refuse commands
         that are too old for the joints. A delay above ``late`` [ns] means another clock. The time between two checks
         counts as silence up to ``advance`` [ns]: after a stall of this process, the clock may be read before the rest.
         """
-        moved, self._looked[which] = stamp != self._looked[which], stamp
+        moved, self._last_stamps[which] = stamp != self._last_stamps[which], stamp
         self._silence[which] = 0 if moved else self._silence[which] + advance
         return self.now - self._silence[which] if self.now - stamp <= late else stamp
 
@@ -205,7 +205,7 @@ class HealthTopics:
 
     def _on_odom(self, data: bytes) -> None:
         stamp, pose, twist = self._odom_codec.decode(data)
-        share = min((stamp - self._odom_stamp) / (SWAY_TIME * NANOSECONDS), 1.0)
+        share = min(max((stamp - self._odom_stamp) / (SWAY_TIME * NANOSECONDS), 0.0), 1.0)
         self._twist += share * (twist - self._twist)
         self._odom_stamp, self.tilt = stamp, tilt(pose[3:])
 

@@ -51,9 +51,9 @@ class SupervisorNode(PoiseNode):
         self._lockstep, _ = declare_lockstep(self)
         text = "Whether to stand up by itself once the preflight checks pass and the robot is held"
         self._auto_stand = declare(self, "auto_stand", True, text)
-        text = "Time between two looks at the robot's health [s]"
+        text = "Time between two checks of the robot's health [s]"
         self._period = declare(self, "period", 0.02, text, low=0.001, high=1.0)
-        text = "How long a preflight check listens [s]"
+        text = "How long a preflight check collects samples [s]"
         self._listen_time = declare(self, "preflight_time", 0.5, text, low=0.05, high=10.0)
         text = "Rate of each sensor topic [Hz]"
         self._sensor_rate = declare(self, "sensor_rate", 1000.0, text, low=1.0, high=10000.0)
@@ -61,9 +61,9 @@ class SupervisorNode(PoiseNode):
         self._clock_timeout = declare(self, "clock_timeout", 0.5, text, low=0.01, high=60.0)
         text = "How long a supervisor that starts beside a standing robot waits for its reports [s]"
         self._adoption_time = declare(self, "adoption_time", 1.0, text, low=0.1, high=10.0)
-        text = "Whether to look at the scan before each step, where the robot has a scanner"
+        text = "Whether obstacles in the scan limit the velocity, where the robot has a scanner"
         self._look_ahead = declare(self, "look_ahead", True, text)
-        text = "File with the key of signed commands; empty: unsigned ones are taken"
+        text = "File with the key of signed commands; empty: unsigned ones are accepted"
         self._key_file = declare(self, "command_key", "", text)
         text = "How far the stamp of a signed command may be from the wall time [s]"
         self._key_window = declare(self, "command_window", 2.0, text, low=0.1, high=60.0)
@@ -89,8 +89,8 @@ class SupervisorNode(PoiseNode):
         self._publish_status = self.announce_status(topics.SUPERVISOR_STATUS, LATCHED)
         for name in _SERVED:
             self._offer(f"mode/{name}", partial(self._request_mode, Mode(name)))
-        self._offer("estop", lambda: self._law.estop())
-        self._offer("reset_faults", lambda: self._law.reset_faults())
+        self._offer("estop", self._law.estop)
+        self._offer("reset_faults", self._law.reset_faults)
         offer_own(self, "SetMode", SET_MODE, lambda call, reply: self._answer(reply, self._set_mode, call.mode))
         offer_own(self, "Command", COMMAND, lambda call, reply: self._answer(reply, self._command, call.text))
         self.own(PreflightProbe.stop, self._probe)
@@ -155,7 +155,7 @@ class SupervisorNode(PoiseNode):
             health, before = self._reports.health(self._driver_state, self._config), self._law.faults
             self._law.update(health, self._reports.t)
             message = Clock()
-            set_stamp(message.clock, self._reports.judged)
+            set_stamp(message.clock, self._reports.state_stamp)
             self._time.publish(message)
             for fault in before:
                 if fault not in self._law.faults:

@@ -36,8 +36,8 @@ class Supervisor:
 
     ``gait`` is whether there is a gait planner; without one a walk ends, and requests to walk are refused. ``faults``
     are the reasons of the latched faults, ``holds`` of the present ones of severity hold; ``motion`` is the name of the
-    motion requested or under way; ``ignored`` counts text commands; ``fallen``, set by the caller, is whether the robot
-    lies: it does not stand up by itself.
+    motion requested or under way; ``ignored`` counts ignored text commands; the caller sets ``fallen``
+    when the robot lies: it does not stand up by itself.
     """
 
     def __init__(self, model: RobotModel, config: SupervisorConfig | None = None, *, gait: bool = False) -> None:
@@ -265,7 +265,7 @@ class Supervisor:
             return self._refuse(Mode.WALK, "; ".join((*self.faults, *self.holds)))
         if self.mode is Mode.WALK:
             self._halting = False
-            return CommandReply(True, "walk: goes on")
+            return CommandReply(True, "walk: continues")
         if self.mode is not Mode.STAND:
             return self._refuse(Mode.WALK, "request 'stand' first")
         return self._enter(Mode.WALK, "steps when a velocity is commanded")
@@ -309,12 +309,12 @@ class Supervisor:
     def _enter(self, mode: Mode, reason: str) -> CommandReply:
         if self.mode in ACTIVE_MODES and mode not in ACTIVE_MODES:
             self.preflight = (f"preflight checks have not been repeated since mode '{mode.value}'",)
+            self.holds = ()
         self.mode = mode
         self._barred |= mode not in ACTIVE_MODES
         self.motion = self._pending = None
         self._velocity, self._halting, self._by_velocity = None, False, False
-        self._motion_seen = False
-        self._motion_since = None
+        self._motion_seen, self._motion_since = False, None
         return CommandReply(True, f"{mode.value}: {reason}")
 
     def _refuse(self, mode: Mode, reason: str) -> CommandReply:

@@ -174,6 +174,14 @@ def test_stamps_that_arrive_late_but_go_on_are_of_somebody_alive(
     assert world.modes[-1] == mode
 
 
+def test_stamps_that_go_back_do_not_invert_the_mean_velocity(bench: Any, world: World, g1: RobotModel) -> None:
+    node = world.adopted(g1, lockstep=True)
+    bench.spin(0.6)
+    world.lag, world.twist[0] = SECOND // 2, 0.3
+    bench.wait(lambda: node._reports.walking_velocity[0] != 0.0)
+    assert node._reports.walking_velocity[0] > 0.0
+
+
 def test_a_clock_that_is_read_before_the_rest_after_a_stall_damps_nothing(
     bench: Any, world: World, g1: RobotModel
 ) -> None:

@@ -277,6 +277,11 @@ def test_the_most_severe_fault_wins(walker: Supervisor) -> None:
     assert len(walker.faults) == 2
 
 
+def test_a_damped_robot_has_no_holds_left(walker: Supervisor) -> None:
+    assert walker.update(replace(SILENT, tilt=1.0), 1.0) is Mode.DAMP
+    assert walker.holds == () and not walker.still
+
+
 @pytest.mark.parametrize(
     ("sentence", "word"),
     [
