@@ -66,7 +66,7 @@ def calibration_directory() -> Path:
 class CalibrationStore:
     """Reads and writes ``<folder>/<robot>.yaml``; ``.1`` is the file before it, ``.2`` the one before that.
 
-    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``, so that two robots of a kind share none.
+    A robot in a ROS namespace has its own file, ``<robot>.<namespace>.yaml``, so two robots of one kind share none.
     A new file is written beside the old one, flushed to the disk, and renamed over it: after any interruption the name
     points to a complete file.
 
@@ -87,7 +87,7 @@ class CalibrationStore:
         self._limits = limits or default_config(CalibrationLimits, "models", "calibration")
 
     def load(self) -> tuple[Calibration, tuple[str, ...]]:
-        """The newest usable calibration, one that corrects nothing without any, and why newer files were refused."""
+        """The newest usable calibration, else one that corrects nothing; and why the newer files were refused."""
         refused: list[str] = []
         for path in self.files():
             try:

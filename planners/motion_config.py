@@ -78,8 +78,8 @@ class WeightConfig:
 class PoseConfig:
     """Motions to a pose that is given at run time."""
 
-    min_duration: Positive  #: used when none is asked for [s]
-    max_duration: Annotated[float, Field(gt=0.0, le=90.0)]  #: longest that may be asked for [s]
+    min_duration: Positive  #: shortest motion without a requested duration [s]
+    max_duration: Annotated[float, Field(gt=0.0, le=90.0)]  #: longest duration that may be requested [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

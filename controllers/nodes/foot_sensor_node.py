@@ -48,13 +48,13 @@ class FootSensorNode(PoiseNode):
     def configure(self) -> None:
         if not self.model.profile.sensors.feet.fitted:
             raise ConfigError(f"{self.robot}: no foot sensors are fitted by its profile (sensors.feet.fitted)")
-        known = self._defaults
-        self._law = ContactDetector(self.model, self._contact, known.foot_sensors, known.foot, known.gravity)
+        fixed = self._defaults
+        self._law = ContactDetector(self.model, self._contact, fixed.foot_sensors, fixed.foot, fixed.gravity)
         self._contacts = [self.announce(Bool, topic, STATE) for topic in topics.FOOT_CONTACTS]
         self._cops = [self.announce(PointStamped, topic, STATE) for topic in topics.FOOT_COPS]
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
-            take = partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot]))
-            self.listen(WrenchStamped, topic, take, SENSOR, raw=True, while_active=True)
+            on_wrench = partial(self._on_wrench, foot, WrenchCodec(SOLE_FRAMES[foot]))
+            self.listen(WrenchStamped, topic, on_wrench, SENSOR, raw=True, while_active=True)
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def activate(self) -> None:
@@ -63,7 +63,7 @@ class FootSensorNode(PoiseNode):
         self._bearing: list[bool | None] = [None, None]
         self._reported = 0
 
-    def _on_foot(self, foot: int, codec: WrenchCodec, data: bytes) -> None:
+    def _on_wrench(self, foot: int, codec: WrenchCodec, data: bytes) -> None:
         dt = self._pairs.add(foot, *codec.decode(data))
         if dt is not None:
             self._step(dt)
@@ -100,11 +100,10 @@ class FootSensorNode(PoiseNode):
     def before_diagnostics(self) -> None:
         if not self.active:
             return
-        pairs = self._pairs
-        if pairs.stamp == self._reported:  # nothing since the last report
-            pairs.silent[:], self._bearing[:] = [True, True], [None, None]
-        self._reported = pairs.stamp
-        silent = [name for name, quiet in zip(FOOT_NAMES, pairs.silent, strict=True) if quiet]
+        stamp, reported, self._reported = self._pairs.stamp, self._reported, self._pairs.stamp
+        if stamp == reported:
+            self._bearing = [None, None]
+        silent = [foot for foot, old in zip(FOOT_NAMES, self._pairs.silent, strict=True) if old or stamp == reported]
         self.level = DiagnosticStatus.ERROR if silent else DiagnosticStatus.OK
         self.message = f"silent: {', '.join(silent)}" if silent else "detecting contacts"
         for foot, name in enumerate(FOOT_NAMES):

@@ -10,26 +10,26 @@ from models.config import STRICT, NonNegative, Positive, Share
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class Gains:
-    """Feedback and weight of one task: kp [1/s^2], kd [1/s], weight [-]."""
+    """Feedback and weight of one task."""
 
-    kp: NonNegative
-    kd: NonNegative
-    weight: NonNegative
+    kp: NonNegative  #: Position gain [1/s^2]
+    kd: NonNegative  #: Velocity gain [1/s]
+    weight: NonNegative  #: Weight [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class CoMGains:
-    """CoM task. The horizontal feedback is the balance law's; kp, kd [1/s^2, 1/s] act on the height."""
+    """CoM task; the balance law computes its horizontal feedback."""
 
-    kp: NonNegative
-    kd: NonNegative
-    weight: NonNegative
-    weight_height: NonNegative
+    kp: NonNegative  #: Gain of the height [1/s^2]
+    kd: NonNegative  #: Gain of the vertical velocity [1/s]
+    weight: NonNegative  #: Weight of the horizontal axes [-]
+    weight_height: NonNegative  #: Weight of the vertical axis [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MomentumGains:
-    """Angular momentum: kd [1/s]; weights [-] of the rate divided by the robot's mass [m^2/s^2]."""
+    """Angular momentum; the weights are those of its rate divided by the robot's mass [m^2/s^2]."""
 
     kd: NonNegative  #: Damping [1/s]
     weight: NonNegative  #: About the horizontal axes [-]
@@ -40,9 +40,9 @@ class MomentumGains:
 class ContactConfig:
     """Contacts of the QP."""
 
-    stiffness: NonNegative  #: Draws a planted sole to its foothold [1/s^2]
-    damping: NonNegative  #: Draws its velocity to zero [1/s]
-    linear_max: Positive  #: Largest acceleration that both may ask of a sole [m/s^2]
+    stiffness: NonNegative  #: Position gain of a stance sole towards its foothold [1/s^2]
+    damping: NonNegative  #: Velocity gain of a stance sole [1/s]
+    linear_max: Positive  #: Largest acceleration from both gains [m/s^2]
     angular_max: Positive  #: The same, angular [rad/s^2]
     friction: Positive  #: Coulomb coefficient of the cones [-]
     sole_margin: NonNegative  #: Taken off each side of the contact rectangles [m]
@@ -91,7 +91,7 @@ class SolverConfig:
     backend: str  #: own, daqp, or an installed back-end of qpsolvers (osqp, proxqp, piqp, quadprog, ...)
     residual_max: Positive  #: Largest accepted KKT residual [-]
     iterations_max: Annotated[int, Field(gt=0)]  #: Iteration limit of the active-set solver
-    soft_rho: Positive  #: Price of relaxed rows (smaller is dearer) [-]
+    soft_rho: Positive  #: Inverse cost of violating relaxed rows [-]
     regularisation: Positive  #: Added to the Hessian's diagonal [-]
     #: Ticks without a solution for which the last torques are repeated before damping
     hold_ticks: Annotated[int, Field(ge=0)]
@@ -126,7 +126,7 @@ class WholeBodyConfig:
     posture_leg_scale: NonNegative  #: Factor on the posture weight of the leg joints [-]
     #: Factor on the weight of a swing foot's roll, so that it rolls at a limit of its ankle [-]
     foot_roll_scale: NonNegative
-    foot_pitch_scale: NonNegative  #: Likewise of its pitch: rather than the body, the foot tips [-]
+    foot_pitch_scale: NonNegative  #: The same for its pitch: the foot tips rather than the body [-]
     contact: ContactConfig
     limits: LimitConfig
     solver: SolverConfig

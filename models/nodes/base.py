@@ -58,12 +58,12 @@ class PoiseNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        text = self.declare_parameter("robot", "g1", describe("Robot profile, by name or path"))
-        self.robot = str(text.value)
+        robot = self.declare_parameter("robot", "g1", describe("Robot profile, by name or path"))
+        self.robot = str(robot.value)
         period = self.declare_parameter(
             "diagnostics_period", 0.2, describe("Time between two diagnostics [s]", low=0.01, high=10.0)
         )
-        text = describe("Configure and activate without being asked, when run as a process of its own")
+        text = describe("Configure and activate at the start, when run as a separate process")
         self.autostart = bool(self.declare_parameter("autostart", self.AUTOSTART, text).value)
         self._declare_realtime()
         self.active = False

@@ -49,8 +49,8 @@ class RouteTopics:
     """Has the gait walk to a pose or take listed footsteps, in mode ``walk`` only, and publishes its status.
 
     A route ends the velocity ``command``, and a later velocity ends the route. ``ready`` returns why the robot cannot
-    walk now, empty when it can; ``soles`` those of a standing robot, or raises ``CommandError``; ``now`` the stamp of
-    the newest state [ns].
+    walk now, empty when it can. ``soles`` returns the soles of a standing robot, or raises ``CommandError``; ``now``
+    returns the stamp of the newest state [ns].
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class RouteTopics:
         offer_own(node, "PlanFootsteps", topics.PLAN_TIMED_FOOTSTEPS, self._on_timed_plan)
 
     def publish_end(self) -> None:
-        """After a tick: publish that the route has ended."""
+        """Publish the end of a route; called after each tick."""
         route = self._law.route
         if self._running and not route.left:
             self._running = False
