@@ -37,7 +37,14 @@ ALWAYS = ("action_msgs", "service_msgs", "unique_identifier_msgs", "builtin_inte
 STAMP = ".poise_built"  #: File in a package built here: hash of the definitions that it was built from
 #: Packages whose versions the build depends on
 VERSIONS = ("rosidl_generator_py", "rosidl_typesupport_fastrtps_c", "rclpy", "numpy")
-SAID_MAX = 600  #: Characters of the compiler's output in an error, from its end [-]
+OUTPUT_MAX = 600  #: Characters of the compiler's output in an error, from its end
+#: Libraries of a package, in the order of their dependencies
+LIBRARIES = (
+    "rosidl_generator_c",
+    "rosidl_typesupport_introspection_c",
+    "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_c",
+)
 ADVICE = "Debian and Ubuntu: sudo apt install g++ python3-dev"
 
 LOADER = '''"""Built by poise from its interface definitions."""
@@ -78,7 +85,7 @@ class InterfaceBuild:
                 generate(self._package, self._source, self._files, work, self._prefix / "share")
             made = work / "made"
             shutil.copytree(work / "py" / self._package, made)
-            self._compile(work, made)
+            self._build_libraries(work, made)
             (made / "__init__.py").write_text(LOADER.format(libraries=LIBRARIES, package=self._package))
             (made / STAMP).write_text(self.stamp)
             place, new = self._into / self._package, self._into / f".{self._package}.new"
@@ -86,9 +93,9 @@ class InterfaceBuild:
             shutil.copytree(made, new)
             shutil.rmtree(place, ignore_errors=True)
             new.rename(place)
-        self._tell_ament()
+        self._register()
 
-    def _compile(self, work: Path, made: Path) -> None:
+    def _build_libraries(self, work: Path, made: Path) -> None:
         import numpy as np
 
         folder = made / "lib"
@@ -126,7 +133,7 @@ class InterfaceBuild:
             [*common, "-o", str(made / file), *sources, *(f"-l{link}" for link in links), "-Wl,-rpath,$ORIGIN/lib"]
         )
 
-    def _tell_ament(self) -> None:
+    def _register(self) -> None:
         """Install the files that ``ros2 interface`` looks for: the definitions, and their names in the index."""
         names = [path.relative_to(self._source).as_posix() for path in self._files]
         for path, name in zip(self._files, names, strict=True):
@@ -158,7 +165,7 @@ def ament_prefix(prefix: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        if before is None:
+        if not before:
             del os.environ["AMENT_PREFIX_PATH"]
 
 
@@ -179,26 +186,26 @@ def require_tools() -> None:
         raise PoiseError(f"{', '.join(missing)} not found; {ADVICE}")
 
 
-def build_interfaces(into: Path, say: Callable[[str], object] = print, share: Path | None = None) -> bool:
-    """Build into a folder on Python's path what cannot be imported or is outdated; whether all is there.
+def build_interfaces(into: Path, report: Callable[[str], object] = print, share: Path | None = None) -> bool:
+    """Build into a folder on Python's path what cannot be imported or is outdated; False when one is left out.
 
-    ``ros2 interface`` looks in ``share``, that of this environment when None; ``say`` takes a line a package.
+    ``ros2 interface`` looks in ``share``, that of this environment when None; ``report`` receives one line per package.
     """
-    there = True
+    complete = True
     for package in PACKAGES:
         spec, built = importlib.util.find_spec(package), into / package / STAMP
         if spec is not None and spec.origin is not None and Path(spec.origin).parent != built.parent:
-            say(f"{package}: that of the installed ROS 2 is used")
+            report(f"{package}: the package of the installed ROS 2 is used")
             continue
         try:
             build = InterfaceBuild(package, into, share or Path(sys.prefix) / "share")
             if not built.is_file() or built.read_text() != build.stamp:
                 build.run()
-                say(f"{package}: built")
+                report(f"{package}: built")
         except (PoiseError, OSError) as error:
-            there = False
-            say(f"{package} is left out, and with it its services and actions; everything else works: {error}")
-    return there
+            complete = False
+            report(f"{package} is left out with its services and actions; everything else works: {error}")
+    return complete
 
 
 def _sources(folder: Path) -> list[str]:
@@ -209,7 +216,7 @@ def _compile(arguments: list[str]) -> None:
     compiler = ["g++", "-std=c++17"] if any(item.endswith(".cpp") for item in arguments) else ["gcc"]
     result = subprocess.run([*compiler, *arguments], capture_output=True, text=True, check=False)
     if result.returncode:
-        raise PoiseError(f"the compiler refuses it: {result.stderr[-SAID_MAX:].strip()}")
+        raise PoiseError(f"the compiler failed: {result.stderr[-OUTPUT_MAX:].strip()}")
 
 
 def main() -> None:
@@ -217,15 +224,6 @@ def main() -> None:
     prefix = sys.argv[1] if len(sys.argv) > 1 else sys.prefix
     into = Path(sysconfig.get_path("purelib", vars={"base": prefix}))
     build_interfaces(into, lambda text: print(f"poise: {text}"), Path(prefix) / "share")
-
-
-#: Libraries of a package, in the order of their dependencies
-LIBRARIES = (
-    "rosidl_generator_c",
-    "rosidl_typesupport_introspection_c",
-    "rosidl_typesupport_fastrtps_c",
-    "rosidl_typesupport_c",
-)
 
 
 def generate(package: str, source: Path, files: Sequence[Path], work: Path, share: Path) -> None:
@@ -245,9 +243,9 @@ def generate(package: str, source: Path, files: Sequence[Path], work: Path, shar
         ".srv": convert_srv_to_idl,
         ".action": convert_action_to_idl,
     }
-    said, idl, include = io.StringIO(), work / "idl" / package, [str(work / "idl"), str(share)]
+    output, idl, include = io.StringIO(), work / "idl" / package, [str(work / "idl"), str(share)]
     try:
-        with contextlib.redirect_stdout(said):
+        with contextlib.redirect_stdout(output):
             found = []
             for path in files:
                 name = path.relative_to(source)
@@ -270,7 +268,7 @@ def generate(package: str, source: Path, files: Sequence[Path], work: Path, shar
             for library, support in supports.items():
                 support.generate(package, found, include, _folder(work / library / package))
     except Exception as error:  # the generators raise many kinds
-        raise PoiseError(f"{package}: the generators refuse it: {type(error).__name__}: {error}") from error
+        raise PoiseError(f"{package}: the generators failed: {type(error).__name__}: {error}") from error
 
 
 def _folder(path: Path) -> Path:

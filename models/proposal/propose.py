@@ -1,4 +1,4 @@
-"""From a URDF to a profile: read, repair, find limbs and soles, and choose drives where the maker gives no figures.
+"""From a URDF to a profile: read, repair, find limbs and soles, and choose drives where the maker gives no data.
 
 With mass m, height h of the CoM, gravity g and the torque limit tau of a joint,
 
@@ -38,10 +38,10 @@ def propose_drives(
     """Motors and joints by name for a CoM height [m]; findings name implausible friction in the URDF."""
     model = skeleton.model
     mass = float(pin.computeTotalMass(model))
-    bare = _felt_inertia(skeleton)
+    inertias = _joint_inertias(skeleton)
     motors: dict[str, Motor] = {}
     joints: dict[str, Joint] = {}
-    sticky: list[str] = []
+    implausible: list[str] = []
     for j in range(BASE + 1, model.njoints):
         v = int(model.joints[j].idx_v)
         twin = skeleton.partners.get(j, j)
@@ -60,11 +60,11 @@ def propose_drives(
         )
         decay = config.damping_time * np.sqrt(height / GRAVITY)
         stiffness = config.stiffness * np.sqrt(effective * weight)
-        damping = min(decay * stiffness, config.damping_max * (float(bare[v]) + armature) / config.tick)
+        damping = min(decay * stiffness, config.damping_max * (float(inertias[v]) + armature) / config.tick)
         cap = config.friction * effective
         viscous, dry = float(model.damping[v]), float(model.friction[v])
         if viscous > cap or dry > cap:
-            sticky.append(skeleton.name(j))
+            implausible.append(skeleton.name(j))
         motor = Motor(
             armature=_rounded(armature),
             damping=_rounded(min(viscous, cap) if viscous > 0.0 else 0.5 * cap),
@@ -73,12 +73,12 @@ def propose_drives(
             kp=_rounded(damping / decay),
             kd=_rounded(damping),
         )
-        joints[skeleton.name(j)] = Joint(motor=_filed(motors, motor, torque))
-    text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: no figure of a drive"
-    return motors, joints, found("note", "joint", sticky, text, "cut down to that")
+        joints[skeleton.name(j)] = Joint(motor=_motor_name(motors, motor, torque))
+    text = f"damping or friction above {100.0 * config.friction:g} % of the torque limit: implausible for a drive"
+    return motors, joints, found("note", "joint", implausible, text, "reduced to that")
 
 
-def _felt_inertia(skeleton: Skeleton) -> Vector:
+def _joint_inertias(skeleton: Skeleton) -> Vector:
     """Inertia at each velocity coordinate with all others free, without rotors (nv,) [kg.m^2]."""
     model = skeleton.model
     data = model.createData()
@@ -90,8 +90,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _filed(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
-    """Name of a motor, entered unless an equal one is there."""
+def _motor_name(motors: dict[str, Motor], motor: Motor, torque: float) -> str:
+    """Name of a motor, which is added unless ``motors`` has an equal one."""
     for name, known in motors.items():
         if known == motor:
             return name
@@ -131,8 +131,8 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
     robot = parse_urdf(urdf)
     findings = [*repair_joints(robot, config.repair), *rename_links(robot)]
     changed = bool(findings) or bool(packages)
-    found, replaced = repair_meshes(robot, urdf, [folder.expanduser().resolve() for folder in packages])
-    findings += found
+    mesh_findings, replaced = repair_meshes(robot, urdf, [folder.expanduser().resolve() for folder in packages])
+    findings += mesh_findings
     inertias = repair_inertias(robot, Skeleton(pinocchio_from_element(robot, urdf, bodies=False), config.sole.mirror))
     findings += inertias
     changed |= replaced or bool(inertias)
@@ -150,8 +150,8 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
     floor = float((skeleton.place(left.link) * left.placement).translation[2])
     limbs = find_limbs(robot, skeleton, legs, floor)
     standing = PostureSolver(skeleton, legs, soles, config.posture).solve(limbs.arms)
-    motors, joints, sticky = propose_drives(skeleton, standing.com_height, config.drive)
-    findings += [*limbs.findings, *standing.findings, *sticky]
+    motors, joints, friction = propose_drives(skeleton, standing.com_height, config.drive)
+    findings += [*limbs.findings, *standing.findings, *friction]
     mass = float(pin.computeTotalMass(skeleton.model))
     profile = Profile(
         name=_robot_name(robot, urdf),
@@ -165,9 +165,8 @@ def propose(urdf: Path, packages: Sequence[Path] = (), config: ProposalConfig | 
         sensors=_sensors(mass),
         hulls=propose_hulls(robot, skeleton, legs, limbs),
     )
-    names = skeleton.name
-    left_of = skeleton.origins[:, 1]
-    pairs = tuple((names(j), names(k)) for j, k in skeleton.partners.items() if left_of[j] > left_of[k])
+    name, y = skeleton.name, skeleton.origins[:, 1]
+    pairs = tuple((name(j), name(k)) for j, k in skeleton.partners.items() if y[j] > y[k])
     return Proposal(
         urdf,
         profile,
@@ -232,7 +231,7 @@ def _sole(shape: SoleShape) -> Sole:
 
 
 def _sensors(mass: float) -> Sensors:
-    """The sensors of the G1 but for scanner and camera, those of the feet grown or shrunk with the robot's weight."""
+    """The sensors of the G1 without scanner and camera; the data of the foot sensors scale with the robot's mass."""
     pattern = load_profile(_PATTERN)
     sensors = pattern.sensors
     ratio = mass / _PATTERN_MASS

@@ -63,7 +63,7 @@ class Skeleton:
         return str(self.model.names[joint])
 
     def chain(self, joint: int) -> list[int]:
-        """Joints from the base to a joint, both ends included but the base itself."""
+        """Joints from the base, which is excluded, to a joint, which is included."""
         return [int(j) for j in self.model.supports[joint] if j > BASE]
 
     def below(self, joint: int) -> list[int]:
@@ -75,7 +75,7 @@ class Skeleton:
         return self.partners.get(joint) == joint
 
     def links(self, joint: int) -> list[str]:
-        """Links that a joint moves, those welded to each other, nearest first."""
+        """Links that a joint moves directly, fixed to each other, nearest first."""
         return [
             str(frame.name)
             for frame in self.model.frames
@@ -126,7 +126,7 @@ def find_legs(skeleton: Skeleton, urdf: Path) -> Legs:
     hanging = [j for j in leaves if _hangs(skeleton, j)]
     if not hanging:
         raise RobotModelError(
-            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_lonely(skeleton)}"
+            f"{urdf}: no feet: no two mirrored chains of joints hang down from the base '{base}'{_unpaired(skeleton)}"
         )
     foot = min(hanging, key=lambda j: (round(float(skeleton.origins[j][2]), 3), -len(skeleton.chain(j))))
     left = tuple(skeleton.chain(foot))
@@ -146,7 +146,7 @@ def _hangs(skeleton: Skeleton, joint: int) -> bool:
     return bool(down) and not any(map(skeleton.central, chain))
 
 
-def _lonely(skeleton: Skeleton) -> str:
+def _unpaired(skeleton: Skeleton) -> str:
     names = [skeleton.name(j) for j in skeleton.children[BASE] if j not in skeleton.partners]
     return f"; without a mirror image: {named('joint', names)}" if names else ""
 
@@ -197,7 +197,7 @@ _HEAD = re.compile(r"head|face", re.IGNORECASE)
 _IMU = re.compile(r"imu|gyro|accelero|inertial_unit", re.IGNORECASE)
 
 _IMU_REACH = 0.5  #: How far from the base an IMU may be, over the leg's length [-]
-_HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles
+_HEAD_ABOVE = 1.2  #: Height of a head that no link shows, over that of the shoulders above the soles [-]
 
 
 @dataclass(frozen=True, slots=True)

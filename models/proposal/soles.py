@@ -42,8 +42,8 @@ def foot_points(robot: ET.Element, skeleton: Skeleton, joint: int) -> Matrix:
 def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], config: SoleConfig, urdf: Path) -> SoleShape:
     """Find the largest rectangle in the face that a foot stands on; ``RobotModelError`` if it is too small.
 
-    The face is that of the hull's facets which together are largest among those that look down; the sole's outline is
-    the hull of the points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
+    The face is the largest set of parallel facets of the hull that point down; the sole's outline is the hull of the
+    points at most ``band`` above its lowest one. ``leg`` are the joints from base to foot.
     """
     ankle = leg[-1]
     link = skeleton.links(ankle)[0]
@@ -78,7 +78,7 @@ def find_sole(robot: ET.Element, skeleton: Skeleton, leg: tuple[int, ...], confi
 
 
 def _face(points: Matrix) -> Vector:
-    """Outward normal of the largest face of the hull that looks down (3,)."""
+    """Outward normal of the largest face of the hull that points down (3,), for points (n, 3) [m]."""
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):  # fewer than four points, or all in one plane
@@ -129,7 +129,7 @@ def largest_rectangle(points: Matrix) -> Vector | None:
     lower, upper = np.full(_GRID, np.inf), np.full(_GRID, -np.inf)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         inside = (x >= min(a[0], b[0]) - 1e-12) & (x <= max(a[0], b[0]) + 1e-12)
-        share = np.divide(x - a[0], b[0] - a[0]) if b[0] != a[0] else np.zeros(_GRID)
+        share = (x - a[0]) / (b[0] - a[0]) if b[0] != a[0] else np.zeros(_GRID)
         y = a[1] + np.clip(share, 0.0, 1.0) * (b[1] - a[1])
         ends = (y, y) if b[0] != a[0] else (np.full(_GRID, a[1]), np.full(_GRID, b[1]))
         for values in ends:
@@ -169,8 +169,8 @@ def propose_hulls(robot: ET.Element, skeleton: Skeleton, legs: Legs, limbs: Limb
     return hulls
 
 
-def _capsule(link: str, low: np.ndarray, high: np.ndarray) -> Hull | None:
-    """Capsule along the longest side of a box (3,), (3,) [m], as thick as its thinner other side."""
+def _capsule(link: str, low: Vector, high: Vector) -> Hull | None:
+    """Capsule along the longest side of a box with corners (3,) [m], as thick as its shortest one; None if too thin."""
     size = high - low
     longest = int(size.argmax())
     radius = 0.5 * float(np.delete(size, longest).min())
