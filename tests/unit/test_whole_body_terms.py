@@ -141,7 +141,7 @@ def test_jacobian_is_minus_the_derivative_of_the_error(model: RobotModel, name: 
         }
     )
     if isinstance(task, FramePositionTask):
-        task.desired = terms.frames["r_wrist"].position
+        task.desired = terms.frames["r_wrist"].position.copy()
     task.update(terms, reference)
     np.testing.assert_allclose(task.error, 0.0, atol=1e-12)
     jacobian = task.jacobian.copy()
@@ -257,15 +257,14 @@ def test_target_is_feedback_less_drift(model: RobotModel, name: str) -> None:
         pin.centerOfMass(model.pin, data, state.q, state.v, a)
         found = data.acom[0]
     else:
-        frame = {
-            "left_foot": "l_sole",
-            "hand": "r_wrist",
-            "torso_orientation": "torso",
-            "base_orientation": "base_link",
-        }
-        frame_id = frame_id_of(model, frame[name])
-        full = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL).vector
-        found = {3: full[:3] if name == "hand" else full[3:], 6: full}[len(still)]
+        linear, angular = slice(3), slice(3, 6)
+        frame, rows = {
+            "left_foot": ("l_sole", slice(6)),
+            "hand": ("r_wrist", linear),
+            "torso_orientation": ("torso", angular),
+            "base_orientation": ("base_link", angular),
+        }[name]
+        found = pin.getFrameClassicalAcceleration(model.pin, data, frame_id_of(model, frame), pin.LOCAL).vector[rows]
     np.testing.assert_allclose(found, still, atol=1e-7)
 
 
