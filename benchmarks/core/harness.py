@@ -17,7 +17,7 @@ from rich.table import Table
 from benchmarks.core.executors import Case as Case
 from benchmarks.core.executors import Done, Executor, InProcess, make_executor
 from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
-from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, nulled, plain, with_nan
+from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, plain, with_nan, with_null
 from models.errors import ConfigError, WorkersError
 
 __all__ = ["Case"]  # re-exported for the benchmarks
@@ -143,7 +143,7 @@ def collect(
                 file.add(line_of(key, bench, options.robot, config, inputs[key], results[key], done))
             bar.advance(task)
     if file is not None:
-        file.taken.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
+        file.requested.setdefault(bench, []).extend(key for key in keys if not results[key].get(NOT_RUN))
     return [dict(results[key]) for key in keys]
 
 
@@ -175,7 +175,7 @@ def run_cases(
 def write_json(report: Report, path: Path) -> None:
     """Write the report; NaN and infinity, which JSON lacks, become null."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(nulled(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(with_null(plain(report.to_dict())), indent=1) + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> Report:

@@ -1,4 +1,4 @@
-"""The file of finished cases: one JSON line each, written as soon as it is done, and never the same case twice.
+"""The file of finished cases: one JSON line each, written as soon as the case ends, and never the same case twice.
 
 A line is ``{"key", "bench", "robot", "seed", "scenario", "config", "revision", "versions", "machine", "load",
 "seconds", "cpu_seconds", "case"}``: ``case`` holds inputs and outcome; the key is a hash of bench, configuration,
@@ -19,8 +19,8 @@ from benchmarks.core.executors import Done
 from benchmarks.core.provenance import digest
 from models.errors import ConfigError
 
-#: What stands in a JSON line for a number that JSON has no word for
-WORDS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+#: Names in a JSON line of the numbers that JSON cannot represent
+NONFINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
 def plain(value: Any) -> Any:
@@ -34,9 +34,9 @@ def plain(value: Any) -> Any:
     return value
 
 
-def nulled(value: Any) -> Any:
-    """A plain value with null for what JSON has no word for; ``with_nan`` cannot distinguish it from another null."""
-    return _each(value, lambda entry: None if _wordless(entry) else entry)
+def with_null(value: Any) -> Any:
+    """A plain value with null for NaN and infinities; ``with_nan`` cannot distinguish them from another null."""
+    return _each(value, lambda entry: None if _nonfinite(entry) else entry)
 
 
 def with_nan(value: Any) -> Any:
@@ -44,26 +44,26 @@ def with_nan(value: Any) -> Any:
     return _each(value, lambda entry: math.nan if entry is None else entry)
 
 
-def worded(value: Any) -> Any:
-    """A plain value with one of ``WORDS`` for what JSON has no word for; ``unworded`` takes it back."""
-    return _each(value, lambda entry: _word(entry) if _wordless(entry) else entry)
+def encode_nonfinite(value: Any) -> Any:
+    """A plain value with the names of ``NONFINITE`` for NaN and infinities; ``decode_nonfinite`` is the inverse."""
+    return _each(value, lambda entry: _name(entry) if _nonfinite(entry) else entry)
 
 
-def unworded(value: Any) -> Any:
-    """What ``worded`` was given."""
-    return _each(value, lambda entry: WORDS.get(entry, entry) if isinstance(entry, str) else entry)
+def decode_nonfinite(value: Any) -> Any:
+    """A plain value with NaN and infinities for the names of ``NONFINITE``."""
+    return _each(value, lambda entry: NONFINITE.get(entry, entry) if isinstance(entry, str) else entry)
 
 
-def _wordless(value: Any) -> bool:
+def _nonfinite(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _word(value: float) -> str:
+def _name(value: float) -> str:
     return "NaN" if math.isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
 
 
 def _each(value: Any, change: Callable[[Any], Any]) -> Any:
-    """A plain value with every entry that holds no others changed."""
+    """A plain value with ``change`` applied to every entry that is neither a dictionary nor a list."""
     if isinstance(value, dict):
         return {key: _each(entry, change) for key, entry in value.items()}
     if isinstance(value, list):
@@ -73,17 +73,17 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
 
 Line = dict[str, Any]
 
-#: Says of a case that it could not be measured here; it is reported but not kept, so that it is tried again
+#: Key of a case that could not be measured on this machine: it is reported, not kept, and measured by the next run
 NOT_RUN = "not_run"
 
 
 def case_key(bench: str, config: str, revision: str, inputs: Mapping[str, Any]) -> str:
     """Hash of bench, ``provenance.configuration``, ``provenance.source_state`` and inputs, with robot and seed."""
-    return digest(json.dumps([bench, config, revision, worded(plain(dict(inputs)))], sort_keys=True).encode())
+    return digest(json.dumps([bench, config, revision, encode_nonfinite(plain(dict(inputs)))], sort_keys=True).encode())
 
 
 def scenario_of(inputs: Mapping[str, Any]) -> str:
-    """What a case is besides its robot and seed, for who reads the file."""
+    """Scenario of a case, or its inputs besides robot and seed, as text."""
     if "scenario" in inputs:
         return str(inputs["scenario"])
     parts = {name: value for name, value in inputs.items() if name not in ("robot", "seed") and value != ""}
@@ -104,13 +104,13 @@ def read_lines(path: Path) -> list[Line]:
     """Every whole line of a file of JSON lines; empty without a file; ``ConfigError`` names a damaged line."""
     if not path.is_file():
         return []
-    *whole, _ = path.read_bytes().split(b"\n")  # what follows the last end of a line was cut off in writing
+    *whole, _ = path.read_bytes().split(b"\n")  # an incomplete last line was cut off in writing
     return [_parsed(text, f"{path}, line {number}") for number, text in enumerate(whole, start=1) if text]
 
 
 def _parsed(text: bytes, where: str) -> Line:
     try:
-        found = unworded(json.loads(text))
+        found = decode_nonfinite(json.loads(text))
     except ValueError as error:
         raise ConfigError(f"{where}: not JSON: {error}") from error
     if not isinstance(found, dict):
@@ -119,20 +119,20 @@ def _parsed(text: bytes, where: str) -> Line:
 
 
 def append_line(path: Path, line: Line) -> None:
-    """Add one line to a file of JSON lines; what was cut off in writing before it is taken away."""
+    """Add one line to a file of JSON lines, in place of an incomplete last line."""
     with path.open("a+b") as file:
-        _take_away_the_rest(file)
+        _truncate_incomplete_line(file)
         file.write(line_text(line).encode())
 
 
-def _take_away_the_rest(file: BinaryIO) -> None:
+def _truncate_incomplete_line(file: BinaryIO) -> None:
     file.seek(0)
     file.truncate(file.read().rfind(b"\n") + 1)
 
 
 def line_text(line: Line) -> str:
-    """JSON of a line, with its end."""
-    return json.dumps(worded(plain(line)), allow_nan=False) + "\n"
+    """JSON of a line, with the newline."""
+    return json.dumps(encode_nonfinite(plain(line)), allow_nan=False) + "\n"
 
 
 class ResultsFile(AbstractContextManager["ResultsFile"]):
@@ -152,9 +152,9 @@ class ResultsFile(AbstractContextManager["ResultsFile"]):
             self._file.close()
             raise
         self._lines = {line["key"]: line for line in lines if "key" in line and not line["case"].get(NOT_RUN)}
-        _take_away_the_rest(self._file)
+        _truncate_incomplete_line(self._file)
         self.found = self.added = 0  #: Requested cases that were in the file, and cases written
-        self.taken: dict[str, list[str]] = {}  #: Keys of the cases that each benchmark requested, in order
+        self.requested: dict[str, list[str]] = {}  #: Keys of the cases that each benchmark requested, in order
 
     def __exit__(self, *_: object) -> None:
         self._file.close()

@@ -206,7 +206,7 @@ def run_suite(
     passed = True
     for bench, robot, part in runs:
         subject = bench, robot
-        sweep.results.taken.clear()
+        sweep.results.requested.clear()
         recorded = replace(sweep, began=_recorder(folder, subject, sweep.results))
         options = Options(robot, part.seeds, scenarios=part.scenarios, sweep=recorded)
         try:
@@ -220,7 +220,7 @@ def run_suite(
             line = f"{bench} {robot}: could not be run: {failure.error}{where}"
             console.print(line, style="red", markup=False, soft_wrap=True)
             continue
-        keys = sweep.results.taken.get(report.bench, [])
+        keys = sweep.results.requested.get(report.bench, [])
         anew = subject in [(missing.bench, missing.robot) for missing in read_progress(folder).missing]
         save_report(folder, report, keys, commands[subject], anew=anew)
         passed = passed and report.passed

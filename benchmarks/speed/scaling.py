@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Benchmark, saved, settings
 from benchmarks.core.executors import ProcessPool
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, Sweep, run_cases
-from benchmarks.core.results import worded
+from benchmarks.core.results import encode_nonfinite
 from benchmarks.stability.terrain import walk
 from bridge.closed_loop import ClosedLoop
 from bridge.plots import new_figure
@@ -91,7 +91,7 @@ def same(results: list[Case]) -> bool:
     """Whether every case came out the same over any number of workers."""
     outcomes: dict[int, list[Any]] = {}
     for case in results:
-        outcomes.setdefault(case["seed"], []).append(worded(case["outcome"]))  # NaN is not the same as itself
+        outcomes.setdefault(case["seed"], []).append(encode_nonfinite(case["outcome"]))  # NaN is not the same as itself
     return all(outcome == found[0] for found in outcomes.values() for outcome in found)
 
 

@@ -18,13 +18,13 @@ from benchmarks.core.results import (
     ResultsFile,
     append_line,
     case_key,
-    nulled,
+    decode_nonfinite,
+    encode_nonfinite,
     plain,
     read_lines,
     scenario_of,
-    unworded,
     with_nan,
-    worded,
+    with_null,
 )
 from models.errors import ConfigError
 from tests.sweep_cases import lacking, square
@@ -169,7 +169,7 @@ def test_what_could_not_be_run_here_is_told_and_tried_again(path: Path) -> None:
             options = Options(sweep=Sweep(InProcess(), file))
             results = run_cases(lacking, [{"seed": seed} for seed in range(4)], bench="squares", options=options)
             assert [bool(case.get(NOT_RUN)) for case in results] == [False, True, False, True]
-            assert file.added == added and len(file.taken["squares"]) == 2
+            assert file.added == added and len(file.requested["squares"]) == 2
     assert [line["seed"] for line in read_lines(path)] == [0, 2]
     first = read_lines(path)[0]
     append_line(path, first | {"key": "kept", "case": first["case"] | {NOT_RUN: True}})  # as files once did
@@ -187,11 +187,11 @@ def test_a_line_is_not_added_to_one_that_was_cut_off(tmp_path: Path) -> None:
 
 def test_numbers_that_json_has_no_word_for_come_back_as_they_were() -> None:
     value: dict[str, Any] = {"a": [np.float64("nan"), -math.inf, None], "b": np.zeros(2), "c": (np.bool_(True), "x")}
-    text = json.dumps(worded(plain(value)), allow_nan=False)
-    back = unworded(json.loads(text))
+    text = json.dumps(encode_nonfinite(plain(value)), allow_nan=False)
+    back = decode_nonfinite(json.loads(text))
     assert math.isnan(back["a"][0]) and back["a"][1:] == [-math.inf, None]
     assert back["b"] == [0.0, 0.0] and back["c"] == [True, "x"]
-    assert nulled([math.inf, 1.0]) == [None, 1.0] and math.isnan(with_nan([None])[0])
+    assert with_null([math.inf, 1.0]) == [None, 1.0] and math.isnan(with_nan([None])[0])
 
 
 def test_a_scenario_is_its_name_or_its_inputs() -> None:
