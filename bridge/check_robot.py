@@ -49,7 +49,7 @@ class Trial:
 
 
 class Trials:
-    """Runs the trials one after the other in one loop, and in a new one after a fall; ``seed``: sensor noise."""
+    """Runs the trials in one loop, and in a new one after a fall; ``seed`` is that of the sensor noise."""
 
     def __init__(self, model: RobotModel, config: TrialConfig, seed: int = 0) -> None:
         self._model, self._config, self._seed = model, config, seed
@@ -66,8 +66,10 @@ class Trials:
 
     def _try(self, name: str, trial: Callable[[ClosedLoop], tuple[bool, str]]) -> Trial:
         try:
-            if self._loop is None or self._loop.mode is not Mode.STAND or self._loop.fallen:
+            if self._loop is None or not self._standing(self._loop):
                 self._loop = ClosedLoop(self._model, seed=self._seed)
+            else:
+                self._loop.log.clear()
             return Trial(name, *trial(self._loop))
         except PoiseError as error:
             return Trial(name, False, str(error))
@@ -81,38 +83,37 @@ class Trials:
         text = (
             f"{self._config.stand_time:g} s: CoM drift {1e3 * drift:.1f} mm, slip {1e3 * loop.foot_slip.max():.2f} mm"
         )
-        return True, f"{text}, {self._effort(loop, 0)}"
+        return True, f"{text}, {self._effort(loop)}"
 
     def _squat(self, loop: ClosedLoop) -> tuple[bool, str]:
-        start, first = float(loop.truth.q[2]), len(loop.log)
+        start = float(loop.truth.q[2])
         self._move(loop, "squat")
-        sunk = start - float(loop.log.true_q[first:, 2].min())
-        text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop, first)}"
+        sunk = start - float(loop.log.true_q[:, 2].min())
+        text = f"pelvis sank {100.0 * sunk:.1f} cm, {self._effort(loop)}"
         return sunk > self._config.squat_min * self._height, text
 
     def _wave(self, loop: ClosedLoop) -> tuple[bool, str]:
-        first = len(loop.log)
         self._move(loop, "wave")
         hand = self._model.frame_id("r_wrist")
         heights = []
-        for q in loop.log.true_q[first::10]:
+        for q in loop.log.true_q[::10]:
             pin.framesForwardKinematics(self._model.pin, self._data, q)
             heights.append(float(self._data.oMf[hand].translation[2]))
         raised = max(heights) - heights[0]
-        text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop, first)}"
+        text = f"hand rose {100.0 * raised:.0f} cm, {self._effort(loop)}"
         return raised > self._config.hand_min * self._height, text
 
     def _move(self, loop: ClosedLoop, name: str) -> None:
         """Play a motion; ``PoiseError`` with the reason when it does not end with a standing robot."""
         self._command(loop, name)
         if not loop.wait_motion():
-            raise PoiseError(self._why(loop, "it did not come to its end"))
+            raise PoiseError(self._why(loop, "the motion did not end"))
         loop.run(self._config.pause)
         if not self._standing(loop):
-            raise PoiseError(self._why(loop, "it fell afterwards"))
+            raise PoiseError(self._why(loop, "it did not stand afterwards"))
 
     def _walk(self, loop: ClosedLoop) -> tuple[bool, str]:
-        start, first = loop.truth.q[:2].copy(), len(loop.log)
+        start = loop.truth.q[:2].copy()
         self._command(loop, "walk")
         speed = self._config.walk_speed * loop.gait.config.velocity.forward
         loop.set_velocity(speed, 0.0, 0.0)
@@ -122,10 +123,10 @@ class Trials:
             loop.run(self._config.stop_time)
         way = float(np.linalg.norm(loop.truth.q[:2] - start))
         if not self._standing(loop) or way < self._config.stride_min * self._height:
-            return False, self._why(loop, f"it got {way:.2f} m far")
-        swings = loop.log.swing[first:]
+            return False, self._why(loop, f"it walked {way:.2f} m")
+        swings = loop.log.swing
         steps = int(np.count_nonzero((swings[1:] >= 0) & (swings[1:] != swings[:-1])))
-        return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop, first)}"
+        return True, f"{way:.2f} m in {steps} steps at {speed:.2f} m/s, {self._effort(loop)}"
 
     def _command(self, loop: ClosedLoop, text: str) -> None:
         if not (reply := loop.command(text)).accepted:
@@ -134,14 +135,14 @@ class Trials:
     def _standing(self, loop: ClosedLoop) -> bool:
         return loop.mode is Mode.STAND and not loop.fallen
 
-    def _effort(self, loop: ClosedLoop, first: int) -> str:
-        """The joint with the highest torque relative to its limit since a row of the log."""
-        shares = np.abs(loop.log.tau[first:]) / self._model.tau_max
+    def _effort(self, loop: ClosedLoop) -> str:
+        """The joint with the highest torque relative to its limit in the trial."""
+        shares = np.abs(loop.log.tau) / self._model.tau_max
         joint = int(shares.max(axis=0).argmax())
         return f"'{self._model.joint_names[joint]}' at {100.0 * shares[:, joint].max():.0f} % of its torque"
 
     def _why(self, loop: ClosedLoop, otherwise: str) -> str:
-        """Faults, kind of fall, and the first joint at its torque limit before it."""
+        """Faults, kind of fall, or ``otherwise``; and the first joint at its torque limit in the trial."""
         shares = np.abs(loop.log.tau) / self._model.tau_max
         end = next((i for i, mode in enumerate(loop.log.modes) if mode is Mode.DAMP), len(shares))
         reasons = list(loop.faults) or ([loop.fall_reason] if loop.fallen else [otherwise])
@@ -162,7 +163,7 @@ _LISTED = 4  #: Names that a cell of the table lists
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result for a URDF: profile and findings, files written (the profile first), and trials."""
+    """Result for a URDF: proposal, files written (the profile first), and trials."""
 
     proposal: Proposal
     files: tuple[Path, ...]
@@ -191,8 +192,8 @@ def _propose(urdf: Path, out: Path, packages: Sequence[Path]) -> tuple[Proposal,
     """Propose with the first place of the hands for which all motions can be planned; otherwise with the first."""
     config = default_config(ProposalConfig, "models", "proposal")
     for hand in config.posture.hands:
-        first = replace(config, posture=replace(config.posture, hands=(hand,)))
-        proposal = propose(urdf, packages, first)
+        one_hand = replace(config, posture=replace(config.posture, hands=(hand,)))
+        proposal = propose(urdf, packages, one_hand)
         files = write_proposal(proposal, out)
         if _plannable(RobotModel.load(files[0])):
             return proposal, files
@@ -219,7 +220,7 @@ def _draw(model: RobotModel) -> Trial:
 
 
 def shortened(culprit: str) -> str:
-    """The first few of many names; the profile's head has all of them."""
+    """The first few of many names; the head of the profile lists all."""
     names = culprit.split(", ")
     more = len(names) - _LISTED
     return culprit if more < 2 else f"{', '.join(names[:_LISTED])} and {more} more"
@@ -247,7 +248,7 @@ def report(verdict: Verdict, console: Console) -> None:
             cells = (finding.severity, shortened(finding.culprit), finding.fault, finding.remedy)
             findings.add_row(*(escape(cell) for cell in cells), style=style)
         console.print(findings)
-    trials = Table("trial", "", "figures, or what stopped it")
+    trials = Table("trial", "", "figures, or cause of the failure")
     for trial in verdict.trials:
         word = "[green]done[/green]" if trial.passed else "[red]failed[/red]"
         trials.add_row(trial.name, word, escape(trial.detail))

@@ -1,5 +1,7 @@
 """``poise check-robot``: robots without a hand-written profile stand and wave; the verdict says why others do not."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,16 @@ def test_a_robot_too_weak_to_stand_is_told_so(tmp_path: Path) -> None:
     trials = Trials(RobotModel.load(files[0]), default_config(TrialConfig, "bridge", "check_robot")).run()
     assert [trial.name for trial in trials] == ["stand"] and not trials[0].passed
     assert "cannot be let go" in trials[0].detail
+
+
+@pytest.mark.slow
+def test_a_failure_names_the_joint_at_its_limit_in_that_trial(g1: RobotModel) -> None:
+    config = default_config(TrialConfig, "bridge", "check_robot")
+    short = replace(config, stand_time=0.1, pause=0.1, walk_time=0.3, stop_time=0.3, stride_min=100.0, at_limit=0.1)
+    walk = Trials(g1, short).run()[-1]
+    before = re.search(r"was the first at its limit of [\d.]+ N.m, ([\d.]+) s before", walk.detail)
+    assert walk.name == "walk" and not walk.passed and before is not None
+    assert float(before[1]) <= short.walk_time + short.stop_time
 
 
 def test_check_robot_returns_what_it_wrote(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, g1: RobotModel) -> None:
