@@ -319,7 +319,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
     def look(self, pan: float, tilt: float) -> None:
         """Turn the head to joint angles [rad], clamped to their limits; ``CommandError`` when that is impossible."""
         if self.mode not in ACTIVE_MODES:
-            raise CommandError(f"head refused in mode '{self.mode.value}'")
+            raise CommandError(f"head refused in mode '{self.mode.value}': command 'stand' first")
         self.stack.look(pan, tilt)
 
     def apply_push(self, force: tuple[float, float, float] | Vector, duration: float, body: str = "base_link") -> None:
@@ -364,10 +364,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         if self.black_box is not None:
             self.black_box.tick(lockstep)
         if self._record_ticks and lockstep.tick % self._record_ticks == 0:
-            self._add_row()
-
-    def _add_row(self) -> None:
-        self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
+            self.log.add(self.plant.truth, self.plant.com, self.state, self.result, self.mode, self.gait)
 
     def _note(self, text: str) -> None:
         self.events.append((self.t, text))
