@@ -15,6 +15,7 @@ from models.types import (
     ContactState,
     ControlResult,
     JointCommand,
+    JointTrajectory,
     Mode,
     RobotState,
     SensorData,
@@ -85,8 +86,8 @@ class DirectDrives(JointServo):
 
     _direct: Vector | None = None
 
-    def command(self, cmd: JointCommand, t: float) -> bool:
-        if cmd.kp is None or cmd.kd is None or cmd.kp.any() or cmd.kd.any():
+    def command(self, cmd: JointCommand | JointTrajectory, t: float) -> bool:
+        if isinstance(cmd, JointTrajectory) or cmd.kp is None or cmd.kd is None or cmd.kp.any() or cmd.kd.any():
             return super().command(cmd, t)
         self._direct = np.clip(cmd.tau, -self.model.tau_max, self.model.tau_max)
         return True

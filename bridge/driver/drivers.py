@@ -21,8 +21,8 @@ class Drivers:
     ``sensor_timeout`` of ``controllers/config/motor_driver.yaml``.
 
     ``encoder_offsets`` (nj,) [rad], optional, are changed at the start only: when a reading jumps, the drives move the
-    joint. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often commands ceased while
-    the robot was held.
+    joint. ``stale`` is the time since the last new sample [s]; ``interruptions`` counts how often the commands stopped
+    while the robot was held.
     """
 
     def __init__(self, plant: Plant, model: RobotModel) -> None:
@@ -74,20 +74,16 @@ class Drivers:
         self._mode = mode
 
     def command(self, command: JointCommand | JointTrajectory) -> bool:
-        """Pass a set-point or trajectory to the drivers in a mode with motion; whether it is in force."""
-        if not self.awaits_command:
-            return False
-        if isinstance(command, JointTrajectory):
-            return self.servo.command_trajectory(command, self.t)
-        return self.servo.command(command, self.t)
+        """Pass a setpoint or trajectory to the drivers in a mode with motion; whether it is in force."""
+        return self.awaits_command and self.servo.command(command, self.t)
 
 
 class SimulatedDrivers(Drivers):
     """The drivers of a simulated robot, which is held at the start until its feet bear its weight.
 
     Held, the drivers compensate gravity. When the mode allows motion and commands arrive, they execute these; when both
-    feet bear the weight, the base is released. If the commands cease before that, the drivers compensate gravity again
-    and the next command starts over. Hanging, no command moves the robot. ``config`` has times and tolerances of the
+    feet bear the weight, the base is released. If the commands stop before that, the drivers compensate gravity again
+    and the next command starts over. No command moves a hanging robot. ``config`` has times and tolerances of the
     start.
     """
 
@@ -170,7 +166,7 @@ class SimulatedDrivers(Drivers):
         """As ``Drivers``; the joints of a held robot without commands are gravity-compensated."""
         if self.plant.held:
             if self._commanded and self.servo.overdue(self.t):
-                # the commands ceased before the release: compensate gravity, and do not latch damping
+                # the commands stopped before the release: compensate gravity, and do not latch damping
                 self.interruptions += 1
                 self._commanded, self._gate = False, None
                 self.servo.blend()

@@ -20,11 +20,11 @@ from models.types import Matrix, Vector, Velocity
 class ObstacleStopConfig:
     """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
 
-    stop_distance: Annotated[float, Field(gt=0, le=5)]  #: Gap at which the robot is to stand still [m]
-    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap from which on it may walk again [m]
-    release_time: Annotated[float, Field(ge=0, le=60)]  #: For how long the gap must have been so long [s]
+    stop_distance: Annotated[float, Field(gt=0, le=5)]  #: Gap at which the robot must stand [m]
+    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap above which it may walk again [m]
+    release_time: Annotated[float, Field(ge=0, le=60)]  #: Time that the gap must stay above it [s]
     margin: Annotated[float, Field(ge=0, le=2)]  #: Corridor beyond the body, each side [m]
-    deceleration: Annotated[float, Field(gt=0, le=10)]  #: How fast a walk is counted on to slow down [m/s^2]
+    deceleration: Annotated[float, Field(gt=0, le=10)]  #: Deceleration of a walk that is relied on [m/s^2]
     reaction_time: Annotated[float, Field(ge=0, le=5)]  #: From a reading to the first effect [s]
     speed_min: Annotated[float, Field(gt=0, le=1)]  #: Slowest walk towards an obstacle [m/s]
     scan_timeout: Annotated[float, Field(gt=0, le=5)]  #: Oldest usable scan [s]
@@ -43,7 +43,7 @@ class ObstacleStopConfig:
         return self.stop_distance + self.speed_min * (self.reaction_time + 0.5 * self.speed_min / self.deceleration)
 
 
-#: Words for a direction in B, counter-clockwise in quarters from x
+#: Names of directions in B, counter-clockwise in quarters from x
 SIDES = ("ahead", "on the left", "behind", "on the right")
 #: Cosine of the angle between directions that share a stop: an eighth of a turn to either side
 _SAME_WAY = math.cos(math.radians(45.0))
@@ -131,23 +131,24 @@ class ObstacleStop:
         self._stops = [stop for stop in self._stops if not self._released(stop, scan.t)]
 
     def limit(self, velocity: Velocity, t: float) -> tuple[Velocity, str]:
-        """Allowed part of a velocity in B [m/s, m/s, rad/s] at ``t`` [s], and why it is less, or empty."""
+        """Allowed part of a velocity in B [m/s, m/s, rad/s] at ``t`` [s], and the reason if it is less, else empty."""
         forward, left, turn = velocity
         if not all(math.isfinite(value) for value in velocity):
             return (0.0, 0.0, 0.0), "stopped: the velocity is not finite"
         speed = math.hypot(forward, left)
         if not self.expected or speed == 0.0:
             return velocity, ""
-        reason = self._blind(t) or self._stop(np.array([forward / speed, left / speed]))
+        direction = np.array([forward / speed, left / speed])
+        reason = self._blind(t) or self._stop(direction)
         if reason:
             return (0.0, 0.0, turn), reason
-        share = self._speed_within(self.gap(np.array([forward / speed, left / speed]))) / speed
+        share = self._speed_within(self.gap(direction)) / speed
         if share >= 1.0:
             return velocity, ""
         return (share * forward, share * left, turn), f"slowed: obstacle {_side(forward, left)}"
 
     def gap(self, direction: Vector) -> float:
-        """Free way of the body in a direction, a unit vector in B (2,) [m]; inf where nothing is in the way."""
+        """Free way of the body in a direction, a unit vector in B (2,) [m]; inf without an obstacle."""
         across = np.array([-direction[1], direction[0]])
         side = self._points @ across  # (k,)
         margin, outline = self.config.margin, self._outline

@@ -20,26 +20,26 @@ class OrientationFilterConfig:
 
     kp: Positive  #: rate at which the tilt follows the accelerometer [1/s]
     ki: NonNegative  #: rate at which the bias follows the tilt's error [1/s^2]
-    #: deviation of |specific force| / gravity from 1 without any trust [-]
+    #: deviation of |specific force| / gravity from 1 at which alpha is 0 [-]
     accel_band: Annotated[float, Field(gt=0.0, le=1.0)]
     bias_max: Positive  #: largest gyro bias, each axis [rad/s]
     rest_gyro: Positive  #: angular rate less bias below which it rests [rad/s]
     rest_accel: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of |specific force| / gravity from 1 at rest [-]
-    rest_time: NonNegative  #: of quiet before it counts as rest [s]
-    rest_time_constant: Positive  #: of the bias learnt at rest [s]
+    rest_time: NonNegative  #: below both thresholds before the unit counts as at rest [s]
+    rest_time_constant: Positive  #: of the bias estimate at rest [s]
 
 
 class OrientationFilter:
-    r"""Roll and pitch from gravity, yaw integrated, gyro bias learnt at rest.
+    r"""Roll and pitch from gravity, yaw integrated, gyro bias estimated at rest.
 
     .. math::
         \dot R = R [\omega - b + \alpha k_p e]_\times, \quad \dot b = -\alpha k_i e, \quad
         e = \frac{a}{|a|} \times R^\top z, \quad \alpha = \max(0, 1 - ||a| / g - 1| / \text{accel\_band})
 
-    with omega the gyro (3,) [rad/s], a the specific force (3,) [m/s^2], both in the frame of the unit, R its
+    with omega the measured rate (3,) [rad/s], a the specific force (3,) [m/s^2], both in the frame of the unit, R its
     orientation in a level frame (3, 3), b the bias (3,) [rad/s] and z up. e has no part along the vertical, so yaw is
-    the integral of the rate. When rate and force have been quiet for ``rest_time``, b also follows the rate itself with
-    ``rest_time_constant``, about the vertical too: then yaw stands still as well.
+    the integral of the rate. After ``rest_time`` at rest, b also follows omega with ``rest_time_constant``, about the
+    vertical too, so that yaw does not drift. b stays within ``bias_max``.
 
     Assumptions:
         Forces average to gravity over 1 / kp. A steady turn slower than ``rest_gyro`` looks like a bias.
@@ -57,7 +57,7 @@ class OrientationFilter:
 
     @property
     def resting(self) -> bool:
-        """Whether the bias is being learnt at rest."""
+        """Whether the unit is at rest, so that the bias follows the rate."""
         return self._quiet > self.config.rest_time
 
     @property

@@ -130,8 +130,10 @@ class JointServo:
         """Take the torque away (at the torque-rate limit) and ignore commands until ``arm``."""
         self.state = ServoState.OFF
 
-    def command(self, cmd: JointCommand, t: float) -> bool:
-        """Accept a setpoint, clipped to the limits, at ``t`` [s] of the clock of ``step``; whether it is in force."""
+    def command(self, cmd: JointCommand | JointTrajectory, t: float) -> bool:
+        """Accept a setpoint, clipped to the limits, or a trajectory, at ``t`` [s]; whether it is in force."""
+        if isinstance(cmd, JointTrajectory):
+            return self.command_trajectory(cmd, t)
         if self.state is not ServoState.ACTIVE:
             return False
         gains = self._gains

@@ -13,13 +13,13 @@ from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-TOO_OLD = "commands too old"  #: Key of the counter of commands that answer sensors too old
+TOO_OLD = "commands too old"  #: Counter of commands whose sensors are older than ``max_command_age``
 
 
 def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
     """Arm, damp or switch off the drivers by a change of mode; ``CommandError`` for off while they are active.
 
-    Drivers that have damped by themselves are armed only by a new mode to move in.
+    Drivers that damped because of a fault are armed only by a change from a mode without motion to one with motion.
     """
     if mode is Mode.OFF and servo.state is ServoState.ACTIVE:
         raise CommandError("mode 'off' refused: the robot would drop; 'damp' comes first")
@@ -62,8 +62,8 @@ class MotorDriver:
     its limits and, for a trajectory, its start. No torque steps by more than the drives' rate times ``step_max``,
     whatever the command and however many samples were lost.
 
-    A mode to move in that was there before the drivers does not arm them: motors must not come alive because a process
-    was started. ``counters`` counts gaps and commands that are too old; ``servo`` is the law of the drivers.
+    A mode with motion that was there before the drivers does not arm them: the start of a process must not move motors.
+    ``counters`` counts gaps, silences and commands that are too old; ``servo`` is the law of the drivers.
     """
 
     def __init__(
@@ -78,9 +78,10 @@ class MotorDriver:
         self._last_command = 0
 
     def set_mode(self, mode: Mode) -> None:
-        """Follow the supervisor, except into a mode that was there before; ``CommandError`` for off while active."""
-        before, self._mode = self._mode, self._mode or mode
+        """Apply the supervisor's mode; ``CommandError`` for off while active, and for motion as the first mode."""
+        before = self._mode
         if before is None and mode in ACTIVE_MODES:
+            self._mode = mode
             raise CommandError(f"mode '{mode.value}' was there before the drivers: 'damp' comes first")
         follow_mode(self.servo, before or Mode.OFF, mode)
         self._mode = mode
@@ -94,22 +95,18 @@ class MotorDriver:
         return self.servo.torque
 
     def command(self, stamp: int, command: JointCommand | JointTrajectory) -> bool:
-        """Accept a command for the sensors of a stamp [ns], 0 for now; whether it is in force."""
+        """Accept a command computed from the sensors of a stamp [ns], 0 for now; whether it is in force."""
         now = self._stamps.last
         if now is None:
             return False
         check_stamp(stamp, self._last_command, now, self._max_age, self._counters)
-        t = now / NANOSECONDS
-        if isinstance(command, JointTrajectory):
-            taken = self.servo.command_trajectory(command, t)
-        else:
-            taken = self.servo.command(command, t)
-        if taken:
+        accepted = self.servo.command(command, now / NANOSECONDS)
+        if accepted:
             self._last_command = stamp or self._last_command
-        return taken
+        return accepted
 
-    def silence(self) -> bool:
-        """The joints have been silent for ``sensor_timeout``: damp; returns whether this has just begun."""
+    def damp_on_silence(self) -> bool:
+        """Damp because no joint sample came for ``sensor_timeout``; returns whether the servo was active."""
         if self.servo.state is not ServoState.ACTIVE:
             return False
         self._counters["joint silences"] += 1

@@ -68,7 +68,7 @@ class MotorControllerNode(PoiseNode):
     def _watch(self) -> None:
         if not self.active:
             return
-        if time.monotonic() - self._sampled > self._config.sensor_timeout and self.law.silence():
+        if time.monotonic() - self._sampled > self._config.sensor_timeout and self.law.damp_on_silence():
             self.alarm()
         self._publish_state()
 
