@@ -44,11 +44,11 @@ from models.config import STRICT, Positive
 from models.robot_model import RobotModel
 from models.types import ControlResult, RobotState
 
-#: What is timed on every tick: ours, placo's, the few calls that ours is left with, and all calls for its terms
+#: Timed on every tick: ours, placo's, the Pinocchio calls that ours makes, and those that give all of its terms
 SUBJECTS = ("tick", "placo", "own_calls", "pinocchio_calls")
 
 
-#: Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; set-point
+#: Parts of the tick: model terms; footholds, motion, references and feedback; QP; solution; torques; setpoint
 STAGES = ("terms", "references", "build", "solve", "recover", "rest")
 
 
@@ -64,7 +64,7 @@ class StageProbe:
 
     @contextmanager
     def attached(self) -> Iterator[None]:
-        """Time the stages meanwhile, by wrapping their methods."""
+        """Time the stages inside the context, by wrapping their methods."""
         with ExitStack() as stack:
             for index, (owner, name) in enumerate(self._stages):
                 stack.enter_context(patch.object(owner, name, self._timed(getattr(owner, name), 2 * index)))
@@ -92,7 +92,7 @@ class StageProbe:
 
 
 class TimedController:
-    """Times the ticks of a law after its first one, and the peers at the same state before or after each.
+    """Times each tick of a law but its first, and the peers at the same state before or after it.
 
     Every ``stage_period`` ticks one is split by stage. A row within ``active_tolerance`` of its bound is active [-].
     """
@@ -139,7 +139,7 @@ class TimedController:
 
     @contextmanager
     def recording(self) -> Iterator[None]:
-        """Time the ticks meanwhile."""
+        """Time the ticks inside the context."""
         with patch.object(self.controller, "step", self.step):
             yield
 
@@ -262,7 +262,7 @@ def beside_kinematics(model: RobotModel, seed: int, config: TickConfig) -> dict[
     if not peers:
         return {}
     timed, loop = _timed_loop(model, seed, config.kinematics_duration, peers)
-    with timed.recording():
+    with collector_off(), timed.recording():
         for _ in exercise(loop, config.kinematics_duration, exercise_config()):
             pass
     wall, kept = timed.wall[: timed.count] * MICRO, ~timed.preempted[: timed.count]
@@ -306,6 +306,6 @@ def summarise(timed: TimedController) -> dict[str, float]:
 
 
 class Tick(TimedBenchmark):
-    """See the module's text."""
+    """See the docstring of the module."""
 
     measure = staticmethod(measure)

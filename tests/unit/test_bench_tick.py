@@ -1,8 +1,10 @@
 """The tick benchmark: placo solves our problem, timing changes nothing, and every limit is one of a figure."""
 
+import gc
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -115,6 +117,15 @@ def test_peers_that_are_not_installed_are_left_out(monkeypatch: pytest.MonkeyPat
     model = RobotModel.load("g1")
     assert installed_peers(model) == {}
     assert beside_kinematics(model, 0, CONFIG) == {}
+
+
+@pytest.mark.slow
+def test_the_collector_is_off_beside_the_inverse_kinematics_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    collecting = []
+    peer = SimpleNamespace(prepare=lambda state: None, step=lambda: collecting.append(gc.isenabled()))
+    monkeypatch.setattr("benchmarks.speed.tick.installed_peers", lambda model: {"fake": peer})
+    figures = beside_kinematics(RobotModel.load("g1"), 0, replace(CONFIG, kinematics_duration=1.0))
+    assert figures["ratio_to_fake"] > 1.0 and not any(collecting[-1000:])
 
 
 def test_the_probe_leaves_the_controller_as_it_was() -> None:
