@@ -29,14 +29,14 @@ from models.types import Mode
 STOP = "stop"
 
 
-async def followed(handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None]) -> Outcome:
+async def track_motion(handle: Any, robot: RobotClient, turn: Turn, feedback: Callable[[str], None]) -> Outcome:
     """Follow a requested motion by its status to its end; returns how it ended.
 
     ``robot`` is cleared by ``begin`` before the goal; ``feedback`` gets ``requested`` or ``running``. A motion that
     cannot go on, or is cancelled, is stopped. Raises ``CommandError`` when the supervisor does not answer.
     """
-    longest = robot.config.start_timeout
-    until = time.monotonic() + longest
+    timeout = robot.config.start_timeout
+    deadline = time.monotonic() + timeout
     while True:
         running = robot.motion_begun
         newest = robot.motion[-1] if robot.motion else None
@@ -50,9 +50,9 @@ async def followed(handle: Any, robot: RobotClient, turn: Turn, feedback: Callab
         if handle.is_cancel_requested:
             stopped = await _halt(robot)
             return Outcome(False, f"cancelled; {stopped}", cancelled=True)
-        if not running and time.monotonic() > until:
+        if not running and time.monotonic() > deadline:
             await _halt(robot)
-            return Outcome(False, f"the motion did not start within {longest:g} s")
+            return Outcome(False, f"the motion did not start within {timeout:g} s")
         if robot.feedback_due:
             feedback(MotionState.RUNNING.value if running else "requested")
         await robot.turn()
@@ -75,10 +75,10 @@ class ExecuteMotion(Action):
     """Plays a motion by name."""
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse words that are no motions: a walk has no end."""
+        """Refuse the words of the gait and ``stop``, which are not motions."""
         word = request.motion.strip().lower()
         if word in (*GAIT_WORDS, STOP):
-            return Outcome(False, f"'{word}' is no motion; walk with walk_to, or a velocity")
+            return Outcome(False, f"'{word}' is not a motion; walk with walk_to, or a velocity")
         return None
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
@@ -92,7 +92,7 @@ class ExecuteMotion(Action):
         def feedback(state: str) -> None:
             handle.publish_feedback(self._kind.Feedback(state=state, elapsed=time.monotonic() - begin))
 
-        return await followed(handle, robot, turn, feedback)
+        return await track_motion(handle, robot, turn, feedback)
 
 
 class FollowJointTrajectory(Action):
@@ -103,7 +103,7 @@ class FollowJointTrajectory(Action):
         self._model, self._publish = model, publish
 
     def refusal(self, request: Any) -> Outcome | None:
-        """Refuse unknown joints; the controller checks the rest."""
+        """Refuse unknown joints, and rename the others as in the model; the controller checks the rest."""
         codes, trajectory = self._kind.Result, request.trajectory
         try:
             names = trajectory.joint_names = list(self._model.named(trajectory.joint_names))
@@ -113,11 +113,12 @@ class FollowJointTrajectory(Action):
             return Outcome(False, str(error), code=codes.INVALID_JOINTS)
         if not names:
             return Outcome(False, "no joints are named", code=codes.INVALID_JOINTS)
-        strangers = [each.name for each in request.goal_tolerance if each.name not in names]
-        if strangers:
-            return Outcome(False, f"goal_tolerance of '{strangers[0]}', which does not move", code=codes.INVALID_GOAL)
+        absent = [each.name for each in request.goal_tolerance if each.name not in names]
+        if absent:
+            message = f"goal_tolerance: joint '{absent[0]}' is not in the trajectory"
+            return Outcome(False, message, code=codes.INVALID_GOAL)
         if request.multi_dof_trajectory.points:
-            return Outcome(False, "multi_dof_trajectory: this robot has no such joints", code=codes.INVALID_GOAL)
+            return Outcome(False, "multi_dof_trajectory: the robot has no such joints", code=codes.INVALID_GOAL)
         return None
 
     async def run(self, handle: Any, turn: Turn) -> Outcome:
@@ -126,7 +127,7 @@ class FollowJointTrajectory(Action):
         names = list(asked.trajectory.joint_names)
         robot.begin()
         self._publish(asked.trajectory)
-        outcome = await followed(handle, robot, turn, lambda state: self._feedback(handle, names))
+        outcome = await track_motion(handle, robot, turn, lambda state: self._feedback(handle, names))
         if not outcome.success:
             code = codes.PATH_TOLERANCE_VIOLATED if robot.motion_begun else codes.INVALID_GOAL
             return Outcome(False, outcome.message, outcome.cancelled, code)
@@ -146,17 +147,17 @@ class FollowJointTrajectory(Action):
         handle.publish_feedback(message)
 
     def _outside(self, asked: Any, names: list[str]) -> str:
-        """Joint that ended outside its tolerance; empty without one."""
+        """First joint that ended outside its tolerance, with its error; empty without one."""
         posture = self._robot.posture
         last = dict(zip(names, asked.trajectory.points[-1].positions, strict=True))
         for tolerance in asked.goal_tolerance:
             if tolerance.position <= 0.0:
                 continue
             if posture is None:
-                return f"where '{tolerance.name}' ended is not known"
-            off = abs(posture[self._model.joint_index(tolerance.name)] - last[tolerance.name])
-            if off > tolerance.position:
-                return f"'{tolerance.name}' ended {off:.4f} rad off, tolerance {tolerance.position:.4f}"
+                return f"final position of '{tolerance.name}' unknown: no reference posture was received"
+            error = abs(posture[self._model.joint_index(tolerance.name)] - last[tolerance.name])
+            if error > tolerance.position:
+                return f"'{tolerance.name}' ended {error:.4f} rad off, tolerance {tolerance.position:.4f}"
         return ""
 
 
@@ -206,15 +207,15 @@ class WalkTo(Action):
             await robot.turn()
 
     async def _stand(self, outcome: Outcome) -> Outcome:
-        """Come to a standstill, whatever the outcome; without a standstill it is no success."""
+        """Stop the walk, whatever the outcome; a goal whose walk does not stop has failed."""
         robot = self._robot
         if robot.mode != Mode.WALK.value:
             return outcome
-        reply = await robot.set_mode(Mode.STAND)
-        stood = reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, robot.config.stand_timeout)
-        if stood:
+        reply, timeout = await robot.set_mode(Mode.STAND), robot.config.stand_timeout
+        if reply.accepted and await robot.until(lambda: robot.mode != Mode.WALK.value, timeout):
             return Outcome(outcome.success, f"{outcome.message}; mode '{robot.mode}'", outcome.cancelled)
-        return Outcome(False, f"{outcome.message}; no standstill: {reply.reason}", outcome.cancelled)
+        reason = f"the walk did not stop within {timeout:g} s" if reply.accepted else reply.reason
+        return Outcome(False, f"{outcome.message}; no standstill: {reason}", outcome.cancelled)
 
 
 FOLLOW = "joint_trajectory_controller/follow_joint_trajectory"  #: Name that MoveIt uses

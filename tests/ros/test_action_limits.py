@@ -1,16 +1,22 @@
-"""Limits of the actions are parameters of their node."""
+"""Limits of the actions are parameters of their node, and a failure names the limit."""
 
+import asyncio
+from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from rclpy.action.client import ActionClient
 from std_msgs.msg import String
 
-from bridge.nodes.action_server import ActionServerNode
+from bridge.nodes.action_server import ActionServerNode, WalkTo
+from bridge.ros.goals import ActionsConfig
+from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics
 from models.nodes.interfaces import interface
 from models.nodes.qos import LATCHED
+from models.types import CommandReply
 
 try:
     ExecuteMotion = interface("poise_interfaces", "action", "ExecuteMotion")
@@ -39,3 +45,18 @@ def test_a_goal_waits_for_its_answer_as_long_as_the_parameter_says(bench: Any) -
 def test_a_limit_out_of_range_is_refused_by_name(bench: Any) -> None:
     with pytest.raises(Exception, match="answer_timeout"):
         bench.add(ActionServerNode, answer_timeout=-1.0)
+
+
+def test_a_walk_that_does_not_stop_fails_with_the_time_waited() -> None:
+    async def set_mode(mode: str) -> CommandReply:
+        return CommandReply(True, "stand: requested")
+
+    async def until(condition: Callable[[], bool], timeout: float) -> bool:
+        return condition()
+
+    config = default_config(ActionsConfig, "bridge", "actions")
+    robot: Any = SimpleNamespace(mode="walk", route=[], config=config, begin=list, set_mode=set_mode, until=until)
+    handle, turn = SimpleNamespace(request=SimpleNamespace(goal=None)), SimpleNamespace(ended="replaced")
+    outcome = asyncio.run(WalkTo(robot, None, list).run(handle, turn))  # type: ignore[arg-type]
+    assert not outcome.success and outcome.message.startswith("replaced; no standstill")
+    assert outcome.message.endswith(f"within {config.stand_timeout:g} s")

@@ -103,7 +103,7 @@ def test_an_unknown_motion_is_aborted_with_the_reason(user: User) -> None:
 
 def test_a_word_that_walks_is_no_motion(user: User) -> None:
     status, result = user.result(user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="forward")))
-    assert status == ABORTED and "'forward' is no motion" in result.message
+    assert status == ABORTED and "'forward' is not a motion" in result.message
     assert user.graph.mode == "stand"
 
 
