@@ -29,7 +29,7 @@ ResultsPath = Annotated[
 
 
 @contextmanager
-def sweep_of(workers: int, scheduler: str, results: Path | None) -> Iterator[Sweep]:
+def open_sweep(workers: int, scheduler: str, results: Path | None) -> Iterator[Sweep]:
     """Executor (this machine, or a dask ``scheduler``) and optional file of finished cases, closed with the context."""
     from benchmarks.core.executors import make_executor
     from benchmarks.core.harness import Sweep
@@ -41,7 +41,7 @@ def sweep_of(workers: int, scheduler: str, results: Path | None) -> Iterator[Swe
 
 
 @contextmanager
-def refused(console: Console) -> Iterator[None]:
+def report_errors(console: Console) -> Iterator[None]:
     """Print a ``PoiseError`` as one line and exit with status 2."""
     try:
         yield
@@ -80,14 +80,14 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
         if mode not in known:
             raise typer.BadParameter(f"'{mode}' is not one of: {', '.join(known)}", param_hint="--mode")
         console, listed = Console(), known[mode]
-        with refused(console):
+        with report_errors(console):
             if contender and not first.contender:
                 others = ", ".join(dict.fromkeys(each.command for each in catalogue().values() if each.info.contender))
                 raise ConfigError(f"bench {name} takes no contender; these do: {others}")
             if chosen and not first.choice:
                 raise ConfigError(f"bench {name} has no scenarios to choose from")
             benchmark = listed.load()
-            with sweep_of(workers, scheduler, results) as sweep:
+            with open_sweep(workers, scheduler, results) as sweep:
                 options = Options(robot, seeds, workers, tuple(chosen), contender, sweep=sweep)
                 report = benchmark.run(options)
                 if sweep.results is not None:
@@ -97,24 +97,24 @@ def _add_command(name: str, modes: Sequence[Listed]) -> None:
         print_report(report, console)
         if json is not None:
             write_json(report, json)
-            console.print(f"report: {json}")
+            console.print(f"report: {json}", soft_wrap=True)
         if plot is not None:
             plot.mkdir(parents=True, exist_ok=True)
             for file in benchmark.plots(report, plot):
-                console.print(f"plot: {file}")
+                console.print(f"plot: {file}", soft_wrap=True)
         raise typer.Exit(0 if report.passed else 1)
 
 
 @app.command("draw")
 def draw(
-    report: Annotated[Path, typer.Argument(help="What --json of a benchmark wrote.")],
+    report: Annotated[Path, typer.Argument(help="Report that --json of a benchmark wrote.")],
     folder: Annotated[Path, typer.Argument(help="Where the plots go.")],
 ) -> None:
     """Draw the plots of a report again, without measuring anything."""
     from benchmarks.core.harness import read_json
 
     console = Console()
-    with refused(console):
+    with report_errors(console):
         found = read_json(report)
         if found.bench not in catalogue():
             raise ConfigError(f"{report}: unknown benchmark '{found.bench}'; known: {', '.join(catalogue())}")
@@ -141,8 +141,8 @@ def run_all(
     from benchmarks.report.suite import CASES, parts_of, run_suite
 
     console, name = Console(), "quick" if quick else "full"
-    with refused(console):
-        with sweep_of(workers, scheduler, out / CASES) as sweep:
+    with report_errors(console):
+        with open_sweep(workers, scheduler, out / CASES) as sweep:
             passed = run_suite(parts_of(name), catalogue(), out, sweep, console, name)
             if sweep.results is not None:
                 console.print(f"{sweep.results.found} cases were there, {sweep.results.added} measured")
@@ -153,7 +153,7 @@ def run_all(
 
 @app.command("report")
 def report(
-    folder: Annotated[Path, typer.Argument(help="What --out of all named.")],
+    folder: Annotated[Path, typer.Argument(help="Folder that --out of all named.")],
     docs: Annotated[
         Path | None, typer.Option(help="Write page, plots and figures here instead, as a repository keeps them.")
     ] = None,
@@ -163,7 +163,7 @@ def report(
     from benchmarks.report.suite import read_progress
 
     console = Console()
-    with refused(console):
+    with report_errors(console):
         files = write_report(folder) if docs is None else publish_report(folder, docs)
         progress = read_progress(folder)
     for file in files:

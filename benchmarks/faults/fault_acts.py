@@ -1,4 +1,4 @@
-"""Acts of fault rows: spoilt trajectories, commands at the wrong time, the world, the solver."""
+"""Acts of fault rows: invalid trajectories, commands at the wrong time, the world, the solver."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -24,34 +24,34 @@ from models.terrain import terrain_named
 from models.types import CommandReply, ControlResult, JointTrajectory, Matrix, Mode
 
 #: One step of an act before each tick; yields the reply to a command, if any
-Doing: TypeAlias = Iterator[CommandReply | None]
-Act: TypeAlias = Callable[[ClosedLoop], Doing]  # disturbance or command of a row
+Steps: TypeAlias = Iterator[CommandReply | None]
+Act: TypeAlias = Callable[[ClosedLoop], Steps]  # disturbance or command of a row
 
 
-def asked(question: Callable[[], object]) -> CommandReply:
-    """Ask for something that may be refused; the answer, with the reason."""
+def attempt(request: Callable[[], object]) -> CommandReply:
+    """Make a request that may be refused; returns the reply, with the reason."""
     try:
-        question()
+        request()
     except PoiseError as error:
         return CommandReply(False, str(error))
     return CommandReply(True, "done")
 
 
-def unmet(what: str) -> CommandReply:
-    """An answer that makes a row fail where nothing must be refused: something did not go as expected."""
-    return CommandReply(False, what)
+def failure(reason: str) -> CommandReply:
+    """A refusal that makes a row fail in which nothing may be refused."""
+    return CommandReply(False, reason)
 
 
-def pause(loop: ClosedLoop, duration: float) -> Doing:
+def pause(loop: ClosedLoop, duration: float) -> Steps:
     """Do nothing for a time [s]."""
     for _ in range(round(duration / loop.plant.period)):
         yield None
 
 
-def says(*texts: str) -> Act:
-    """The act that gives text commands, one in each tick."""
+def commands(*texts: str) -> Act:
+    """The act that sends text commands, one in each tick."""
 
-    def act(loop: ClosedLoop) -> Doing:
+    def act(loop: ClosedLoop) -> Steps:
         for text in texts:
             yield loop.command(text)
 
@@ -61,25 +61,25 @@ def says(*texts: str) -> Act:
 def once(do: Callable[[ClosedLoop], CommandReply | None]) -> Act:
     """The act that does one thing; what it returns is the reply."""
 
-    def act(loop: ClosedLoop) -> Doing:
+    def act(loop: ClosedLoop) -> Steps:
         yield do(loop)
 
     return act
 
 
-#: Fields that make of a trajectory that holds the posture one that must be refused
+#: Fields that make a trajectory that holds the posture invalid
 Spoil = Callable[[JointTrajectory, RobotModel], dict[str, Any]]
 
 
-def _given(spoil: Spoil) -> Act:
-    def act(loop: ClosedLoop) -> Doing:
+def _wrong(spoil: Spoil) -> Act:
+    def act(loop: ClosedLoop) -> Steps:
         posture = loop.controller.reference.posture
         held = JointTrajectory(loop.robot.joint_names, np.array([0.5, 1.0]), np.array([posture, posture]))
         wrong = replace(held, **spoil(held, loop.robot))
-        for door in (loop.controller.follow, lambda given: loop.drivers.command_trajectory(given, loop.t)):
-            reply = asked(lambda: door(wrong))  # noqa: B023  # called at once
+        for accept in (loop.controller.follow, lambda given: loop.drivers.command_trajectory(given, loop.t)):
+            reply = attempt(lambda: accept(wrong))  # noqa: B023  # called at once
             if reply.accepted:
-                yield unmet("executed")
+                yield failure("executed")
                 return
         yield reply
 
@@ -87,7 +87,7 @@ def _given(spoil: Spoil) -> Act:
 
 
 def _with(values: Matrix, points: int | slice, value: float) -> Matrix:
-    """Values with another one for the first joint at some points."""
+    """Values (n, nj) with another value for the first joint at some points."""
     changed = values.copy()
     changed[points, 0] = value
     return changed
@@ -112,31 +112,31 @@ PATIENCE = 0.2  # until a robot has damped [s]
 
 
 def _velocity(forward: float) -> Act:
-    return once(lambda loop: asked(lambda: loop.set_velocity(forward, 0.0, 0.0)))
+    return once(lambda loop: attempt(lambda: loop.set_velocity(forward, 0.0, 0.0)))
 
 
-def _stand_up(loop: ClosedLoop) -> Doing:
-    """Command stand while walking: it may stand only between two steps."""
+def _stand_in_walk(loop: ClosedLoop) -> Steps:
+    """Command stand while walking: the robot may stand only between two steps."""
     yield loop.command("stand")
     while loop.mode is Mode.WALK:
         yield None
     if loop.gait.walking:
-        yield unmet("stands in the middle of a step")
+        yield failure("stands during a step")
 
 
-def _walk_damped(loop: ClosedLoop) -> Doing:
+def _walk_damped(loop: ClosedLoop) -> Steps:
     loop.inject(Fault("joint_states", "off", end=PATIENCE))
     yield from pause(loop, 2.0 * PATIENCE)
     yield loop.command("walk")
 
 
-def _stand_fallen(loop: ClosedLoop) -> Doing:
+def _stand_fallen(loop: ClosedLoop) -> Steps:
     _knock_down(loop)
     yield from pause(loop, 1.5)
     yield loop.command("stand")
 
 
-def _flood(loop: ClosedLoop) -> Doing:
+def _flood(loop: ClosedLoop) -> Steps:
     for _ in range(1000):
         for _ in range(10):
             loop.command("nonsense")
@@ -144,19 +144,19 @@ def _flood(loop: ClosedLoop) -> Doing:
 
 
 def _signed(lines: Callable[[Callable[[], int]], tuple[str, ...]]) -> Act:
-    """A robot that takes signed commands only gets some lines, given the wall time [ns]."""
+    """Send lines, made with the clock of wall time [ns], to a robot that accepts signed commands only."""
 
-    def act(loop: ClosedLoop) -> Doing:
+    def act(loop: ClosedLoop) -> Steps:
         def clock() -> int:
             return round((WALL_TIME + loop.t) * NANOSECONDS)
 
         verifier = Verifier(KEY, WINDOW, clock)
-        yield from pause(loop, 2.0 * WINDOW)  # who has just started takes nothing
+        yield from pause(loop, 2.0 * WINDOW)  # a verifier that has just started accepts nothing
 
         for line in lines(clock):
             replies: list[CommandReply] = []
-            opened = asked(lambda: replies.append(loop.command(verifier.verify(line).text)))  # noqa: B023
-            yield replies[0] if replies else opened
+            verified = attempt(lambda: replies.append(loop.command(verifier.verify(line).text)))  # noqa: B023
+            yield replies[0] if replies else verified
 
     return act
 
@@ -166,28 +166,28 @@ def _replayed(clock: Callable[[], int]) -> tuple[str, ...]:
     return line, line
 
 
-def _commanders(loop: ClosedLoop) -> Doing:
-    """While teleop commands, autonomy sends a text."""
+def _commanders(loop: ClosedLoop) -> Steps:
+    """Send a text of autonomy while teleop is in command."""
     arbiter = Arbiter()
     arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t)
     loop.set_velocity(*arbiter.velocity(loop.t))
     yield from pause(loop, 0.1)
-    refused = asked(lambda: arbiter.require("autonomy", loop.t))
+    refused = attempt(lambda: arbiter.require("autonomy", loop.t))
     yield loop.command("stop") if refused.accepted else refused
 
 
-def _locked(loop: ClosedLoop) -> Doing:
-    """While the lock is closed, a person steers."""
+def _locked(loop: ClosedLoop) -> Steps:
+    """Send a velocity of teleop while a lock is set."""
     arbiter = Arbiter()
     arbiter.lock("pause", True, loop.t)
-    refused = asked(lambda: arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t))
+    refused = attempt(lambda: arbiter.repeat("teleop", (0.1, 0.0, 0.0), loop.t))
     loop.set_velocity(*arbiter.velocity(loop.t))
     yield refused
 
 
 #: Time between two kicks, length of each [s], and the velocity that it gives [m/s]
 KICK_PERIOD, KICK_TIME, KICK_SPEED = 4.0, 0.1, 0.2
-#: Of a crane: up, and down until the feet bear [m/s, s]
+#: Of a crane: up, and down until the feet bear the weight [m/s, s]
 HOIST_SPEED, HOIST_TIME, LOWER_SPEED, LOWER_TIME = 0.3, 0.5, 0.05, 5.0
 HANGING_SPEED = 4.0  # no joint of a hanging robot turns faster [rad/s]
 BOX = "box"  # terrain with a box that may be put into the way
@@ -196,7 +196,7 @@ BOX = "box"  # terrain with a box that may be put into the way
 TURN, FORWARD, FREE_WAY = 0.3, 0.3, 1.0
 
 
-def _kick(loop: ClosedLoop) -> Doing:
+def _kick(loop: ClosedLoop) -> Steps:
     force = loop.robot.mass * KICK_SPEED / KICK_TIME
     for number in range(1000):
         angle = 2.4 * number  # [rad] the golden angle: never the same side
@@ -208,15 +208,15 @@ def _knock_down(loop: ClosedLoop) -> None:
     loop.apply_push((12.0 * loop.robot.mass, 0.0, 0.0), 0.3)
 
 
-def _crane(loop: ClosedLoop, speed: float, duration: float) -> Doing:
+def _crane(loop: ClosedLoop, speed: float, duration: float) -> Steps:
     """Move a held robot up [m/s] for a time [s]."""
     for _ in pause(loop, duration):
         loop.data.mocap_pos[0, 2] += speed * loop.plant.period
         yield None
 
 
-def _lift(loop: ClosedLoop) -> Doing:
-    """Lift a robot off a turn on the spot, let it hang, put it down, and have it walk on."""
+def _lift(loop: ClosedLoop) -> Steps:
+    """Lift a robot that turns on the spot, let it hang, put it down, and let it walk again."""
     loop.set_velocity(0.0, 0.0, TURN)
     yield from pause(loop, 1.5)
     loop.plant.hold()
@@ -226,7 +226,7 @@ def _lift(loop: ClosedLoop) -> Doing:
         fastest = max(fastest, float(np.abs(loop.truth.v[6:]).max()))
         yield None
     if fastest > HANGING_SPEED:
-        yield unmet(f"a joint of the hanging robot turns at {fastest:.1f} rad/s")
+        yield failure(f"a joint of the hanging robot turns at {fastest:.1f} rad/s")
     for _ in _crane(loop, -LOWER_SPEED, LOWER_TIME):
         yield None
         if loop.plant.load > 0.95 * loop.robot.mass * GRAVITY:
@@ -234,16 +234,16 @@ def _lift(loop: ClosedLoop) -> Doing:
     loop.plant.release()
     yield from pause(loop, 1.0)
     if loop.gait.steps != steps:
-        yield unmet(f"the gait took {loop.gait.steps - steps} steps in the air")
-    loop.set_velocity(0.0, 0.0, 0.0)  # what was commanded before counts no more
+        yield failure(f"the gait took {loop.gait.steps - steps} steps in the air")
+    loop.set_velocity(0.0, 0.0, 0.0)  # replaces the turn
     loop.set_velocity(FORWARD, 0.0, 0.0)
     yield from pause(loop, 2.5)
     if not loop.gait.steps > steps:
-        yield unmet("does not walk on")
+        yield failure("does not walk on")
 
 
-def _stand_in_the_way(loop: ClosedLoop) -> Doing:
-    """A box ahead of a walk; it is taken away later."""
+def _stand_in_the_way(loop: ClosedLoop) -> Steps:
+    """Place a box ahead of a walk, and remove it later."""
     box = terrain_named(BOX).obstacle
     depth = 0.0 if box is None else box.size[0]
     reach = BodyOutline(loop.robot).reach(np.array([1.0, 0.0]))
@@ -252,17 +252,17 @@ def _stand_in_the_way(loop: ClosedLoop) -> Doing:
     yield from pause(loop, 6.0)
     left = face - float(loop.truth.q[0] + reach)
     if loop.gait.walking or not 0.1 < left < FREE_WAY:
-        yield unmet(f"does not stand before the box: {left:.2f} m are left")
+        yield failure(f"does not stand before the box: {left:.2f} m are left")
     loop.plant.obstacle.remove()
     yield from pause(loop, 3.5)
     if not loop.gait.walking:
-        yield unmet("does not walk on when the way is free")
+        yield failure("does not walk on when the way is free")
 
 
 def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[Any], Any], ticks: int) -> Act:
-    """For some ticks the result of a method of what ``find`` returns is another."""
+    """Change the result of a method of the object that ``find`` returns, for some ticks."""
 
-    def act(loop: ClosedLoop) -> Doing:
+    def act(loop: ClosedLoop) -> Steps:
         owner = find(loop)
         call = getattr(owner, method)
         with patch.object(owner, method, lambda *arguments: change(call(*arguments))):
@@ -274,7 +274,7 @@ def _changed(find: Callable[[ClosedLoop], Any], method: str, change: Callable[[A
 
 def _builder(loop: ClosedLoop) -> QPBuilder:
     if not isinstance(loop.controller, BalanceController):
-        raise TypeError("another controller than the packaged one")
+        raise TypeError("the act needs the packaged controller")
     return loop.controller.whole_body.builder
 
 
@@ -301,30 +301,30 @@ ACTS: Mapping[str, Act] = {
     "spoil": _changed(_builder, "build", _nan_gradient, 100),
     "nan_once": _changed(lambda loop: loop.controller, "step", _nan_torques, 1),
     "nan_torque": _changed(lambda loop: loop.controller, "step", _nan_torques, 200),
-    "trajectory_unknown_joint": _given(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),
-    "trajectory_joint_twice": _given(lambda held, robot: {"joint_names": (held.joint_names[1], *held.joint_names[1:])}),
-    "trajectory_nan": _given(lambda held, robot: {"positions": _with(held.positions, 1, np.nan)}),
-    "trajectory_equal_times": _given(_times(0.5, 0.5)),
-    "trajectory_times_back": _given(_times(1.0, 0.5)),
-    "trajectory_past": _given(_times(-2.0, -1.0)),
-    "trajectory_begun": _given(_times(-0.5, 0.5)),
-    "trajectory_outside": _given(
+    "trajectory_unknown_joint": _wrong(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),
+    "trajectory_joint_twice": _wrong(lambda held, robot: {"joint_names": (held.joint_names[1], *held.joint_names[1:])}),
+    "trajectory_nan": _wrong(lambda held, robot: {"positions": _with(held.positions, 1, np.nan)}),
+    "trajectory_equal_times": _wrong(_times(0.5, 0.5)),
+    "trajectory_times_back": _wrong(_times(1.0, 0.5)),
+    "trajectory_past": _wrong(_times(-2.0, -1.0)),
+    "trajectory_begun": _wrong(_times(-0.5, 0.5)),
+    "trajectory_outside": _wrong(
         lambda held, robot: {"positions": _with(held.positions, slice(None), robot.q_upper[0] + 0.1)}
     ),
-    "trajectory_too_fast": _given(
+    "trajectory_too_fast": _wrong(
         lambda held, robot: {"velocities": _with(np.zeros_like(held.positions), 0, 2.0 * robot.v_max[0])}
     ),
-    "trajectory_jump": _given(
+    "trajectory_jump": _wrong(
         lambda held, robot: {"times": np.array([0.0, 1.0]), "positions": 0.5 * (held.positions + robot.q_upper)}
     ),
-    "trajectory_empty": _given(_points(0)),
-    "trajectory_of_100000": _given(_points(100_000)),
-    "long_text": says("x" * 1_000_000),
-    "unknown_text": says("fly"),
-    "squat": says("squat"),
-    "stand": _stand_up,
-    "busy": says("squat", "wave"),
-    "walk_from_squat": says("squat", "walk"),
+    "trajectory_empty": _wrong(_points(0)),
+    "trajectory_of_100000": _wrong(_points(100_000)),
+    "long_text": commands("x" * 1_000_000),
+    "unknown_text": commands("fly"),
+    "squat": commands("squat"),
+    "stand": _stand_in_walk,
+    "busy": commands("squat", "wave"),
+    "walk_from_squat": commands("squat", "walk"),
     "flood": _flood,
     "calibrate": once(lambda loop: loop.calibrate("imu")),
     "forward": _velocity(0.3),

@@ -17,7 +17,7 @@ from benchmarks.core.benchmark import Bound, at_least, settings
 from benchmarks.core.fault_rows import AnyRow, FaultBenchmark
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import Search, TorqueSteps, largest, start_walk
-from benchmarks.faults.fault_acts import ACTS, Doing
+from benchmarks.faults.fault_acts import ACTS, Steps
 from bridge.closed_loop import ClosedLoop
 from bridge.plants.fault_plan import Fault
 from bridge.plants.sensors import SensorErrors
@@ -149,16 +149,16 @@ class _Trial:
             start_walk(loop, given.forward)
         loop.run(given.settle)
         before = loop.mode
-        doing: Doing = iter(())
+        act: Steps = iter(())
         start = loop.t + row.push
         with self._steps.watch():
             if row.faults:
                 loop.inject([Fault(**item) for item in with_knee(row.faults, self.knee)])
             if row.act:
-                doing = ACTS[row.act](loop)
+                act = ACTS[row.act](loop)
             for _ in range(round((row.duration or given.duration) / loop.plant.period)):
                 with suppress(StopIteration):
-                    reply = next(doing)
+                    reply = next(act)
                     if reply is not None and not reply.accepted:
                         self._answer = reply.reason
                 loop.step()

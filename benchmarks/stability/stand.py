@@ -91,7 +91,7 @@ def stand(robot: str, seed: int) -> Case:
 
 
 def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
-    """Push a robot in a motion at a moment drawn by the seed, towards ``angle`` in W [rad]; ``ok`` if it goes on."""
+    """Push a robot in a motion at a time drawn by the seed, towards ``angle`` in W [rad]; ``ok`` without ``reason``."""
     config, push, loop = _config(), _push_config(), _loop(robot, False)
     direction = np.array([math.cos(angle), math.sin(angle), 0.0])
     loop.reset(seed)
@@ -99,9 +99,7 @@ def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
     force = config.push_ratio * bound_at_rest(loop, direction, push)[0] * direction
     before = stance(loop.robot, loop.truth)
 
-    # The same motion without the push gives its duration, so that the push falls into it.
-    duration = _motion_duration(robot, motion)
-    push_at = float(np.random.default_rng(seed).uniform(*config.push_window)) * duration
+    push_at = float(np.random.default_rng(seed).uniform(*config.push_window)) * _motion_duration(robot, motion)
     reply = loop.command(motion)
     loop.run(push_at)
     pushed_in_motion = loop.mode is Mode.MOTION
@@ -133,7 +131,7 @@ def motion(robot: str, seed: int, motion: str, angle: float) -> Case:
 
 @cache
 def _motion_duration(robot: str, name: str) -> float:
-    """How long a motion takes from the standing posture [s]."""
+    """Duration of a motion from the standing posture [s]."""
     from planners.motion import MotionPlanner
 
     model = _loop(robot, False).robot
@@ -145,7 +143,7 @@ def _measure(kind: str, **inputs: Any) -> Case:
 
 
 class Stand(Benchmark):
-    """Stand for a minute and execute each motion while pushed, once a seed; the push turns by 45 degrees a seed."""
+    """Stand for a minute and execute each motion while pushed, once a seed; the push's direction varies by seed."""
 
     measure = staticmethod(_measure)
 

@@ -1,4 +1,4 @@
-"""Walking at commanded velocities: who falls, how fast it really goes, what it costs, and whether it stops."""
+"""Walking at commanded velocities: falls, errors of the velocity, cost of transport, stops and top speed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,21 +13,21 @@ from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
 from bridge.plots import new_figure
 
-CONTESTED = ("steady", "top")  # kinds of cases that ask nothing of a controller but a velocity
+CONTESTED = ("steady", "top")  # kinds of cases that only command velocities
 
 
 def cases(robot: str, seeds: int, scenarios: Sequence[str] = (), contender: str = "") -> list[Case]:
     """Inputs of every case of the chosen scenarios, or of all; a contender has ``CONTESTED`` ones only."""
-    config, asked = walk_config(), robot_walk(robot)
-    kinds = {name: "steady" if name in asked.scenarios else name for name in asked.names}
+    config, expected = walk_config(), robot_walk(robot)
+    kinds = {name: "steady" if name in expected.scenarios else name for name in expected.names}
     known = [name for name, kind in kinds.items() if not contender or kind in CONTESTED]
     names = chosen(f"walk --robot {robot}{' --contender' if contender else ''}", scenarios, known)
     found: list[Case] = []
     for seed in range(seeds):
         for name in names:
             case: dict[str, Any] = {"kind": kinds[name]}
-            if name in asked.scenarios:
-                case |= {"command": asked.scenarios[name], "duration": config.duration}
+            if name in expected.scenarios:
+                case |= {"command": expected.scenarios[name], "duration": config.duration}
             case |= {"scenario": name, "robot": robot, "seed": seed}
             found.append({**case, "contender": contender} if contender else case)
     return found
@@ -38,14 +38,14 @@ def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[s
     of: dict[str, list[Case]] = {}
     for case in results:
         of.setdefault(case["scenario"], []).append(case)
-    walks = [case for case in results if case["kind"] != "top"]  # may fall where it finds the limit
+    walks = [case for case in results if case["kind"] != "top"]  # the search for the top speed may fall
     falls = [case for case in walks if case["fell"]]
     figures = {"falls": float(len(falls)), "walks": float(len(walks))}
     broken = [f"fell: {case['scenario']}, seed {case['seed']}: {case['reason']}" for case in falls]
-    asked = robot_walk(robot)
-    for name in asked.scenarios:
+    expected = robot_walk(robot)
+    for name in expected.scenarios:
         if name in of:
-            found, faults = _judge_speed(name, of[name], asked.scenarios[name])
+            found, faults = _judge_speed(name, of[name], expected.scenarios[name])
             figures, broken = figures | found, broken + faults
     steady = [case for case in results if case["kind"] == "steady"]
     if steady:
@@ -68,8 +68,8 @@ def judge(robot: str, results: Sequence[Case]) -> tuple[dict[str, float], list[s
     if "top" in of:
         figures["top_speed"] = top = min(case["top_speed"] for case in of["top"])
         figures["top_speed_median"] = float(np.median([case["top_speed"] for case in of["top"]]))
-        if top < asked.required_top_speed:
-            slow = [case for case in of["top"] if case["top_speed"] < asked.required_top_speed]
+        if top < expected.required_top_speed:
+            slow = [case for case in of["top"] if case["top_speed"] < expected.required_top_speed]
             broken += [f"top speed, seed {case['seed']}: {case['reason']}" for case in slow]
     return figures, broken
 

@@ -48,11 +48,11 @@ FACTOR_TIME = 1.0  #: Over which the real-time factor is averaged [s]
 class CommandInput:
     """Passes modes, and commands computed from recent sensors, to the drivers; refuses others with the reason.
 
-    A command is refused when its sensors are older than ``max_age`` [ns]; ``period`` is the tick [ns]. ``probe``
-    records arrivals, optional; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
-    ``now`` is the stamp of the present tick [ns], set by the node, ``stamp`` that of the command in force [ns],
-    ``due_since`` that from which commands are due [ns], 0 before the first mode with motion,
-    ``judged`` that of the state that the supervisor has judged [ns], 0 before the first in a mode.
+    A command is refused when its sensors are older than ``max_age`` [ns]; ``period`` is the tick [ns]. ``probe``,
+    optional, records arrivals; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
+    Stamps [ns]: ``now`` of the present tick, set by the node; ``stamp`` of the command in force; ``due_since`` from
+    which commands are due, 0 before the first mode with motion; ``judged`` of the newest state that the supervisor has
+    checked in the present mode, 0 before the first.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class CommandInput:
         try:
             stamp, command = self._codec.decode(data)
             if stamp and data == self._accepted:
-                return  # the answer to a repeated sample
+                return  # a repeated sample has the same command
             check_stamp(stamp, self.stamp, self.now, self._max_age, self._node.counters)
             if self._drivers.command(command):
                 self.stamp, self._accepted = stamp or self.stamp, data
@@ -261,18 +261,16 @@ class SimulationServices:
     ) -> None:
         self._node, self._drivers, self._plant = node, drivers, drivers.plant
         self._restart, self._pause = restart, pause
-        duration = describe("Duration of a push [s]", read_only=False, low=0.001, high=10.0)
         for name, default, text in (
             ("push.force", [0.0, 60.0, 0.0], "Force of the service push, in the world [N]"),
-            ("push.duration", 0.1, duration),
+            ("push.duration", 0.1, "Duration of a push [s]"),
             ("push.body", "base_link", "Body that the service push pushes"),
             ("obstacle.place", [2.0, 0.0], "Middle of the box of the service obstacle, x and y in the world [m]"),
             (SCENARIO, "", "What faults/inject injects: YAML, a file, or the name of a packaged scenario"),
         ):
             if not node.has_parameter(name):
-                node.declare_parameter(
-                    name, default, describe(text, read_only=False) if isinstance(text, str) else text
-                )
+                low, high = (0.001, 10.0) if name == "push.duration" else (-math.inf, math.inf)
+                node.declare_parameter(name, default, describe(text, read_only=False, low=low, high=high))
         self._plant.faults.note = node.get_logger().warning
         node.listen(WrenchStamped, topics.PUSH, self._on_push, EVENT)
         self._offer(SetBool, "pause", self._on_pause)

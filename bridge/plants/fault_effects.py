@@ -20,9 +20,9 @@ STAMPS, SCAN = "stamps", "scan"
 IMU, JOINT_STATES = "imu", "joint_states"
 FEET = tuple(f"foot:{name}" for name in FOOT_NAMES)  #: Sources of messages; targets of the same name
 Effect: TypeAlias = Callable[[int, Vector], tuple[Vector, bool]]
-"""Ticks since the beginning and true values (n,) -> values that come out (n,), and whether the message is missing.
+"""Ticks since the injection and true values (n,) -> resulting values (n,), and whether the message is missing.
 
-The true values may be kept."""
+An effect may keep a reference to the true values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Channels:
 
 #: First channel behind the joints, number of channels, and messages of IMU and feet
 _PARTS = {
-    "imu": (0, 6, frozenset({IMU})),
+    IMU: (0, 6, frozenset({IMU})),
     "imu.gyro": (0, 3, frozenset({IMU})),
     "imu.accel": (3, 3, frozenset({IMU})),
     "feet": (6, 12, frozenset(FEET)),
@@ -83,7 +83,7 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
     if group == SCAN:
         scan = model.profile.sensors.scan
         if scan is None:
-            raise ConfigError(f"fault of scan: {model.name}: the profile has no scanner")
+            raise ConfigError(f"fault {fault}: {model.name}: the profile has no scanner")
         least, most = np.full(scan.rays, scan.range_min), np.full(scan.rays, scan.range_max)
         return Channels(np.arange(scan.rays), least, most, sources=frozenset({SCAN}))
     if group in ("joint", "joints"):
@@ -103,8 +103,8 @@ def channels_of(fault: Fault, model: RobotModel) -> Channels:
 def _full_scale(model: RobotModel) -> tuple[Vector, Vector]:
     """Least and greatest value of every channel of ``SensorNoise``."""
     imu, feet = model.profile.sensors.imu, model.profile.sensors.feet
-    force = feet.force_range or 2.0 * model.mass * GRAVITY  # a suitable sensor bears a landing on one foot
-    torque = feet.torque_range or force * max(model.feet[0].rectangle)  # ... on the sole's edge
+    force = feet.force_range or 2.0 * model.mass * GRAVITY  # a suitable sensor measures a landing on one foot
+    torque = feet.torque_range or force * max(model.feet[0].rectangle)  # at the edge of the sole
     tail = np.repeat([imu.gyro_range, imu.accel_range, force, torque, force, torque], 3)
     high = np.concatenate([model.v_max, model.tau_max, tail])
     return np.concatenate([model.q_lower, -high]), np.concatenate([model.q_upper, high])
@@ -137,7 +137,7 @@ def effect_of(
 
 
 def _lost(lost: Callable[[int], bool], last: Vector, grace: float, fill: float) -> Effect:
-    """Lost values; the last one is repeated for ``grace`` ticks, then ``fill`` comes."""
+    """Lost values; the last one is repeated for ``grace`` ticks, then replaced by ``fill``."""
     last_k = -1
 
     def effect(k: int, x: Vector) -> tuple[Vector, bool]:
@@ -163,7 +163,7 @@ def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
     """Ticks without a new value at the rate; the first has one."""
     per_tick = (fault.rate or 0.0) * period
     if per_tick > 1.0 + 1e-9:
-        raise ConfigError(f"rate: {fault.rate} Hz is more than that of the ticks, {1.0 / period:g} Hz")
+        raise ConfigError(f"rate: {fault.rate} Hz is above that of the ticks, {1.0 / period:g} Hz")
     passed = -1
 
     def lost(k: int) -> bool:
@@ -176,7 +176,7 @@ def _pauses(fault: Fault, period: float) -> Callable[[int], bool]:
 
 
 def _delayed(ticks: int, out: Vector) -> Effect:
-    """Values delayed by some ticks; that before the fault until the first one comes."""
+    """Values delayed by some ticks; ``out``, from before the fault, until the first arrives."""
     line: deque[tuple[int, Vector]] = deque()
 
     def effect(k: int, x: Vector) -> tuple[Vector, bool]:

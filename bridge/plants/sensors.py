@@ -79,7 +79,7 @@ class SensorNoise:
 
     For each channel, with white noise w ~ N(0, 1) once a tick and age a ~ U(0, jitter) once a tick and unit::
 
-        x' = x(t - a),    y = round_r(clip(A x' + b + o + sigma w, -range, range)),    b += walk sqrt(tick) w'
+        x' = x(t - a),    y = clip(round_r(A x' + b + o + sigma w), -range, range),    b += walk sqrt(tick) w'
 
     - joint position: offset o drawn once per seed, rounded to the encoder's resolution r, no noise besides;
     - joint velocity and torque: sigma from the profile;
@@ -90,7 +90,7 @@ class SensorNoise:
 
     Encoders, IMU and feet have an age each; x(t - a) is interpolated between the last two ticks. Random values depend
     only on the non-negative seed and on the number of calls of ``advance`` since ``reset``. ``scale`` multiplies all of
-    them; with 0 the measurements are exact and not rounded. ``errors`` are added independent of it. ``period`` is the
+    them; with 0 the measurements are exact and not rounded. ``errors`` do not scale with it. ``period`` is the
     tick [s]. Raises ``ConfigError`` when the seed is negative, ``scale`` is negative or not finite, or ``errors`` is
     unusable, ``JointNameError`` when ``errors`` names an unknown joint.
     """
@@ -102,8 +102,7 @@ class SensorNoise:
             raise ConfigError(f"sensor_noise: {scale} is not a finite, non-negative scale")
         nj = self._nj = model.nj
         self.scale = scale
-        self.size = 3 * nj + TAIL
-        """Channels: q, v, tau (3 nj), gyro (3), accel (3), wrenches left and right (12)."""
+        self.size = 3 * nj + TAIL  #: Channels: q, v, tau (3 nj), gyro (3), accel (3), wrenches left and right (12)
         self._imu, self._tail = slice(3 * nj, 3 * nj + 6), slice(3 * nj, self.size)
         sensors = model.profile.sensors
         imu, encoders, feet = sensors.imu, sensors.encoders, sensors.feet

@@ -22,12 +22,13 @@ FRAME_SIZE = (300, 480)  #: Width and height of one picture [pixel]
 GIF_SIZE, GIF_RATE, GIF_SPEED = (160, 230), 6, 4.5  #: Of an animation: size [pixel], pictures a second, times real time
 GIF_COLORS = 32  #: Of its palette [-]
 DONE = "done"  #: Last word of the events that end a part of the run
-NOT_OURS = 3  #: Exit status for errors of the recording or the profile, not of the graphics
-GL_ADVICE = "no pictures: EGL was not found; Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
+INPUT_ERROR = 3  #: Exit status for an unusable recording or profile
+GL_PACKAGES = "Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
+GL_ADVICE = f"no pictures: EGL was not found; {GL_PACKAGES}"
 
 
 def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, timeout: float = 120.0) -> str:
-    """Draw a film strip of a file of ``Recording.save`` in another process; returns why not, or an empty text."""
+    """Draw a film strip of a file of ``Recording.save`` in another process; returns the error, or an empty text."""
     if ctypes.util.find_library("EGL") is None:
         return GL_ADVICE
     command = [sys.executable, "-m", "bridge.record.render", "--profile", robot, str(recording_file), str(picture)]
@@ -45,16 +46,16 @@ def render_filmstrip(recording_file: Path, picture: Path, robot: str = "", *, ti
     if result.returncode == 0 and picture.is_file():
         return ""
     last = (result.stderr.strip().splitlines() or [f"exit status {result.returncode}"])[-1]
-    if result.returncode == NOT_OURS:
+    if result.returncode == INPUT_ERROR:
         return f"no pictures: {last}"
-    return f"{GL_ADVICE} (drawing failed: {last})"
+    return f"no pictures: drawing failed: {last}; {GL_PACKAGES}"
 
 
 def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
     """Stamps to draw, increasing [s]: beginning, end, and in each part of the run the posture farthest from its first.
 
-    A part lasts from an event to the next one. The rest of the ``count`` (at least two) shows each part on the way to
-    that posture, then the middle of the widest gaps.
+    A part lasts from an event to the next one. The rest of the ``count`` (at least two) is 0.6 of the way to each of
+    these postures, then the middle of the widest gaps.
     """
     t = recording.t
     deviation = np.linalg.norm(recording.q[:, 7:] - recording.q[0, 7:], axis=1) + np.abs(
@@ -67,7 +68,7 @@ def frame_times(recording: Recording, count: int = FRAMES) -> list[float]:
         if len(part) == 0 or text.endswith(DONE):
             continue
         peak = int(part[np.argmax(deviation[part])])
-        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])  # 0.6 of the way
+        way = int(part[np.argmax(deviation[part] >= 0.6 * deviation[peak])])
         peaks.append(float(t[peak]))
         ways.append(float(t[way]))
     times = {float(t[0]), float(t[-1])}
@@ -150,7 +151,7 @@ def main(arguments: list[str]) -> int:
         draw([Recording.load(file) for file in given.recordings], given.picture, given.profile)
     except PoiseError as error:
         print(error, file=sys.stderr)
-        return NOT_OURS
+        return INPUT_ERROR
     return 0
 
 

@@ -60,7 +60,7 @@ class ReplayedStack:
         self.begun = False
         self._inputs: dict[str, Callable[..., None]] = {
             "start": self._start,
-            "sample": lambda _: None,  # has served to put the sample together
+            "sample": lambda _: None,  # the caller has decoded it
             "dt": partial(setattr, self, "_dt"),
             "law_dt": partial(setattr, self, "_law_dt"),
             "reset": self._reset,
@@ -82,11 +82,11 @@ class ReplayedStack:
         """Continue from a checkpoint of a black box; ``PoiseError`` for another version."""
         record = start.record
         if "memory" not in record or set(record["stages"]) != set(self._log.stages):
-            raise PoiseError("the state of the stack is of another version of poise")
+            raise PoiseError("the recorded state of the stack is of another version of poise")
         for name, stage in record["stages"].items():
             begin = stage["begin"]
             restore(self._log.stages[name], start.data[begin : begin + stage["size"]], stage)
-        self._stack.restore(_memory(record["memory"]))
+        self._stack.restore(_snapshot(record["memory"]))
         for word in ("dt", "law_dt"):
             self._apply((word, *record["in_force"].get(word, (0.0,))))
         self.begun = self._estimating = self._steps = True
@@ -119,7 +119,7 @@ class ReplayedStack:
     def _apply(self, *entries: Entry) -> None:
         for word, *values in entries:
             if word not in self._inputs:
-                raise PoiseError(f"the recording is of another version: '{word}' is not known")
+                raise PoiseError(f"the recording is of another version: unknown input '{word}'")
             if not self._estimating and word in ("reset", "mode", "stop_motion"):
                 raise PoiseError("the recording holds an input before the estimator has started")
             self._inputs[word](*values)
@@ -146,7 +146,7 @@ class ReplayedStack:
             self._stack.stop_motion()
 
 
-def _memory(record: dict[str, Any]) -> StackSnapshot:
+def _snapshot(record: dict[str, Any]) -> StackSnapshot:
     state = {name: np.array(record["state"][name], dtype=float) for name in ("q", "v", "tau")}
     left, right = (ContactState(active, np.array(wrench)) for active, wrench in record["state"]["contacts"])
     return StackSnapshot(

@@ -19,7 +19,7 @@ from planners.gait.config import VelocityConfig
 
 #: Headings of pushes, from that of the robot [deg]
 DIRECTIONS = {"from the left": -90.0, "from the right": 90.0, "from behind": 0.0, "from the front": 180.0}
-PUSH_STEP, PUSH_FIRST = 5.0, 100.0  #: Of the slider for pushes: its step, and where it starts [N]
+PUSH_STEP, PUSH_FIRST = 5.0, 100.0  #: Of the slider for pushes: step and initial value [N]
 ANSWER_MAX = 160  #: Characters of an answer that are shown [-]
 _GOOD, _BAD = "#2b8a3e", "#c92a2a"
 
@@ -36,16 +36,17 @@ class Controls:
         self._answer = gui.add_markdown("")
         for name in MODE_SERVICES:
             button = gui.add_button(name, color="red" if name == "E-STOP" else None)
-            button.on_click(self._calls(name))
-        said = gui.add_button_group("say", words)
-        said.on_click(self._says)
+            button.on_click(self._call(name))
+        gui.add_button_group("say", words).on_click(self._on_word)
         self.sticks = Sticks(gui, limits, config.drive_idle, self.report)
         with gui.add_folder("push, in simulation"):
             most = config.push_force_max
             force = gui.add_slider("force [N]", 0.0, most, PUSH_STEP, min(PUSH_FIRST, most))
             direction = gui.add_dropdown("direction", tuple(DIRECTIONS))
             gui.add_button("push").on_click(
-                lambda _: operator.post(lambda: operator.push(self._force(force.value, DIRECTIONS[direction.value])))
+                lambda _: operator.post(
+                    lambda: operator.push(force_from(force.value, DIRECTIONS[direction.value], self._yaw))
+                )
             )
 
     @property
@@ -58,7 +59,7 @@ class Controls:
         self._answer.content = f"`{text[:ANSWER_MAX]}`"
 
     def show(self, snapshot: Snapshot | None, words: Words) -> None:
-        """Show mode, state, faults with their reasons, and what to do next."""
+        """Show mode, state, faults with their reasons, and the next action."""
         if snapshot is not None:
             self._yaw = heading(*snapshot.q[3:7])
         margin = math.nan if snapshot is None else snapshot.margin
@@ -86,14 +87,11 @@ class Controls:
             + "</div>"
         )
 
-    def _force(self, size: float, direction: float) -> Vector:
-        return force_from(size, direction, self._yaw)
-
-    def _says(self, event: Any) -> None:
+    def _on_word(self, event: Any) -> None:
         word = str(event.target.value)
         self._operator.post(lambda: self._operator.say(word))
 
-    def _calls(self, name: str) -> Callable[[object], None]:
+    def _call(self, name: str) -> Callable[[object], None]:
         return lambda event: self._operator.post(lambda: self._operator.call(name))
 
 
@@ -111,16 +109,16 @@ class DeadMan:
 
     def __init__(self, idle: float) -> None:
         self._idle = idle
-        self._who: int | None = None
-        self._when = 0.0
+        self._browser: int | None = None
+        self._touched = 0.0
 
-    def touch(self, who: int, now: float) -> None:
-        """A browser has moved a stick at a time [s]."""
-        self._who, self._when = who, now
+    def touch(self, browser: int, now: float) -> None:
+        """Record that a browser has moved a stick at a time [s]."""
+        self._browser, self._touched = browser, now
 
-    def there(self, browsers: Collection[int], now: float) -> bool:
+    def present(self, browsers: Collection[int], now: float) -> bool:
         """Whether the operator is present at a time [s], given the connected browsers."""
-        return self._who in browsers and now - self._when <= self._idle
+        return self._browser in browsers and now - self._touched <= self._idle
 
 
 class Sticks:
@@ -148,10 +146,10 @@ class Sticks:
         """Forward [m/s], left [m/s], turn [rad/s]; None while the sticks are idle or no browser is connected."""
         if not self._drive.value:
             return None
-        if not self._dead_man.there(browsers, time.monotonic()):
+        if not self._dead_man.present(browsers, time.monotonic()):
             self._drive.value = False
             self._zero()
-            self._report(f"sticks released: not moved for {self._idle:g} s, or the browser is gone")
+            self._report(f"sticks released: not moved for {self._idle:g} s, or the browser disconnected")
             return None
         forward, left, turn = (float(slider.value) for slider in self._sliders)
         return forward, left, turn
@@ -165,8 +163,8 @@ class Sticks:
             slider.value = 0.0
 
 
+#: Of the lines of a plot, in turn
 COLORS = ("#3070d0", "#d05030", "#30a050", "#a040b0", "#c09020", "#606060", "#20a0a0", "#d060a0")
-"""Lines of a plot, in turn."""
 
 
 class LivePlots:

@@ -97,11 +97,11 @@ def test_he_who_steers_is_there_while_he_moves_something_and_his_browser_is() ->
     from bridge.view.controls import DeadMan
 
     man = DeadMan(10.0)
-    assert not man.there([1, 2], 0.0)  # nobody has touched anything
+    assert not man.present([1, 2], 0.0)  # nobody has touched anything
     man.touch(1, 5.0)
-    assert man.there([1, 2], 15.0) and not man.there([1, 2], 15.1)
+    assert man.present([1, 2], 15.0) and not man.present([1, 2], 15.1)
     man.touch(1, 20.0)
-    assert not man.there([2], 20.0)  # another browser that only looks does not hold the sticks
+    assert not man.present([2], 20.0)  # another browser that only looks does not hold the sticks
 
 
 def test_a_push_comes_from_the_robots_side_wherever_it_looks() -> None:
