@@ -21,10 +21,10 @@ class ObstacleStopConfig:
     """Gaps, speeds and times of the obstacle stop; every field is documented with its unit."""
 
     stop_distance: Annotated[float, Field(gt=0, le=5)]  #: Gap at which the robot must stand [m]
-    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap above which it may walk again [m]
-    release_time: Annotated[float, Field(ge=0, le=60)]  #: Time that the gap must stay above it [s]
+    release_distance: Annotated[float, Field(gt=0, le=10)]  #: Gap from which the robot may walk again [m]
+    release_time: Annotated[float, Field(ge=0, le=60)]  #: Time for which the gap must be this long [s]
     margin: Annotated[float, Field(ge=0, le=2)]  #: Corridor beyond the body, each side [m]
-    deceleration: Annotated[float, Field(gt=0, le=10)]  #: Deceleration of a walk that is relied on [m/s^2]
+    deceleration: Annotated[float, Field(gt=0, le=10)]  #: Assumed deceleration of a walk [m/s^2]
     reaction_time: Annotated[float, Field(ge=0, le=5)]  #: From a reading to the first effect [s]
     speed_min: Annotated[float, Field(gt=0, le=1)]  #: Slowest walk towards an obstacle [m/s]
     scan_timeout: Annotated[float, Field(gt=0, le=5)]  #: Oldest usable scan [s]

@@ -20,13 +20,13 @@ class OrientationFilterConfig:
 
     kp: Positive  #: rate at which the tilt follows the accelerometer [1/s]
     ki: NonNegative  #: rate at which the bias follows the tilt's error [1/s^2]
-    #: deviation of |specific force| / gravity from 1 at which alpha is 0 [-]
+    #: deviation of |specific force| / gravity from 1 at which the accelerometer is not used [-]
     accel_band: Annotated[float, Field(gt=0.0, le=1.0)]
     bias_max: Positive  #: largest gyro bias, each axis [rad/s]
-    rest_gyro: Positive  #: angular rate less bias below which it rests [rad/s]
+    rest_gyro: Positive  #: angular rate less bias below which the unit is at rest [rad/s]
     rest_accel: Annotated[float, Field(gt=0.0, lt=1.0)]  #: deviation of |specific force| / gravity from 1 at rest [-]
-    rest_time: NonNegative  #: below both thresholds before the unit counts as at rest [s]
-    rest_time_constant: Positive  #: of the bias estimate at rest [s]
+    rest_time: NonNegative  #: time at rest after which the bias follows the rate [s]
+    rest_time_constant: Positive  #: time constant of the bias estimate at rest [s]
 
 
 class OrientationFilter:
