@@ -56,7 +56,7 @@ def test_a_package_is_built_once_and_again_when_its_definitions_change(
     shutil.copytree(DEFINITIONS / "poise_interfaces", tmp_path / "definitions/new_interfaces")
     (tmp_path / "prefix").mkdir()
     monkeypatch.setattr(interface_build, "DEFINITIONS", tmp_path / "definitions")
-    monkeypatch.setattr(interface_build, "PACKAGES", {"new_interfaces": ("geometry_msgs",)})
+    monkeypatch.setattr(interface_build, "PACKAGES", {"new_interfaces": ("geometry_msgs", "trajectory_msgs")})
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "prefix"))
     for path in (tmp_path / "definitions/new_interfaces").rglob("*.*"):
         path.write_text(path.read_text().replace("poise_interfaces", "new_interfaces"))
