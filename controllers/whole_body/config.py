@@ -14,7 +14,7 @@ class Gains:
 
     kp: NonNegative  #: Position gain [1/s^2]
     kd: NonNegative  #: Velocity gain [1/s]
-    weight: NonNegative  #: Weight [-]
+    weight: NonNegative  #: Weight of the task [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

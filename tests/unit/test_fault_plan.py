@@ -88,7 +88,7 @@ def test_what_is_wrong_is_named(text: str, culprit: str) -> None:
         (Fault("motor:tail_joint", "off"), "unknown joint 'tail_joint'"),
         (Fault("torque:tail_joint", "off"), "unknown joint 'tail_joint'"),
         (Fault("imu.gyro", "wrong", offset=(1.0, 2.0)), "offset: 2 numbers, expected 1 or 3"),
-        (Fault("imu", "slow", rate=1001.0), "rate: 1001.0 Hz is more than that of the ticks, 1000 Hz"),
+        (Fault("imu", "slow", rate=1001.0), "rate: 1001.0 Hz is above that of the ticks, 1000 Hz"),
     ],
 )
 def test_what_does_not_fit_the_robot_is_refused_and_nothing_injected(
