@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -261,16 +262,16 @@ class SimulationServices:
     ) -> None:
         self._node, self._drivers, self._plant = node, drivers, drivers.plant
         self._restart, self._pause = restart, pause
-        for name, default, text in (
-            ("push.force", [0.0, 60.0, 0.0], "Force of the service push, in the world [N]"),
-            ("push.duration", 0.1, "Duration of a push [s]"),
-            ("push.body", "base_link", "Body that the service push pushes"),
-            ("obstacle.place", [2.0, 0.0], "Middle of the box of the service obstacle, x and y in the world [m]"),
-            (SCENARIO, "", "What faults/inject injects: YAML, a file, or the name of a packaged scenario"),
+        parameter = partial(describe, read_only=False)
+        for name, default, descriptor in (
+            ("push.force", [0.0, 60.0, 0.0], parameter("Force of the service push, in the world [N]")),
+            ("push.duration", 0.1, parameter("Duration of a push [s]", low=0.001, high=10.0)),
+            ("push.body", "base_link", parameter("Body that the service push pushes")),
+            ("obstacle.place", [2.0, 0.0], parameter("Centre of the box of the service obstacle, x and y in W [m]")),
+            (SCENARIO, "", parameter("Faults of faults/inject: YAML, a file, or the name of a packaged scenario")),
         ):
             if not node.has_parameter(name):
-                low, high = (0.001, 10.0) if name == "push.duration" else (-math.inf, math.inf)
-                node.declare_parameter(name, default, describe(text, read_only=False, low=low, high=high))
+                node.declare_parameter(name, default, descriptor)
         self._plant.faults.note = node.get_logger().warning
         node.listen(WrenchStamped, topics.PUSH, self._on_push, EVENT)
         self._offer(SetBool, "pause", self._on_pause)

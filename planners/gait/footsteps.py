@@ -11,12 +11,11 @@ from msgspec import Struct
 
 from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed, unbox
-from models.types import Matrix
+from models.types import Matrix, Velocity
 from planners.gait.config import ReachConfig
 
 LEFT, RIGHT = 0, 1
 
-Velocity = tuple[float, float, float]  #: Forward [m/s], left [m/s], turn [rad/s], in the body's frame
 Pose = tuple[float, float, float]  #: x, y in W [m], heading in W [rad]
 Point = tuple[float, float]  #: x, y [m]
 Place = tuple[float, float, float, float]  #: x, y in W [m], heading [rad], height z [m]

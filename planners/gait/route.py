@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from msgspec import Struct
 
 from models.errors import CommandError, PoiseError, UnreachableError
-from models.types import FOOT_NAMES
+from models.types import FOOT_NAMES, Velocity
 from planners.gait.config import GaitConfig
 from planners.gait.footsteps import (
     LEFT,
     RIGHT,
     Foothold,
     StepLimits,
-    Velocity,
     clamped,
     middle,
     next_foothold,

@@ -56,7 +56,8 @@ def test_a_walk_that_does_not_stop_fails_with_the_time_waited() -> None:
 
     config = default_config(ActionsConfig, "bridge", "actions")
     robot: Any = SimpleNamespace(mode="walk", route=[], config=config, begin=list, set_mode=set_mode, until=until)
-    handle, turn = SimpleNamespace(request=SimpleNamespace(goal=None)), SimpleNamespace(ended="replaced")
-    outcome = asyncio.run(WalkTo(robot, None, list).run(handle, turn))  # type: ignore[arg-type]
+    handle: Any = SimpleNamespace(request=SimpleNamespace(goal=None))
+    turn: Any = SimpleNamespace(ended="replaced")
+    outcome = asyncio.run(WalkTo(robot, None, list).run(handle, turn))
     assert not outcome.success and outcome.message.startswith("replaced; no standstill")
     assert outcome.message.endswith(f"within {config.stand_timeout:g} s")

@@ -97,7 +97,7 @@ def test_he_who_steers_is_there_while_he_moves_something_and_his_browser_is() ->
     from bridge.view.controls import DeadMan
 
     man = DeadMan(10.0)
-    assert not man.present([1, 2], 0.0)  # nobody has touched anything
+    assert not man.present([1, 2], 0.0)  # no stick was moved yet
     man.touch(1, 5.0)
     assert man.present([1, 2], 15.0) and not man.present([1, 2], 15.1)
     man.touch(1, 20.0)
