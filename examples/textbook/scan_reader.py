@@ -1,4 +1,4 @@
-"""Walks at 0.3 m/s; turns at 0.5 rad/s where the scan sees something within a metre."""
+"""Walks at 0.3 m/s; turns at 0.5 rad/s where the scan shows something within a metre ahead."""
 
 import math
 
@@ -6,6 +6,8 @@ import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
+
+AHEAD = 0.7  # half of the sector that is looked at [rad]
 
 
 class ScanReader(Node):
@@ -15,13 +17,16 @@ class ScanReader(Node):
         self.publisher = self.create_publisher(Twist, "cmd_vel", 10)
 
     def on_scan(self, scan):
-        nearest = min((r for r in scan.ranges if math.isfinite(r)), default=math.inf)
         velocity = Twist()
-        if nearest < 1.0:
+        if any(r < 1.0 and self.ahead(scan, i) for i, r in enumerate(scan.ranges)):
             velocity.angular.z = 0.5
         else:
             velocity.linear.x = 0.3
         self.publisher.publish(velocity)
+
+    def ahead(self, scan, i):
+        angle = scan.angle_min + i * scan.angle_increment
+        return abs(math.remainder(angle, math.tau)) < AHEAD
 
 
 rclpy.init()

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -150,6 +151,13 @@ def test_every_textbook_node_is_short() -> None:
     assert {
         path.name: len(path.read_text().splitlines()) for path in files if len(path.read_text().splitlines()) >= 40
     } == {}
+
+
+def test_the_page_names_every_textbook_node_and_files_that_exist() -> None:
+    root = FOLDER.parents[1]
+    page = (root / "docs" / "textbook.md").read_text()
+    assert [path.name for path in FOLDER.glob("*.py") if f"`{path.name.removesuffix('.py')}" not in page] == []
+    assert [name for name in re.findall(r"(?:examples|tests)/[\w/.]+\.py", page) if not (root / name).is_file()] == []
 
 
 def test_joint_commands_at_50_hz_move_an_arm(robots: Robots, tmp_path: Path) -> None:
