@@ -90,8 +90,11 @@ def test_the_report_is_json_and_a_table(tmp_path: Path) -> None:
     print_report(console, "g1", checks, stable, fast)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "hand moved [59] cm" in text and "1.6 mm" in text and "1.38 ms" in text and "failed" in text
+    assert all(title in text for title in ("check", "result", "measured", "figure", "value"))
 
 
 @pytest.mark.parametrize(("factor", "passed"), [(0.99, True), (0.5, True), (0.05, False), (float("nan"), False)])
 def test_a_run_may_be_slower_than_real_time_but_must_end(factor: float, passed: bool) -> None:
-    assert judge_speed({"real_time_factor": factor}, CONFIG).passed is passed
+    check = judge_speed({"real_time_factor": factor}, CONFIG)
+    assert check.passed is passed
+    assert ("simulated time waited" in check.detail) is (factor < 0.9)
