@@ -235,7 +235,7 @@ class GaitPlanner:
         gait, duration = self.state, self.config.timing.double
         elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
         gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
-        if elapsed >= duration or self._far_off():
+        if elapsed >= duration or self._far_off() or not self.state.measured.active[1 - self.state.stance]:
             self._lift()
 
     def _in_finish(self) -> None:
