@@ -235,7 +235,8 @@ class GaitPlanner:
         gait, duration = self.state, self.config.timing.double
         elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
         gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
-        if elapsed >= duration or self._far_off() or not self.state.measured.active[1 - self.state.stance]:
+        bears = gait.measured.active[1 - gait.stance]  # after a wide step the body drags the rear foot off the floor
+        if elapsed >= duration or self._far_off() or not bears:
             self._lift()
 
     def _in_finish(self) -> None:

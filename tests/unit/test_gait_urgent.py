@@ -16,7 +16,7 @@ from planners.gait.measurement import GaitMeasurement
 from planners.gait.planner import GaitPlanner
 from planners.gait.reference import ReferenceBuilder, height_in_reach
 from planners.gait.state import GaitPhase
-from tests.gaits import DT, in_single_support
+from tests.gaits import DT, in_single_support, on_one_foot
 from tests.support import standing
 
 
@@ -56,6 +56,19 @@ def test_an_urgent_step_goes_on_through_a_moment_in_the_air(g1: RobotModel, urge
     for _ in range(round(1.5 * planner.config.lift.float_time / DT)):
         reference = planner.step(pushed(planner, (0.0, 0.0)), DT)
     assert any(reference.contacts) == urgent
+
+
+@pytest.mark.parametrize("bears", [True, False])
+def test_double_support_ends_when_the_rear_foot_leaves_the_floor(g1: RobotModel, bears: bool) -> None:
+    planner = in_single_support(g1)
+    planner.set_velocity(0.2, 0.0, 0.0)
+    while planner.phase is GaitPhase.SINGLE:
+        planner.step(standing(g1), DT)
+    assert planner.phase is GaitPhase.DOUBLE
+    rear = 1 - planner.stance
+    planner.step(standing(g1, shares=(0.5, 0.5) if bears else on_one_foot(planner.stance)), DT)
+    assert planner.phase is (GaitPhase.DOUBLE if bears else GaitPhase.SINGLE)
+    assert 1 - planner.stance == rear
 
 
 def test_limits_of_an_urgent_step_are_no_narrower(g1: RobotModel) -> None:
