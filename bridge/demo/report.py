@@ -78,7 +78,7 @@ def judge(model: RobotModel, recording: Recording, config: DemoConfig) -> tuple[
 def judge_speed(figures: dict[str, float], config: DemoConfig) -> Check:
     """Check that the scenario ran in real time by ``figures["real_time_factor"]``, which is NaN when it did not end."""
     factor = figures["real_time_factor"]
-    cause = ": simulated time waited, as other programs used the processor or it is slow" if factor < SLOW else ""
+    cause = "; simulated time waited: other programs used the processor, or it is slow" if factor < SLOW else ""
     return Check("real time", factor >= config.real_time_min, f"{factor:.2f} of real time{cause}")
 
 

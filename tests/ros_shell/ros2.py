@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,7 @@ class Shell:
             print("\n".join(f"    {each}: {', '.join(kinds)}" for each, kinds in sorted(found)))
 
     def topic(self, verb: str, *words: str) -> None:
-        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once``."""
+        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once``, ``pub -r RATE --times N``."""
         name = next((word for word in words if word.startswith("/")), "")
         if verb == "list":
             self._spin(DISCOVERY)
@@ -103,9 +104,12 @@ class Shell:
             publisher = self._node.create_publisher(kind, name, 10)
             self._named(publisher.get_subscription_count)
             message = fill(kind(), words[-1])
-            publisher.publish(message)
-            print(f"publishing #1: {message!r}")
-            self._spin(0.5)
+            given = dict(pairwise(words))
+            rate = float(given.get("-r") or given.get("--rate", 1.0))
+            for count in range(1 if "--once" in words else int(given.get("--times", sys.maxsize))):
+                publisher.publish(message)
+                print(f"publishing #{count + 1}: {message!r}", flush=True)
+                self._spin(1.0 / rate)
         else:
             self._listen(verb, name, once="--once" in words)
 
