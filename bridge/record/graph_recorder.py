@@ -30,8 +30,6 @@ PATIENCE = 2.0  #: Time without a robot after which a message says so [s]
 SILENCE = 10.0  #: Time without any message after which the robot counts as stopped [s]
 DEPTH = 5000  #: Queued messages of a topic: five seconds at 1 kHz
 NICENESS = -10  #: Niceness where permitted. No real-time priority, which the bridge and the control process need.
-#: Requested for each socket, up to ``net.core.rmem_max`` [bytes]: a queue while others compute
-RECEIVE_BUFFER = 8_000_000
 #: Topics logged at their stamp; the others are logged at that of the newest joints
 STAMPED = frozenset(
     {
@@ -84,9 +82,7 @@ class GraphRecorder:
         """
         with suppress(OSError):  # not permitted: as any other process
             os.setpriority(os.PRIO_PROCESS, 0, NICENESS)  # before there are threads, which inherit it
-        joined = participant(
-            "poise_record", network=network, namespace=namespace, receive_buffer=RECEIVE_BUFFER, make=make_executor
-        )
+        joined = participant("poise_record", network=network, namespace=namespace, make=make_executor)
         try:
             with joined as (node, executor):
                 self._run(node, executor, seconds, stop, say)

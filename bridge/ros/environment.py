@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any
@@ -57,25 +57,6 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
     variables = graph_environment(domain_id=domain_id, network=network)
     del variables[SUPERVISED]
     os.environ.update(variables)
-
-
-@contextmanager
-def roomy_profile(size: int) -> Iterator[None]:
-    """Context in which new nodes get receive buffers of a size [bytes], unless the user has set a profile."""
-    given = os.environ.get(PROFILE_VARIABLE)
-    if given != _packaged_profile():
-        yield
-        return
-    mark = "<type>UDPv4</type>"
-    text = Path(given).read_text(encoding="utf-8").replace(mark, f"{mark}<receiveBufferSize>{size}</receiveBufferSize>")
-    with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.environ[PROFILE_VARIABLE] = file.name
-        try:
-            yield
-        finally:
-            os.environ[PROFILE_VARIABLE] = given
 
 
 def _packaged_profile() -> str:
@@ -146,21 +127,19 @@ def participant(
     *,
     network: bool = False,
     namespace: str = "",
-    receive_buffer: int = 0,
     make: Callable[..., Any] = SingleThreadedExecutor,
 ) -> Iterator[tuple[Node, Any]]:
     """A node in a ROS context of its own, and its executor, until the end of the ``with`` block.
 
-    With ``network`` the robot may run on another machine. ``receive_buffer`` is requested for each socket [bytes]; 0:
-    the default. ``make`` makes the executor. Raises ``PoiseError`` for an invalid namespace.
+    With ``network`` the robot may run on another machine. ``make`` makes the executor. Raises ``PoiseError`` for an
+    invalid namespace.
     """
     namespace = absolute_namespace(namespace)
     join_graph(network=network)
     context = Context()
-    with roomy_profile(receive_buffer) if receive_buffer else nullcontext():
-        arguments = [*sys.argv, *log_arguments()]
-        rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
-        node = Node(name, context=context, **in_namespace(namespace))
+    arguments = [*sys.argv, *log_arguments()]
+    rclpy.init(args=arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node(name, context=context, **in_namespace(namespace))
     executor = make(context=context)
     executor.add_node(node)
     try:

@@ -2,13 +2,16 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
-from bridge.ros.environment import graph_environment
+from bridge.ros.environment import graph_environment, participant
 
 pytestmark = pytest.mark.ros
 
@@ -38,7 +41,7 @@ while mode.get_subscription_count() < 1 or flood.get_subscription_count() < 1:
     time.sleep(0.05)
 print("ready", flush=True)
 for line in sys.stdin:
-    for _ in range(6000):
+    for _ in range(12000):
         flood.publish(String(data="x" * 100))
     mode.publish(String(data="damp"))
     print("sent", flush=True)
@@ -77,3 +80,15 @@ def test_a_mode_that_was_lost_arrives_soon(ros_domain_id: int) -> None:
             process.wait()
             process.stdin.close()  # type: ignore[union-attr]
             process.stdout.close()  # type: ignore[union-attr]
+
+
+def test_sockets_have_room_for_the_description_of_a_whole_graph(ros_domain_id: int) -> None:
+    """All participants describe their endpoints to a newcomer at once; what overflows comes again a second later."""
+    granted = min(8_000_000, int(Path("/proc/sys/net/core/rmem_max").read_text()))
+    with participant("newcomer"):
+        sizes = []
+        for file in Path("/proc/self/fd").iterdir():
+            with suppress(OSError), socket.socket(fileno=os.dup(int(file.name))) as held:
+                if held.type == socket.SOCK_DGRAM and held.getsockname()[0] == "127.0.0.1":
+                    sizes.append(held.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF))
+    assert max(sizes) >= granted

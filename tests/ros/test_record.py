@@ -20,7 +20,7 @@ from bridge.cli import app
 from bridge.launch.graph import Graph
 from bridge.record.mcap_log import DESCRIPTION, ROBOT, TYPES, McapLog
 from bridge.record.run_file import read_run
-from bridge.ros.environment import PROFILE_VARIABLE, free_domain, graph_environment, roomy_profile
+from bridge.ros.environment import free_domain
 from models.nodes import topics
 from models.nodes.messages import JointCommandCodec, JointStateCodec
 from models.nodes.qos import EVENT, LATCHED, SENSOR
@@ -103,19 +103,6 @@ def test_nothing_heard_leaves_no_file(ros_domain_id: int, record: Any, tmp_path:
     process.send_signal(signal.SIGINT)
     assert process.wait(30.0) == 1
     assert list(tmp_path.glob("*run*")) == []
-
-
-def test_room_for_messages_is_asked_of_the_graphs_own_profile_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    packaged = graph_environment()[PROFILE_VARIABLE]
-    monkeypatch.setenv(PROFILE_VARIABLE, packaged)
-    with roomy_profile(123_456):
-        text = Path(os.environ[PROFILE_VARIABLE]).read_text()
-        assert "<receiveBufferSize>123456</receiveBufferSize>" in text
-        assert "127.0.0.1" in text
-    assert os.environ[PROFILE_VARIABLE] == packaged
-    monkeypatch.setenv(PROFILE_VARIABLE, "/mine.xml")
-    with roomy_profile(123_456):
-        assert os.environ[PROFILE_VARIABLE] == "/mine.xml"
 
 
 @pytest.mark.slow
