@@ -2,11 +2,18 @@
 
 import math
 import time
+from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.time import Time
 from std_msgs.msg import Float64
 
 from bridge.ros.client import Client
+from bridge.ros.environment import ignore, newest
+from bridge.ros.processes import in_namespace
 from models.errors import CommandError
 from models.nodes import topics
 from models.nodes.interfaces import interface
@@ -22,13 +29,39 @@ from planners.nodes.footstep_messages import pose_message
 PERIOD = 0.05  #: Time between two velocities: ten fit into the time after which the robot stops [s]
 ANSWER_TIMEOUT = 5.0  #: Longest wait for a subscriber, and for the answer to a request that is repeated [s]
 STEP_TIMEOUT = 2.0  #: Longest wait for one footstep, on average, and for the start and the end of a walk [s]
-RESET_TIMEOUT = 15.0  #: Longest wait until a robot that was reset stands [s]
+RESET_TIMEOUT = 60.0  #: Longest wait until a robot that was reset stands [s]
 STAND_PERIOD = 2.0  #: Time between two requests to stand after a reset [s]
 STANDSTILL_TIMEOUT = 10.0  #: Longest wait for mode 'stand' after the last velocity [s]
+SILENCE = 5.0  #: Time without odometry after which a request ends [s]
+
+
+class RobotClock:
+    """Time of the robot, simulated or real: the newest stamp of its odometry."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._now, self._received = client, math.nan, time.monotonic()
+        node = Node("poise_clock", context=client.node.context, **in_namespace(client.namespace))
+        self._odometry = node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)  # polled, not spun
+        client.wait(lambda: self.now() > -math.inf, math.inf)
+
+    def now(self) -> float:
+        """Newest stamp [s], NaN before the first; ``CommandError`` after ``SILENCE``."""
+        if (data := newest(self._odometry)) is not None:
+            stamp = deserialize_message(data, Odometry).header.stamp
+            self._now, self._received = 1e-9 * Time.from_msg(stamp).nanoseconds, time.monotonic()
+        elif time.monotonic() - self._received > SILENCE:
+            raise CommandError(f"no message on {topics.ODOM} for {SILENCE:g} s: poise status says what the robot does")
+        return self._now
+
+    def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """As ``Client.wait``, with a ``timeout`` in time of the robot [s]."""
+        end = self.now() + timeout
+        self._client.wait(lambda: condition() or self.now() > end, math.inf)
+        return condition()
 
 
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
-    """Request mode walk, repeat a velocity for ``seconds``, stop, and wait until the robot stands.
+    """Request mode walk, repeat a velocity for ``seconds`` of the robot's time, stop, and wait until it stands.
 
     ``velocity`` is forward [m/s], left [m/s], turn [rad/s]. The reply is accepted when the robot stands again. Raises
     ``CommandError`` without a subscriber or an answer, ``MessageError`` when the velocity is not finite.
@@ -46,12 +79,13 @@ def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
     client.expect(ready, ANSWER_TIMEOUT, "subscriber in mode 'walk' on", topics.CMD_VEL)
     limits: list[str] = []
     subscribe_status(client.node, GaitStatus, topics.GAIT_STATUS, lambda s: limits.append(s.limited), LATCHED)
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and client.mode == Mode.WALK.value:
+    clock = RobotClock(client)
+    end = clock.now() + seconds
+    while (left := end - clock.now()) > 0.0 and client.mode == Mode.WALK.value:
         publisher.publish(message)
-        client.spin(min(PERIOD, max(end - time.monotonic(), 0.0)))
+        client.spin(min(PERIOD, left))
     limit = next((f"; {text}" for text in reversed(limits) if text), "")
-    return _stand(client, f"walked for {seconds:g} s{limit}")
+    return _stand(client, clock, f"walked for {seconds:g} s{limit}")
 
 
 def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
@@ -82,8 +116,9 @@ def walk_to(client: Client, goal: tuple[float, float, float]) -> CommandReply:
         client.wait(lambda: bool(routes), 1.0)
     if not routes:
         return CommandReply(False, f"no answer on {topics.ROUTE_STATUS}; mode '{client.mode}'")
-    client.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
-    stood = _stand(client, f"goal {routes[-1]}")
+    clock = RobotClock(client)
+    clock.wait(lambda: routes[-1].state is not RouteState.RUNNING, (routes[-1].footsteps + 5) * STEP_TIMEOUT)
+    stood = _stand(client, clock, f"goal {routes[-1]}")
     return CommandReply(stood.accepted and routes[-1].state is RouteState.DONE, stood.reason)
 
 
@@ -105,14 +140,15 @@ def reset(client: Client) -> CommandReply:
     return CommandReply(False, state) if reply.accepted else reply
 
 
-def _stand(client: Client, outcome: str) -> CommandReply:
+def _stand(client: Client, clock: RobotClock, outcome: str) -> CommandReply:
     if client.mode != Mode.WALK.value:
         return CommandReply(False, f"the walk was ended from elsewhere: mode '{client.mode}'")
     reply = client.trigger("mode/stand")
     if not reply.accepted:
         return reply
-    stands = client.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT)
-    return CommandReply(stands, f"{outcome}; mode '{client.mode}'")
+    if clock.wait(lambda: client.mode == Mode.STAND.value, STANDSTILL_TIMEOUT):
+        return CommandReply(True, f"{outcome}; mode '{client.mode}'")
+    return CommandReply(False, f"{outcome}, but does not stand {STANDSTILL_TIMEOUT:g} s later: mode '{client.mode}'")
 
 
 PLAN_TIMEOUT = 30.0  #: Longest wait for a plan [s]

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.record.observer import Observer
+from bridge.ros import walk
 from bridge.ros.client import Client, next_step, overview
 from bridge.ros.environment import join_graph
 from controllers.commands.command_signature import Signer, Verifier
@@ -172,6 +173,37 @@ def test_a_robot_that_is_up_lacks_a_service(supervisor: FakeSupervisor) -> None:
         pytest.raises(CommandError, match=r"no service none within 1 s: the robot is up: poise"),
     ):
         client.trigger("none", timeout=1.0)
+
+
+def test_a_walk_counts_the_time_of_the_robot(context: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated time that waits for a busy machine must not cut a walk short; a robot that has gone ends the wait."""
+    monkeypatch.setattr(walk, "SILENCE", 0.5)
+    odom, codec = Node("plant", context=context).create_publisher(Odometry, topics.ODOM, SENSOR), OdometryCodec()
+    robot, sent = standing(RobotModel.load("g1")), 0
+
+    def send() -> bool:
+        nonlocal sent
+        sent += 1
+        odom.publish(codec.encode(sent * 5_000_000, robot))
+        return False
+
+    with Client() as client:
+        listening = threading.Thread(target=send_for_a_while, args=(send,))
+        listening.start()
+        clock = walk.RobotClock(client)
+        listening.join()
+        begin = sent
+        assert not clock.wait(send, 0.5)
+        assert sent - begin >= 90  # of 5 ms each
+        with pytest.raises(CommandError, match="no message on odom for 0.5 s: poise status"):
+            clock.wait(lambda: False, 0.5)
+
+
+def send_for_a_while(send: Callable[[], bool]) -> None:
+    """Send until a subscriber has had time to appear."""
+    for _ in range(30):
+        send()
+        time.sleep(0.02)
 
 
 def test_the_observer_joins_what_it_saw(context: Context, g1: RobotModel) -> None:
