@@ -63,7 +63,7 @@ def monotone_velocities(times: Vector, q: Matrix) -> Matrix:
 
 
 def knot_accelerations(times: Vector, q: Matrix, v: Matrix) -> Matrix:
-    """Accelerations (n, k) for velocities (n, k): the smaller of both Hermite segments', zero at both ends."""
+    """Smaller of the accelerations of both adjacent cubics at each knot (n, k); 0 at the ends and if signs differ."""
     a = np.zeros_like(q)
     lengths = np.diff(times)[:, None]  # (n - 1, 1)
     rise = 6.0 * np.diff(q, axis=0)  # (n - 1, k)

@@ -106,7 +106,7 @@ def fill_points(
 class TrajectoryLimits:
     """Schema of ``models/config/trajectory.yaml``."""
 
-    max_points: Annotated[int, Field(gt=0)]  #: most points in one trajectory [1]
+    points_max: Annotated[int, Field(gt=0)]  #: most points in one trajectory [1]
     start_jump: Positive  #: largest step from the joint to the first point [rad]
     position_tolerance: NonNegative  #: points outside the joint limits by at most [rad]
     overshoot_tolerance: NonNegative  #: curve outside the joint limits by at most [rad]
@@ -169,8 +169,8 @@ class _Check:
         n, k = len(self.traj.times), len(self.traj.joint_names)
         if n == 0:
             raise TrajectoryError("times: the trajectory has no points")
-        if n > self.limits.max_points:
-            raise TrajectoryError(f"times: {n} points, at most {self.limits.max_points}")
+        if n > self.limits.points_max:
+            raise TrajectoryError(f"times: {n} points, at most {self.limits.points_max}")
         for field, values in _fields(self.traj):
             if values.shape != (n, k):
                 raise TrajectoryError(f"{field}: expected {n} points of {k} joints, found shape {values.shape}")

@@ -180,7 +180,7 @@ class MotionPlanner:
             raise CommandError(f"frame '{frame}' cannot be moved; these can: {', '.join(TARGET_FRAMES)}")
         if position is None and orientation is None:
             raise CommandError(f"{frame}: give a position, an orientation or both")
-        longest = self._config.pose.max_duration
+        longest = self._config.pose.duration_max
         if duration is not None and not 0.0 < duration <= longest:  # NaN fails too
             raise CommandError(f"duration: {duration} s is not a time of more than 0 and at most {longest:g} s")
         place = None if position is None else vector(position, 3, f"{frame}: position")

@@ -46,7 +46,7 @@ class CollisionConfig:
 class SolverConfig:
     """Iterations and tolerances."""
 
-    max_iterations: Count  #: steps towards one key pose [1]
+    iterations_max: Count  #: steps towards one key pose [1]
     step: Positive  #: largest joint step of one iteration [rad]
     settled: Positive  #: step at which a key pose has converged [rad]
     rounds: Annotated[int, Field(ge=2)]  #: times a key pose is solved anew [1]
@@ -79,7 +79,7 @@ class PoseConfig:
     """Motions to a pose that is given at run time."""
 
     min_duration: Positive  #: shortest motion without a requested duration [s]
-    max_duration: Annotated[float, Field(gt=0.0, le=90.0)]  #: longest duration that may be requested [s]
+    duration_max: Annotated[float, Field(gt=0.0, le=90.0)]  #: longest duration that may be requested [s]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -142,7 +142,7 @@ class WholeBodyIk:
         self._set_pairs(avoid)
         self._robot.state.q = seed.copy()
         self._robot.update_kinematics()
-        return self._iterate(self._config.solver.max_iterations)
+        return self._iterate(self._config.solver.iterations_max)
 
     def follow(self, joints: Vector, base: pin.SE3, com: Vector, seed: Vector) -> Vector | None:
         """Configuration (nq,) between two key poses: solves for the legs; all else is given. None without a solution.

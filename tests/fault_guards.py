@@ -217,15 +217,15 @@ RATE = _of(joint_servo, "torque_limits", _at_any_rate)
 """Of the drivers' torques, behind every row."""
 
 WITHOUT_GUARD: dict[str, str] = {
-    "joints_out_10ms": "the drivers hold the last set-point",
-    "joints_out_10ms_walk": "the drivers hold the last set-point",
+    "joints_out_10ms": "the drivers hold the last setpoint",
+    "joints_out_10ms_walk": "the drivers hold the last setpoint",
     "encoder_offset": "feedback",
     "joints_half_rate": "feedback",
     "joints_late_5ms": "feedback",
     "joints_late_10ms": "feedback",
     "joints_late_20ms": "feedback",
     "joints_late_10ms_walk": "feedback",
-    "joints_lost_1_in_10": "feedback, and set-points that hold",
+    "joints_lost_1_in_10": "feedback, and setpoints that hold",
     "stamps_repeated_10ms": "missing samples for 10 ms; that they are left out, or taken, is all the same",
     "stamps_late_20ms": "as repeated for 20 ms; what comes then goes on",
     "gyro_bias_ramp": "the filter estimates the bias",
@@ -236,7 +236,7 @@ WITHOUT_GUARD: dict[str, str] = {
     "foot_stuck_on": "standing, the last reading is about right",
     "torque_limits_60": "feedback",
     "knee_half": "feedback",
-    "torque_nan_1_tick": "two of the drivers: they refuse the set-point, and limit what is no number to no torque",
+    "torque_nan_1_tick": "two of the drivers: they refuse the setpoint, and limit what is no number to no torque",
     "text_flood": "words are cheap",
     "kicks": "feedback",
     "kicks_walk": "feedback",

@@ -49,7 +49,7 @@ FACTOR_TIME = 1.0  #: Over which the real-time factor is averaged [s]
 class CommandInput:
     """Passes modes, and commands computed from recent sensors, to the drivers; refuses others with the reason.
 
-    A command is refused when its sensors are older than ``max_age`` [ns]; ``period`` is the tick [ns]. ``probe``,
+    A command is refused when its sensors are older than ``age_max`` [ns]; ``period`` is the tick [ns]. ``probe``,
     optional, records arrivals; ``on_mode_change`` is called when a mode may have changed the state of the drivers.
     Stamps [ns]: ``now`` of the present tick, set by the node; ``stamp`` of the command in force; ``due_since`` from
     which commands are due, 0 before the first mode with motion; ``judged`` of the newest state that the supervisor has
@@ -61,12 +61,12 @@ class CommandInput:
         node: PoiseNode,
         drivers: Drivers,
         period: int,
-        max_age: int,
+        age_max: int,
         probe: LatencyProbe | None,
         on_mode_change: Callable[[], None],
     ) -> None:
         self._node, self._drivers, self._probe, self._on_mode_change = node, drivers, probe, on_mode_change
-        self._period, self._max_age = period, max_age
+        self._period, self._age_max = period, age_max
         self._codec = JointCommandCodec(node.model)
         self._accepted = b""
         self.now = period
@@ -90,7 +90,7 @@ class CommandInput:
             stamp, command = self._codec.decode(data)
             if stamp and data == self._accepted:
                 return  # a repeated sample has the same command
-            check_stamp(stamp, self.stamp, self.now, self._max_age, self._node.counters)
+            check_stamp(stamp, self.stamp, self.now, self._age_max, self._node.counters)
             if self._drivers.command(command):
                 self.stamp, self._accepted = stamp or self.stamp, data
                 if stamp and self._probe is not None:

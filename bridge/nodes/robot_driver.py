@@ -88,9 +88,9 @@ class RobotDriver(PoiseNode):
         self._probe = LatencyProbe() if config.latency_file else None
         self._sensors = SensorTopics(self, simulated)
         self._status = StatusTopics(self, self.drivers)
-        max_age = round(config.max_command_age * NANOSECONDS)
+        age_max = round(config.command_age_max * NANOSECONDS)
         self.commands = CommandInput(
-            self, self.drivers, self._period_ns, max_age, self._probe, self._status.publish_state
+            self, self.drivers, self._period_ns, age_max, self._probe, self._status.publish_state
         )
         self._calibration = CalibrationFile(self, NO_FILE)
         self._stamp = self._published_stamp = 0  # of the newest and the last published sample [ns]
@@ -262,7 +262,7 @@ class RobotDriver(PoiseNode):
             return
         self.message = "paused" if self.paused else self.drivers.state
         servo = self.drivers.servo
-        self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+        self.values["driver timeouts"], self.values["setpoints refused"] = str(servo.timeouts), str(servo.refused)
         self.values["silence before timeout [s]"] = f"{servo.silence:.4f}"
         self.values["starts interrupted"] = str(self.drivers.interruptions)
         factor = self._status.real_time_factor

@@ -125,7 +125,7 @@ def make_plant(name: str, model: RobotModel, options: Mapping[str, Any]) -> Plan
 
 
 def hanging_command(model: RobotModel) -> JointCommand:
-    """Set-point that holds the 'stand' posture with a fixed base and no load on the feet: tau = g(q)."""
+    """Setpoint that holds the 'stand' posture with a fixed base and no load on the feet: tau = g(q)."""
     q = model.standing_configuration("stand")
     gravity = pin.computeGeneralizedGravity(model.pin, model.data(), q)  # (nv,)
     return JointCommand(q=q[7:].copy(), v=np.zeros(model.nj), tau=gravity[6:].copy())

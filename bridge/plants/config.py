@@ -83,7 +83,7 @@ class DriverConfig:
     sensor_rate: Annotated[float, Field(ge=0.0, le=2000.0)]  #: Rate of the sensors' topics; 0: in every tick [Hz]
     slow_rate: Annotated[float, Field(ge=1.0, le=1000.0)]  #: Rate of /clock and /ground_truth/odom [Hz]
     #: Age of the sensors a command answers above which it is refused [s]
-    max_command_age: Annotated[float, Field(ge=0.001, le=1.0)]
+    command_age_max: Annotated[float, Field(ge=0.001, le=1.0)]
     latency_file: str  #: Where to write the latencies; empty for none
     lockstep: bool  #: The plant waits for the command of each tick; sensors are then reliable (for deterministic tests)
     speed: Annotated[float, Field(ge=0.01, le=1.0)]  #: Simulated over real time, without lockstep

@@ -40,7 +40,7 @@ class Head:
     twice the speed times w, has no step.
 
     The QP tracks q with the posture's gains, which leave an error of several degrees under dry friction in a joint
-    with so little inertia. So the set-point of the drivers is blended to q, with a weight that goes from 0 to 1 within
+    with so little inertia. So the setpoint of the drivers is blended to q, with a weight that goes from 0 to 1 within
     ``grip_time``.
 
     The last command applies until a motion moves the head: ``release`` then leads the difference to the motion's
@@ -144,7 +144,7 @@ class Head:
         return posture, velocity, acceleration
 
     def blend_setpoint(self, result: ControlResult, reference: Reference) -> ControlResult:
-        """Blend the joints of the head in the set-point of the drivers to those of the reference."""
+        """Blend the joints of the head in the setpoint of the drivers to those of the reference."""
         if not self._drive_weight or result.status is SolveStatus.DAMPED:
             return result
         command, joints = result.command, self.joints

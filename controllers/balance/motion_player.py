@@ -46,7 +46,7 @@ class MotionPlayer:
     def follow(self, trajectory: JointTrajectory, reference: Reference, *, walking: bool, stepping: bool) -> None:
         """Start a motion from the posture reference of the last tick; a running one is replaced without a jump.
 
-        A single point at rest takes at least ``set_point_time_s``, so that a stream of them is followed
+        A single point at rest takes at least ``setpoint_time_s``, so that a stream of them is followed
         smoothly. A motion that does not end at rest slows down after its end like a stopped one. While ``walking``,
         only arms and head follow, blended in and out; while ``stepping``, the gait moves legs and torso until the
         motion ends. Raises ``TrajectoryError`` or ``JointNameError`` as ``validate_trajectory`` does.
@@ -57,7 +57,7 @@ class MotionPlayer:
             return
         moving = trajectory.velocities is not None and trajectory.velocities.any()
         if len(trajectory.times) == 1 and not moving:  # a setpoint, perhaps one of a stream
-            trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.set_point_time_s))
+            trajectory = replace(trajectory, times=np.maximum(trajectory.times, self._config.setpoint_time_s))
         validate_trajectory(trajectory, self._model, start_q=start)
         if stepping and self._legs is None:
             self._legs = self._last[0]

@@ -118,7 +118,7 @@ def calibrate_closed_chain(
     """
     terms, limits = ChainTerms(model), config.chain
     weight = model.mass * config.gravity
-    usable = [w for w in windows if w.loads.min() > config.feet.air_load * weight and w.speed < limits.max_speed]
+    usable = [w for w in windows if w.loads.min() > config.feet.air_load * weight and w.speed < limits.speed_max]
     details = {"windows": float(len(usable)), "windows_left_out": float(len(windows) - len(usable))}
     if len(usable) < limits.min_windows:
         return refuse(f"{len(usable)} usable windows on both soles, at least {limits.min_windows} needed", details)
@@ -137,17 +137,17 @@ def calibrate_closed_chain(
     details |= _observability(fit.covariance[:k, :k], limits.prior)
     names = [model.joint_names[i] for i in terms.joints]
     details |= {f"sigma_{name}": float(value) for name, value in zip(names, sigma, strict=True)}
-    if residual > limits.max_residual or gated > limits.max_gated * len(usable):
+    if residual > limits.residual_max or gated > limits.gated_max * len(usable):
         return refuse(
             f"the soles do not stay where they are, or the floor is not level: residual {residual:.1f} times its noise "
-            f"(at most {limits.max_residual:g}), {gated:.0f} of {len(usable)} windows are outliers (at most "
-            f"{limits.max_gated:.0%})",
+            f"(at most {limits.residual_max:g}), {gated:.0f} of {len(usable)} windows are outliers (at most "
+            f"{limits.gated_max:.0%})",
             details,
         )
-    poor = [f"{name} ({value:.4f} rad)" for name, value in zip(names, sigma, strict=True) if value > limits.max_sigma]
+    poor = [f"{name} ({value:.4f} rad)" for name, value in zip(names, sigma, strict=True) if value > limits.sigma_max]
     if poor:
         return refuse(
-            f"the data does not determine {', '.join(poor)}: at most {limits.max_sigma:g} rad required; move the base "
+            f"the data does not determine {', '.join(poor)}: at most {limits.sigma_max:g} rad required; move the base "
             "further over both soles, turning and tilting it",
             details,
         )

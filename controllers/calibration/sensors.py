@@ -197,11 +197,11 @@ def _gains(
 
 
 def calibrate_in_jig(
-    windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig, max_offset: float
+    windows: Sequence[Window], model: RobotModel, base: Calibration, config: CalibrationConfig, offset_max: float
 ) -> Outcome:
     """Offsets of all joints from the jig postures that the profile names: o = mean over postures of (q_m - q_jig).
 
-    Each window at rest belongs to the posture from which no joint is further than ``max_offset`` [rad], the largest
+    Each window at rest belongs to the posture from which no joint is further than ``offset_max`` [rad], the largest
     plausible offset; windows that belong to none are the way between two postures. At least ``min_postures`` of the
     postures must occur, in any order. ``base`` holds the other sensors' part of the result. Returns the calibration, or
     the reason of the refusal. Details: the offset of each joint by name [rad], ``time_<posture>`` [s], ``disagreement``
@@ -211,12 +211,12 @@ def calibrate_in_jig(
     seen: dict[str, list[Window]] = {name: [] for name in names}
     for window in windows:
         for name in names:
-            if window.speed < config.rest.joint_speed and np.abs(window.q - model.posture(name)).max() <= max_offset:
+            if window.speed < config.rest.joint_speed and np.abs(window.q - model.posture(name)).max() <= offset_max:
                 seen[name].append(window)
     details = {f"time_{name}": duration(found, config.window) for name, found in seen.items()}
     kept = {name: found for name, found in seen.items() if details[f"time_{name}"] >= config.posture.min_time}
     if len(kept) < config.posture.min_postures:
-        return refuse(_missing(windows, model, config, kept, max_offset), details)
+        return refuse(_missing(windows, model, config, kept, offset_max), details)
     offsets = []
     for name, found in kept.items():
         moved, numbers = unrest(found, model, config.rest)
@@ -248,7 +248,7 @@ def _missing(
     model: RobotModel,
     config: CalibrationConfig,
     kept: dict[str, list[Window]],
-    max_offset: float,
+    offset_max: float,
 ) -> str:
     """Why there are too few postures: the joint that was furthest off in the posture that came closest."""
     missing = [name for name in model.profile.jig_postures if name not in kept]
@@ -260,9 +260,9 @@ def _missing(
         errors = [(np.abs(w.q - model.posture(name)), name) for w in windows for name in missing]
         error, name = min(errors, key=lambda item: float(item[0].max()))
         worst = int(error.argmax())
-        if error[worst] > max_offset:
+        if error[worst] > offset_max:
             joint = model.joint_names[worst]
-            text += f"; closest to '{name}', joint '{joint}' was {error[worst]:.3f} rad off (at most {max_offset:g})"
+            text += f"; closest to '{name}', joint '{joint}' was {error[worst]:.3f} rad off (at most {offset_max:g})"
         else:
             text += f"; '{name}' was met, but not at rest for long enough"
     return text

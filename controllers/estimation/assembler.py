@@ -22,21 +22,21 @@ class SampleAssembler:
     slower than the joints, or lose a message. The values of one that is silent for longer are NaN, which the estimator
     bridges for a while; the assembler waits for it again once it has given another sample.
 
-    ``max_age_ns`` is the age up to which a sample of another source is used [ns]; a step of a stamp by more than
-    ``max_gap_ns`` is refused unless the source continues from there. ``strict`` never mixes stamps but waits for the
+    ``age_max_ns`` is the age up to which a sample of another source is used [ns]; a step of a stamp by more than
+    ``gap_max_ns`` is refused unless the source continues from there. ``strict`` never mixes stamps but waits for the
     complete tick (lockstep). With ``repeats`` the plant may repeat a sample. Without ``feet`` their values are NaN.
     """
 
     def __init__(
-        self, max_age_ns: int, max_gap_ns: int, *, strict: bool = False, repeats: bool = False, feet: bool = True
+        self, age_max_ns: int, gap_max_ns: int, *, strict: bool = False, repeats: bool = False, feet: bool = True
     ) -> None:
-        self._max_age, self._max_gap, self._strict, self._repeats = max_age_ns, max_gap_ns, strict, repeats
+        self._age_max, self._gap_max, self._strict, self._repeats = age_max_ns, gap_max_ns, strict, repeats
         self._absent = frozenset() if feet else frozenset(range(IMU + 1, len(SOURCES)))
         self.reset()
 
     def reset(self) -> None:
         """Discard every sample."""
-        self._filters = [StampFilter(self._max_gap, f"header.stamp of {source}") for source in SOURCES]
+        self._filters = [StampFilter(self._gap_max, f"header.stamp of {source}") for source in SOURCES]
         self._silent = set(self._absent)
         self._emitted: int | None = None
         self._joints: tuple[Vector, Vector, Vector] | None = None
@@ -94,7 +94,7 @@ class SampleAssembler:
         if any(age is None and source not in self._absent for source, age in ages.items()):
             self.dropped += 1
             return None
-        self._silent = {source for source, age in ages.items() if age is None or age > self._max_age}
+        self._silent = {source for source, age in ages.items() if age is None or age > self._age_max}
         self.silent += not self.whole
         self.incomplete += late != self._silent
         self.mixed = {
@@ -116,14 +116,14 @@ def mean_sample(samples: Sequence[SensorData]) -> SensorData:
 
 
 class FootPairs:
-    """Pairs of newer samples of both feet; a foot older than the other by ``max_age`` [ns] is silent and left out."""
+    """Pairs of newer samples of both feet; a foot older than the other by ``age_max`` [ns] is silent and left out."""
 
-    def __init__(self, max_age: int, max_gap: int) -> None:
+    def __init__(self, age_max: int, gap_max: int) -> None:
         self.wrenches = np.zeros((len(FOOT_NAMES), 6))  #: Newest sample of each foot, in its sole frame [N, N.m]
         self.silent = [True] * len(FOOT_NAMES)  #: Whether each foot's newest sample is too old
         self.stamp = 0  #: Of the last pair [ns]
-        self._max_age = max_age
-        self._guards = [StampFilter(max_gap) for _ in FOOT_NAMES]
+        self._age_max = age_max
+        self._guards = [StampFilter(gap_max) for _ in FOOT_NAMES]
         self._begun: int | None = None
 
     def add(self, foot: int, stamp: int, wrench: Vector) -> float | None:
@@ -136,7 +136,7 @@ class FootPairs:
         other = self._guards[1 - foot].last
         begun = stamp if self._begun is None else self._begun
         self._begun = begun
-        late = stamp - (begun if other is None else other) > self._max_age
+        late = stamp - (begun if other is None else other) > self._age_max
         if not late and (other is None or other <= self.stamp):
             return None
         self.silent[foot], self.silent[1 - foot] = False, late

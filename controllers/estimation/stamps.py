@@ -6,26 +6,26 @@ from models.errors import MessageError
 
 
 class JumpFilter:
-    """Accepts a jump ahead of a stamp, beyond ``max_step``, when the next stamp continues from it: a gap, no error."""
+    """Accepts a jump ahead of a stamp, beyond ``step_max``, when the next stamp continues from it: a gap, no error."""
 
-    def __init__(self, max_step: float) -> None:
-        self._max_step = max_step
+    def __init__(self, step_max: float) -> None:
+        self._step_max = step_max
         self._pending: float | None = None
 
     def accepts(self, last: float, stamp: float) -> bool:
         """Whether a stamp follows the last accepted one; it is not before that one."""
         pending, self._pending = self._pending, None
-        if stamp - last <= self._max_step or (pending is not None and 0.0 < stamp - pending <= self._max_step):
+        if stamp - last <= self._step_max or (pending is not None and 0.0 < stamp - pending <= self._step_max):
             return True
         self._pending = stamp
         return False
 
 
 class StampFilter:
-    """Accepts stamps of one source in ascending order, without single jumps by more than ``max_step`` [ns]."""
+    """Accepts stamps of one source in ascending order, without single jumps by more than ``step_max`` [ns]."""
 
-    def __init__(self, max_step: float = math.inf, name: str = "header.stamp") -> None:
-        self._jumps, self._name = JumpFilter(max_step), name
+    def __init__(self, step_max: float = math.inf, name: str = "header.stamp") -> None:
+        self._jumps, self._name = JumpFilter(step_max), name
         self.last: int | None = None
 
     def step(self, stamp: int) -> int:
@@ -47,11 +47,11 @@ class ClockFilter:
     Ages and timeouts of commands are counted on this clock. If it were set ahead for a moment, the velocity of a
     source that then falls silent would hold for just as long. A jump from which the next time continues is accepted:
     then messages were missing. A clock that has gone back is refused until the robot is at rest; its users receive no
-    time until then, and the robot damps. ``max_step`` is the largest step ahead that is accepted at once [ns].
+    time until then, and the robot damps. ``step_max`` is the largest step ahead that is accepted at once [ns].
     """
 
-    def __init__(self, max_step: int) -> None:
-        self._jumps = JumpFilter(max_step)
+    def __init__(self, step_max: int) -> None:
+        self._jumps = JumpFilter(step_max)
         self._last: int | None = None
 
     def check(self, stamp: int, *, moving: bool) -> None:

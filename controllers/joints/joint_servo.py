@@ -21,8 +21,8 @@ from models.types import JointCommand, JointTrajectory, Matrix, Vector
 class JointServoConfig:
     """Schema of ``controllers/config/joint_servo.yaml``."""
 
-    command_timeout: Positive  #: age of a set-point at which the driver damps [s]
-    arming_blend: NonNegative  #: fade-in of the first set-points after arming [s]
+    command_timeout: Positive  #: age of a setpoint at which the driver damps [s]
+    arming_blend: NonNegative  #: fade-in of the first setpoints after arming [s]
     damped_ramp: NonNegative  #: fade of the last torque into damping [s]
     damping_scale: NonNegative  #: damping of the fallback in multiples of kd [1]
     position_margin: Positive  #: from a joint limit, where torque fades [rad]

@@ -13,7 +13,7 @@ from models.errors import CommandError, MessageError
 from models.robot_model import RobotModel
 from models.types import JointCommand, JointTrajectory, Mode, Vector
 
-TOO_OLD = "commands too old"  #: Counter of commands whose sensors are older than ``max_command_age``
+TOO_OLD = "commands too old"  #: Counter of commands whose sensors are older than ``command_age_max``
 
 
 def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
@@ -32,25 +32,25 @@ def follow_mode(servo: JointServo, before: Mode, mode: Mode) -> None:
         servo.off()
 
 
-def check_stamp(stamp: int, last: int, now: int, max_age: int, counters: Counter[str]) -> None:
+def check_stamp(stamp: int, last: int, now: int, age_max: int, counters: Counter[str]) -> None:
     """Check a command's stamp, that of the sensors it answers (0: now), against the last one and the newest [ns].
 
-    ``counters`` counts commands older than ``max_age``. Raises ``MessageError`` for a stamp that is not newer than the
+    ``counters`` counts commands older than ``age_max``. Raises ``MessageError`` for a stamp that is not newer than the
     last command's, not yet due, or too old.
     """
     if stamp and not last < stamp <= now:
         raise MessageError(f"header.stamp: {stamp} ns is not after {last} ns or not yet due")
-    if stamp and now - stamp > max_age:
+    if stamp and now - stamp > age_max:
         counters[TOO_OLD] += 1
-        raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {max_age} ns")
+        raise MessageError(f"header.stamp: {stamp} ns is {now - stamp} ns old, more than {age_max} ns")
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class MotorDriverConfig:
     """Schema of ``controllers/config/motor_driver.yaml``."""
 
-    max_command_age: Positive  #: age of the sensors a command answers above which it is refused [s]
-    max_gap: Positive  #: largest step of the joints' stamp accepted at once [s]
+    command_age_max: Positive  #: age of the sensors a command answers above which it is refused [s]
+    gap_max: Positive  #: largest step of the joints' stamp accepted at once [s]
     step_max: Positive  #: step that the torque rate is counted over at most, after lost samples [s]
     sensor_timeout: Positive  #: silence of the joints after which it damps [s]
 
@@ -71,9 +71,9 @@ class MotorDriver:
     ) -> None:
         self.servo = JointServo(model, servo)
         self._config, self._counters = config, counters
-        self._max_age = round(config.max_command_age * NANOSECONDS)
-        self._max_gap = round(config.max_gap * NANOSECONDS)
-        self._stamps = StampFilter(self._max_gap)
+        self._age_max = round(config.command_age_max * NANOSECONDS)
+        self._gap_max = round(config.gap_max * NANOSECONDS)
+        self._stamps = StampFilter(self._gap_max)
         self._mode: Mode | None = None
         self._last_command = 0
 
@@ -89,7 +89,7 @@ class MotorDriver:
     def sample(self, stamp: int, q: Vector, v: Vector) -> Vector:
         """Torques (nj,) [N.m] for joints (nj,) measured at a stamp [ns]; ``MessageError`` for an unusable stamp."""
         step = self._stamps.step(stamp)
-        if step > self._max_gap:
+        if step > self._gap_max:
             self._counters["gaps bridged"] += 1
         self.servo.step(stamp / NANOSECONDS, q, v, min(step / NANOSECONDS, self._config.step_max))
         return self.servo.torque
@@ -99,7 +99,7 @@ class MotorDriver:
         now = self._stamps.last
         if now is None:
             return False
-        check_stamp(stamp, self._last_command, now, self._max_age, self._counters)
+        check_stamp(stamp, self._last_command, now, self._age_max, self._counters)
         accepted = self.servo.command(command, now / NANOSECONDS)
         if accepted:
             self._last_command = stamp or self._last_command

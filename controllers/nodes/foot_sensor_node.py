@@ -41,9 +41,9 @@ class FootSensorNode(PoiseNode):
         self._contact: ContactConfig = declare_config(self, self._defaults.contact, "contact.")
         self._period = declare_period(self, "rate", 100.0, "contacts without a change, and of centres of pressure")
         text = "Age of a foot's sample against the other's above which it counts as silent [s]"
-        self._max_age = declare_ns(self, "max_age", 0.005, text, low=0.001)
+        self._age_max = declare_ns(self, "age_max", 0.005, text, low=0.001)
         text = "Largest step of a stamp that is accepted at once [s]"
-        self._max_gap = declare_ns(self, "max_gap", 0.05, text, low=0.001, high=1.0)
+        self._gap_max = declare_ns(self, "gap_max", 0.05, text, low=0.001, high=1.0)
 
     def configure(self) -> None:
         if not self.model.profile.sensors.feet.fitted:
@@ -58,7 +58,7 @@ class FootSensorNode(PoiseNode):
         self.listen(String, topics.DRIVER_STATE, self._on_driver_state, LATCHED)
 
     def activate(self) -> None:
-        self._pairs = FootPairs(self._max_age, self._max_gap)
+        self._pairs = FootPairs(self._age_max, self._gap_max)
         self._due = Due(self._period)
         self._bearing: list[bool | None] = [None, None]
         self._reported = 0

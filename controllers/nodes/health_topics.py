@@ -58,8 +58,7 @@ class HealthTopics:
         self._clock = ClockFilter(round(clock_leap * NANOSECONDS))
         self.moving = False  #: Whether the robot moves, set by the node; ``/clock`` may not go back then
         self.description: str | None = None  #: URDF that the robot publishes; None before it has arrived
-        #: Time without ``/clock``, increased by each update of the node: a stalled node is not a silent clock [s]
-        self.clock_silence = 0.0
+        self._clock_silence = 0.0  # counted in updates: a stalled node is not a silent clock [s]
         self.now = 0  #: Time of the plant [ns]
         self.tilt = 0.0  #: Newest tilt of the base [rad]
         self._odom_stamp = self._command_stamp = self._started = 0
@@ -129,7 +128,12 @@ class HealthTopics:
         self._odom_stamp = self._command_stamp = self._started = self._checked = self.now
         self._silence = [0, 0]
         self._control = NO_CONTROL
-        self.clock_silence = 0.0
+        self._clock_silence = 0.0
+
+    def clock_silence(self, period: float) -> float:
+        """Time without ``/clock`` [s], after an update of the node, which has this period [s]."""
+        self._clock_silence += period
+        return self._clock_silence
 
     @property
     def intruders(self) -> tuple[str, ...]:
@@ -201,7 +205,7 @@ class HealthTopics:
         stamp = stamp_ns(message.clock)
         self._clock.check(stamp, moving=self.moving)
         self.now = stamp
-        self.clock_silence = 0.0
+        self._clock_silence = 0.0
 
     def _on_odom(self, data: bytes) -> None:
         stamp, pose, twist = self._odom_codec.decode(data)

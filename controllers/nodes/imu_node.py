@@ -41,7 +41,7 @@ class ImuNode(PoiseNode):
         text = "Samples averaged for the start, at rest"
         self._start_samples = declare(self, "start_samples", 100, text, integer=(1, 10000))
         text = "Largest step of a stamp that is accepted at once [s]"
-        self._max_gap = declare_ns(self, "max_gap", 0.05, text, low=0.001, high=1.0)
+        self._gap_max = declare_ns(self, "gap_max", 0.05, text, low=0.001, high=1.0)
         text = "Table to write: orientation, rate without bias, specific force (CSV); empty for none"
         self._path = declare(self, "log.csv", "", text)
         self._log: CsvImuLog | None = None
@@ -71,7 +71,7 @@ class ImuNode(PoiseNode):
     def _start_over(self) -> None:
         self._first.clear()
         self._started = False
-        self._due, self._stamps = Due(self._period), StampFilter(self._max_gap)
+        self._due, self._stamps = Due(self._period), StampFilter(self._gap_max)
 
     def _on_imu(self, data: bytes) -> None:
         stamp, gyro, accel = self._raw.decode(data)
@@ -81,7 +81,7 @@ class ImuNode(PoiseNode):
         if not self._started:
             self._average(gyro, accel)
             return
-        if step > self._max_gap:
+        if step > self._gap_max:
             self.counters["gaps bridged"] += 1
         self._law.step(gyro, accel, step / NANOSECONDS)
         if self._due(stamp):

@@ -84,7 +84,7 @@ class MotorControllerNode(PoiseNode):
         servo = self.law.servo
         self.level = DiagnosticStatus.ERROR if servo.state is ServoState.DAMPED else DiagnosticStatus.OK
         self.message = servo.state.value
-        self.values["driver timeouts"], self.values["set-points refused"] = str(servo.timeouts), str(servo.refused)
+        self.values["driver timeouts"], self.values["setpoints refused"] = str(servo.timeouts), str(servo.refused)
         self.values["samples not finite"] = str(servo.sensor_faults)
 
 

@@ -25,10 +25,10 @@ KEPT = 100  #: Ticks whose samples wait for the odometry
 
 
 def declare_ages(node: PoiseNode) -> tuple[int, int]:
-    """Declare the parameters of ``SampleAssembler``; returns ``max_age_ns`` and ``max_gap_ns`` [ns]."""
+    """Declare the parameters of ``SampleAssembler``; returns ``age_max_ns`` and ``gap_max_ns`` [ns]."""
     text = "Oldest inertial or foot sample used with newer joints [s]"
-    age = declare_ns(node, "max_age", MAX_AGE, text, low=0.0, high=1.0)
-    return age, declare_ns(node, "max_gap", 0.05, "Largest step of a stamp accepted at once [s]", low=0.0, high=10.0)
+    age = declare_ns(node, "age_max", MAX_AGE, text, low=0.0, high=1.0)
+    return age, declare_ns(node, "gap_max", 0.05, "Largest step of a stamp accepted at once [s]", low=0.0, high=10.0)
 
 
 class SampleTopics:

@@ -148,8 +148,7 @@ class SupervisorNode(PoiseNode):
     def _watch(self) -> None:
         if not self._reports.complete and time.monotonic() < self._adopting_until:
             return
-        self._reports.clock_silence += self._period
-        if self._reports.clock_silence > self._clock_timeout:
+        if self._reports.clock_silence(self._period) > self._clock_timeout:
             self._law.fault(f"no /clock for {self._clock_timeout} s: the plant is gone")
         else:
             health, before = self._reports.health(self._driver_state, self._config), self._law.faults

@@ -161,5 +161,5 @@ class BalanceConfig(DcmFeedback):
     motion_fade: Positive  #: Time in which a motion of the arms is blended into a walk and out of it again [s]
     anchor_time_s: Positive  #: Time constant with which footholds and references follow the soles that bear load [s]
     stop_time_s: Positive  #: Time in which a motion that is stopped comes to rest [s]
-    set_point_time_s: Positive  #: Least time in which a lone point without velocities is reached [s]
+    setpoint_time_s: Positive  #: Least time in which a lone point without velocities is reached [s]
     foothold_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]

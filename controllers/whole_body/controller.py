@@ -1,4 +1,4 @@
-"""Whole-body controller: terms, tasks, limits, QP, solution, driver set-points, with a documented fallback."""
+"""Whole-body controller: terms, tasks, limits, QP, solution, driver setpoints, with a documented fallback."""
 
 from collections.abc import Sequence
 
@@ -47,7 +47,7 @@ class WholeBodyController:
     with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
     its foothold.
 
-    The set-point integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
+    The setpoint integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
     opposes only what happens after the measurement.
 
     Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.

@@ -46,11 +46,10 @@ class RowLimit(Limit):
 
 
 class AccelerationLimit(RowLimit):
-    """``lower <= G a <= upper`` on the generalised acceleration.
+    """``lower <= G a <= upper`` on the generalised acceleration a (nv,), with ``matrix`` G (rows, nv).
 
-    G, ``matrix``, has rows of order one where the unit allows it. A new limit is a class with ``bound`` and a unique
-    ``name``, handed to ``WholeBodyController(extra_limits=...)``. A relaxed solve may violate the rows of a ``soft``
-    one.
+    The entries of G should be of order one. A subclass implements ``bound`` and has a unique ``name``; pass it to
+    ``WholeBodyController(extra_limits=...)``. A relaxed solve may violate a ``soft`` limit.
     """
 
     def __init__(self, name: str, rows: int, nv: int, soft: bool = True) -> None:

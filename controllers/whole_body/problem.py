@@ -33,8 +33,8 @@ class Stack(NamedTuple):
     wrench_weight: Array  #: Of the contact wrenches, in their frames (contacts, 6)
 
 
-class SetPoint(NamedTuple):
-    """Bounds and look-ahead of the drivers' set-point: joint limits (nj,) [rad], time [s]."""
+class Setpoint(NamedTuple):
+    """Bounds and look-ahead of the drivers' setpoint: joint limits (nj,) [rad], time [s]."""
 
     q_min: Array
     q_max: Array
@@ -50,7 +50,7 @@ class _Setup(NamedTuple):
     contacts: ContactGains
     contact_acceleration: Array
     regularisation: float
-    set_point: SetPoint
+    setpoint: Setpoint
 
 
 class _ModeArrays(NamedTuple):
@@ -81,7 +81,7 @@ class QPBuilder:
 
     Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
-    integrated to the set-point [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
+    integrated to the setpoint [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
     6); ``stack.wrench_target`` is set from outside. Raises ``ConfigError`` when two tasks or limits share a name, or a
     contact has fewer than six joints between it and the base.
     """
@@ -124,8 +124,8 @@ class QPBuilder:
             first = span.stop
         tasks.posture.write_into(tasks.posture.jacobian, stack.posture_target, stack.posture_weight)
         self.contact_acceleration = np.zeros((count, 6))
-        set_point = SetPoint(np.array(model.q_lower), np.array(model.q_upper), lookahead)
-        shared = stack, contacts, self.contact_acceleration, regularisation, set_point
+        setpoint = Setpoint(np.array(model.q_lower), np.array(model.q_upper), lookahead)
+        shared = stack, contacts, self.contact_acceleration, regularisation, setpoint
         self._setup = unbox(_Setup(tasks.arrays, limits.arrays, *shared))
         chains = [foot.joint_ids_v for foot in model.feet]
         self._modes = {
@@ -173,7 +173,7 @@ class QPBuilder:
         return mode.qp
 
     def recover(self, z: Vector) -> tuple[Matrix, Vector, Matrix]:
-        """Set-point (3, nj), acceleration (nv,) and contact wrenches (contacts, 6) of a solution (nz,)."""
+        """Setpoint (3, nj), acceleration (nv,) and contact wrenches (contacts, 6) of a solution (nz,)."""
         command, acceleration = np.empty(self._shape), np.empty(self._shape[1] + 6)
         wrenches: Matrix = np.empty(self.contact_acceleration.shape)
         _recover(self._terms, self._setup, self._active.unboxed, z, acceleration, wrenches, command)
@@ -272,8 +272,8 @@ def _recover(
     wrenches: Array,
     command: Array,
 ) -> None:
-    """Accelerations (nv,), wrenches (contacts, 6) and set-point (3, nj), with ``tau = M_j a + h_j - sum J_ij' w_i``."""
-    terms, reduction, set_point = model.record.dynamics, mode.record.reduction, setup.record.set_point
+    """Accelerations (nv,), wrenches (contacts, 6) and setpoint (3, nj), with ``tau = M_j a + h_j - sum J_ij' w_i``."""
+    terms, reduction, setpoint = model.record.dynamics, mode.record.reduction, setup.record.setpoint
     basis, torque = reduction.basis, command[2]
     nv, na = basis.shape
     for i in range(nv):
@@ -295,8 +295,8 @@ def _recover(
             for j in range(nv - 6):
                 torque[j] -= total * terms.jacobians[contact, i, 6 + j]
     for j in range(nv - 6):
-        step = set_point.ahead * acceleration[6 + j]
+        step = setpoint.ahead * acceleration[6 + j]
         v = terms.v[6 + j]
-        q = terms.q[7 + j] + set_point.ahead * (v + 0.5 * step)
-        command[0, j] = min(max(q, set_point.q_min[j]), set_point.q_max[j])
+        q = terms.q[7 + j] + setpoint.ahead * (v + 0.5 * step)
+        command[0, j] = min(max(q, setpoint.q_min[j]), setpoint.q_max[j])
         command[1, j] = v + step

@@ -192,15 +192,15 @@ class JointCommandCodec:
         return self._template.pack(stamp, (command.q, command.v, command.tau))
 
     def decode(self, data: bytes) -> tuple[int, JointCommand | JointTrajectory]:
-        """Stamp [ns] and a set-point due at once, or a trajectory to interpolate.
+        """Stamp [ns] and a setpoint due at once, or a trajectory to interpolate.
 
-        Raises ``JointNameError`` when a set-point has a missing, unknown or duplicate joint, ``MessageError`` for bad
+        Raises ``JointNameError`` when a setpoint has a missing, unknown or duplicate joint, ``MessageError`` for bad
         size, NaN or infinity in it. Trajectories are checked by ``validate_trajectory``.
         """
         values = self._template.unpack(data)
         if values is None:
             message = decode(data, JointTrajectoryMsg)
-            if not _is_set_point(message):
+            if not _is_setpoint(message):
                 return stamp_of(data), trajectory_from_message(message)
             values = ordered(self._model, message.joint_names, message.points[0], _FIELDS)
         for field, numbers in zip(_FIELDS, values, strict=True):
@@ -211,7 +211,7 @@ class JointCommandCodec:
 _FIELDS = ("positions", "velocities", "effort")  #: Fields of a point, in the order of ``JointCommand``
 
 
-def _is_set_point(message: Any) -> bool:
+def _is_setpoint(message: Any) -> bool:
     """One point, due at once, with torques: the output of the whole-body controller."""
     if len(message.points) != 1 or not message.points[0].effort:
         return False

@@ -1,8 +1,8 @@
 """Records of arrays that compiled code takes as one pointer.
 
-To hand an array over to a kernel costs some 0.1 us, in a ``NamedTuple`` more. Arrays that are allocated once need to be
-handed over once: ``unbox`` keeps the record in compiled memory, and every later call passes a handle (0.3 us for any
-number of arrays). Kernels read the record by its field::
+Passing an array to a kernel takes about 0.1 us, in a ``NamedTuple`` more. ``unbox`` stores a record of arrays in
+compiled memory once; every call then passes a handle, which takes 0.3 us for any number of arrays. Kernels read the
+record by its field::
 
     data = unbox(Data(np.zeros(3), np.zeros((3, 3))))
 
@@ -10,10 +10,10 @@ number of arrays). Kernels read the record by its field::
     def kernel(data: Unboxed[Data]) -> float:
         return data.record.vector[0]
 
-What an array holds may change, in Python and in kernels; which array it is, and numbers of the record, are fixed.
+The elements of the arrays may change, in Python and in kernels. The arrays and the numbers of the record are fixed.
 
-Arrays read from a handle are borrowed: kernels do not count references to them, which would cost more than many a
-kernel does. So a kernel must not return one, nor store it in another record.
+Arrays read from a handle are borrowed: kernels do not count references to them, because counting takes longer than
+many kernels. So a kernel must not return such an array, nor store it in another record.
 """
 
 from functools import cache
@@ -67,7 +67,7 @@ def _borrow(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 def _keeper(module: str) -> Any:
     """Compiled function that keeps the records of a module; one for each.
 
-    The index of its cache names the types of the records, and whoever reads it imports their modules.
+    The index of its cache contains the types of the records, so reading it imports their modules.
     """
 
     def keep(record: Any) -> Any:

@@ -77,16 +77,16 @@ def test_the_torques_are_those_of_the_simulated_drivers(bench: Any, robot: Robot
         motors.tick(q, v)
         expected.append(torque_of(servo, motors.stamp / NANOSECONDS, q, v, 0.0 if k == 0 else 0.001).copy())
         if 10 <= k < 400:
-            set_point = motors.q + 0.02 * rng.normal(size=robot.nj)
-            motors.command(set_point, tau=1.0)
+            setpoint = motors.q + 0.02 * rng.normal(size=robot.nj)
+            motors.command(setpoint, tau=1.0)
             zero = np.zeros(robot.nj)
-            assert servo.command(JointCommand(set_point, zero, zero + 1.0), motors.stamp / NANOSECONDS)
+            assert servo.command(JointCommand(setpoint, zero, zero + 1.0), motors.stamp / NANOSECONDS)
     np.testing.assert_array_equal(motors.torques, expected)
     assert servo.timeouts == motors.node.law.servo.timeouts == 1
 
 
 def test_nothing_that_is_commanded_jerks(bench: Any, g1: RobotModel) -> None:
-    """Set-points from end to end of the joints, noise, lost samples, trajectories, modes: the torque rate holds."""
+    """Setpoints from end to end of the joints, noise, lost samples, trajectories, modes: the torque rate holds."""
     motors = Motors(bench, g1)
     motors.arm()
     rng = np.random.default_rng(1)

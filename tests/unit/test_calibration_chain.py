@@ -179,4 +179,4 @@ def test_the_posterior_is_honest_about_noise(g1: RobotModel, paths: dict[str, li
     terms = ChainTerms(g1)
     sigma = np.array([outcome.reply.details[f"sigma_{g1.joint_names[i]}"] for i in terms.joints])
     assert (np.abs(outcome.calibration.encoder_offsets[terms.joints]) < 4.0 * sigma).all()
-    assert sigma.max() < CONFIG.chain.max_sigma
+    assert sigma.max() < CONFIG.chain.sigma_max

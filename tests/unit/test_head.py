@@ -126,7 +126,7 @@ def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: Robo
     tracked = reference(talos, 0.0)
     played.head.command(0.5, 0.1)
     played.run(3.0)
-    for place in (0.0, 0.8, 0.1):  # set-points, the next before the head is where the last one has it
+    for place in (0.0, 0.8, 0.1):  # setpoints, the next before the head is where the last one has it
         point = JointTrajectory(("head_2_joint",), np.array([0.1]), np.array([[place]]))
         played.posture, _ = played.head.without_head(structs.replace(tracked, posture=played.posture), point)
         assert played.posture[pan] == place

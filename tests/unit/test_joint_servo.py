@@ -152,7 +152,7 @@ def test_measurement_that_is_not_finite_gives_that_joint_no_torque(g1: RobotMode
 
 
 def test_trajectory_is_interpolated_between_messages(g1: RobotModel) -> None:
-    """Set-points at 50 Hz, each reaching 40 ms ahead: the torque follows without a staircase."""
+    """Setpoints at 50 Hz, each reaching 40 ms ahead: the torque follows without a staircase."""
     servo, t0 = armed(g1)
     shoulder = g1.joint_index("left_shoulder_pitch_joint")
     names, zero = ("left_shoulder_pitch_joint",), np.zeros(g1.nj)
@@ -186,7 +186,7 @@ def test_trajectory_ends_then_times_out(g1: RobotModel) -> None:
     assert servo.state is ServoState.DAMPED
 
 
-def test_single_point_trajectory_is_a_set_point_in_any_joint_order(g1: RobotModel) -> None:
+def test_single_point_trajectory_is_a_setpoint_in_any_joint_order(g1: RobotModel) -> None:
     servo, t = armed(g1)
     order = np.random.default_rng(1).permutation(g1.nj)
     q = g1.posture("stand") + 0.001
@@ -199,7 +199,7 @@ def test_single_point_trajectory_is_a_set_point_in_any_joint_order(g1: RobotMode
     np.testing.assert_array_equal(servo.setpoint.tau, tau)
 
 
-def test_refused_trajectory_leaves_the_set_point(g1: RobotModel) -> None:
+def test_refused_trajectory_leaves_the_setpoint(g1: RobotModel) -> None:
     servo, t = armed(g1)
     before = servo.setpoint
     far = g1.posture("stand") + 0.5

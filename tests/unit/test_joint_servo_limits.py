@@ -11,7 +11,7 @@ from tests.servos import DT, Vector, armed, hold, torque_of
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_set_point_is_brought_back_to_the_limits(g1: RobotModel, sign: float) -> None:
+def test_setpoint_is_brought_back_to_the_limits(g1: RobotModel, sign: float) -> None:
     servo, t = armed(g1)
     far = np.full(g1.nj, sign * 1e6)
     assert servo.command(JointCommand(far, far, far), t)

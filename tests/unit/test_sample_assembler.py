@@ -15,7 +15,7 @@ WRENCH = np.zeros(6)
 
 
 def _assembler(*, strict: bool = False) -> SampleAssembler:
-    return SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, strict=strict)
+    return SampleAssembler(age_max_ns=5 * MS, gap_max_ns=50 * MS, strict=strict)
 
 
 def _add(assembler: SampleAssembler, source: str, stamp: int) -> SensorData | None:
@@ -95,7 +95,7 @@ def test_values_of_a_silent_source_are_no_numbers(silent: str) -> None:
 
 
 def test_a_plant_that_waits_may_repeat_its_samples() -> None:
-    assembler = SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, repeats=True)
+    assembler = SampleAssembler(age_max_ns=5 * MS, gap_max_ns=50 * MS, repeats=True)
     sources = ("imu", "0", "1", "joints")
     assert [_add(assembler, source, MS) is not None for source in sources] == [False, False, False, True]
     assert [_add(assembler, source, MS) for source in sources] == [None] * 4
@@ -104,7 +104,7 @@ def test_a_plant_that_waits_may_repeat_its_samples() -> None:
 
 @pytest.mark.parametrize("strict", [False, True])
 def test_a_robot_without_foot_sensors_waits_for_none(strict: bool) -> None:
-    assembler = SampleAssembler(max_age_ns=5 * MS, max_gap_ns=50 * MS, strict=strict, feet=False)
+    assembler = SampleAssembler(age_max_ns=5 * MS, gap_max_ns=50 * MS, strict=strict, feet=False)
     assert _add(assembler, "joints", MS) is None
     sample = _add(assembler, "imu", MS)
     assert sample is not None

@@ -64,7 +64,7 @@ def test_empty(g1: RobotModel) -> None:
 
 def test_too_many_points(g1: RobotModel) -> None:
     with pytest.raises(TrajectoryError, match="5 points, at most 4"):
-        check(make(g1, n=5), g1, limits=replace(default_config(TrajectoryLimits, "models", "trajectory"), max_points=4))
+        check(make(g1, n=5), g1, limits=replace(default_config(TrajectoryLimits, "models", "trajectory"), points_max=4))
 
 
 @pytest.mark.parametrize("field", ["positions", "velocities", "efforts"])

@@ -1,4 +1,4 @@
-"""Joint set-points from a plain publisher, and hands that get where they were planned to, while the robot stands."""
+"""Joint setpoints from a plain publisher, and hands that get where they were planned to, while the robot stands."""
 
 import math
 from collections.abc import Callable
@@ -62,7 +62,7 @@ def swing(t: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("lead", "velocities"), [(0.0, False), (0.02, False), (0.1, False), (0.1, True)])
-def test_a_stream_of_set_points_moves_an_arm_smoothly(lead: float, velocities: bool) -> None:
+def test_a_stream_of_setpoints_moves_an_arm_smoothly(lead: float, velocities: bool) -> None:
     stream = Stream(swing, lead, velocities=velocities)
     stream.run(2.0)
     wanted = np.array([swing(1e-3 * (tick + 1))[0] for tick in range(2000)])
