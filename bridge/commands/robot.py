@@ -108,7 +108,11 @@ def _words() -> list[str]:
 
 def send(
     text: Annotated[
-        str, typer.Argument(help="Command, such as wave, squat, bow, reach, stand or stop.", autocompletion=_words)
+        str,
+        typer.Argument(
+            help="wave, squat, bow, reach, stand, stop; until stop: forward, backward, left, right, turn, spin.",
+            autocompletion=_words,
+        ),
     ],
     key: Annotated[Path | None, typer.Option(help="Sign it with the key in this file; see docs/security.md.")] = None,
     source: Annotated[str, typer.Option(help="Name that a signed command is sent under.")] = "teleop",

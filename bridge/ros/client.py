@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from bridge.ros.environment import participant
+from bridge.ros.environment import graph_holder, participant
 from bridge.ros.processes import absolute_namespace
 from models.errors import CommandError
 from models.nodes import topics
@@ -104,7 +104,8 @@ class Client:
         end = f"/{topics.SUPERVISOR_STATUS}"
         seen = [topic for topic, _ in self.node.get_topic_names_and_types() if topic.endswith(end)]
         robots = {topic.removesuffix(end) for topic in seen if self.node.count_publishers(topic)}
-        remedy = "is the robot up? start it with: poise up"
+        holder = graph_holder(self.namespace)
+        remedy = f"poise up ({holder}) is starting: wait" if holder else "is the robot up? start it with: poise up"
         if self.namespace in robots:
             remedy = "the robot is up: poise status says what it does"
         elif robots:

@@ -78,18 +78,22 @@ def free_domain() -> int:
     raise PoiseError("every ROS domain is in use")
 
 
-def _lock(name: str, note: str = "") -> IO[str] | str:
-    """Lock file of this user, held while open; the holder's note where another process holds it."""
+def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
+    """Lock file of this user, held while open; the holder's note where another process holds it.
+
+    ``shared`` locks are held beside each other, to look for a holder without one's own note.
+    """
     file = (Path(tempfile.gettempdir()) / f"poise-{name}-{os.getuid()}.lock").open("a+", encoding="utf-8")
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except OSError:
         with file:
             file.seek(0)
             return file.read()
-    file.truncate(0)
-    file.write(note)
-    file.flush()
+    if not shared:
+        file.truncate(0)
+        file.write(note)
+        file.flush()
     return file
 
 
@@ -107,6 +111,16 @@ def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
             f"ROS_DOMAIN_ID"
         )
     return held
+
+
+def graph_holder(namespace: str) -> str:
+    """Robot and process of the graph in this process's domain and a namespace on this machine; empty without one."""
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
+    held = _lock(f"graph-{domain}{namespace.replace('/', '-')}", shared=True)
+    if isinstance(held, str):
+        return held
+    held.close()
+    return ""
 
 
 def _is_free(domain: int) -> bool:

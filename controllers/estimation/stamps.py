@@ -34,9 +34,9 @@ class StampFilter:
         if self.last is not None:
             if stamp <= last:
                 kind = "repeats" if stamp == last else "is before"
-                raise MessageError(f"{self._name}: {stamp} ns {kind} {last} ns")
+                raise MessageError(f"{self._name}: {1e-9 * stamp:.6f} s {kind} {1e-9 * last:.6f} s")
             if not self._jumps.accepts(last, stamp):
-                raise MessageError(f"{self._name}: {stamp} ns jumps ahead of {last} ns")
+                raise MessageError(f"{self._name}: {1e-9 * stamp:.3f} s jumps ahead of {1e-9 * last:.3f} s")
         self.last = stamp
         return stamp - last
 
@@ -58,7 +58,7 @@ class ClockFilter:
         """Accept a time [ns], any while the robot does not move (its plant may be new); ``MessageError`` else."""
         if moving and self._last is not None:
             if stamp < self._last:
-                raise MessageError(f"clock: {stamp} ns is before {self._last} ns")
+                raise MessageError(f"clock: {1e-9 * stamp:.3f} s is before {1e-9 * self._last:.3f} s")
             if not self._jumps.accepts(self._last, stamp):
-                raise MessageError(f"clock: {stamp} ns jumps ahead of {self._last} ns")
+                raise MessageError(f"clock: {1e-9 * stamp:.3f} s jumps ahead of {1e-9 * self._last:.3f} s")
         self._last = stamp

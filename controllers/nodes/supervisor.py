@@ -22,7 +22,7 @@ from controllers.safety.preflight import attitude, preflight
 from controllers.safety.supervisor import ACTIVE_MODES, Supervisor
 from models.config import default_config
 from models.nodes import topics
-from models.nodes.base import PoiseNode
+from models.nodes.base import PoiseNode, cause_of
 from models.nodes.messages import set_stamp
 from models.nodes.parameters import declare, declare_config, declare_lockstep
 from models.nodes.qos import EVENT, LATCHED, STATE
@@ -132,7 +132,7 @@ class SupervisorNode(PoiseNode):
             evidence = self._probe.evidence(self._reports.description, self._reports.incompatible)
             findings = preflight(self.model, self._config, evidence, self._rates)
             findings = (*self._hanging(), *self._reports.intruders, *findings)
-            if findings != law.preflight:
+            if [cause_of(finding) for finding in findings] != [cause_of(finding) for finding in law.preflight]:
                 self.get_logger().info(f"preflight: {'; '.join(findings) or 'passed'}")
             law.set_preflight(findings)
             self._probe_until += self._listen_time

@@ -287,7 +287,9 @@ class Supervisor:
             "turn": (0.0, 0.0, config.text_turn),
             "spin": (0.0, 0.0, config.text_spin),
         }[word]
-        return CommandReply(True, f"walk: {velocity[0]:g} m/s forward, {velocity[1]:g} m/s left, {velocity[2]:g} rad/s")
+        return CommandReply(
+            True, f"walk: {velocity[0]:g} m/s forward, {velocity[1]:g} m/s left, {velocity[2]:g} rad/s, until 'stop'"
+        )
 
     def _stop(self) -> CommandReply:
         self._barred = True

@@ -15,7 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from models.errors import MessageError, PoiseError
 from models.nodes import realtime, topics
 from models.nodes.parameters import describe
-from models.nodes.qos import EVENT, LATCHED, QosWatch
+from models.nodes.qos import EVENT, REFUSALS, QosWatch
 from models.nodes.status import StatusMessage, status_from_message, status_to_message
 from models.robot_model import RobotModel
 from models.status import NodeStatus, Status
@@ -25,8 +25,13 @@ T = TypeVar("T", bound=Status)
 LOG_PERIOD = 0.2  #: Shortest time between two reports of refusals of the same topic or service [s]
 QUIET = 5.0  #: Time without a cause of refusals after which it is reported as a new one [s]
 CAUSES_MAX = 100  #: Causes remembered: those of the newest refusals
-_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")  #: In a reason; reasons that differ in numbers alone are one cause
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 ALARM_PERIOD = 0.05  #: Shortest time between two alarms on ``/diagnostics`` [s]
+
+
+def cause_of(reason: str) -> str:
+    """A reason without its numbers: reasons that differ in nothing else are one cause."""
+    return _NUMBER.sub("#", reason)
 
 
 @cache
@@ -79,7 +84,7 @@ class PoiseNode(LifecycleNode):
         self._qos = QosWatch(self)
         watched = self._qos.publisher("/diagnostics", EVENT)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", EVENT, event_callbacks=watched)
-        self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, LATCHED)
+        self._refusals = self.create_publisher(DiagnosticStatus, topics.REFUSALS, REFUSALS)
         self._node_status = self.create_publisher(StatusMessage, topics.NODE_STATUS, EVENT)
         self._last_alarm = -ALARM_PERIOD
         self.every(float(period.value), self._on_diagnostics_due)
@@ -187,13 +192,14 @@ class PoiseNode(LifecycleNode):
         """
         self.counters[f"refused {source}"] += 1
         self.values["last refusal"] = f"{source}: {error}"
-        now, cause = time.monotonic(), (source, _NUMBER.sub("#", str(error)))
+        now, cause = time.monotonic(), (source, cause_of(str(error)))
         count, due, last = self._causes.pop(cause, (0, 1, now))
         count, due = (1, 1) if now - last > QUIET else (count + 1, due)
         if count >= due and now - self._last_report.get(source, -LOG_PERIOD) >= LOG_PERIOD:
             self._last_report[source] = now
             due = 10 * count
-            text = f"{source} refused: {error}" + (f" ({count} times)" if count > 1 else "")
+            named = f"{source}: {error}" if " refused: " in str(error) else f"{source} refused: {error}"
+            text = named + (f" ({count} times)" if count > 1 else "")
             self.get_logger().warning(text)
             status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)
             status.hardware_id = self.robot

@@ -36,6 +36,8 @@ SENSOR = keep_last(1, reliable=False)
 SENSOR_QUEUE = keep_last(100, reliable=False)
 #: ``/robot_description``, ``/mode``: late subscribers get the last value
 LATCHED = keep_last(1, reliable=True, latched=True)
+#: ``/refusals``: late subscribers get the last ones of each node
+REFUSALS = keep_last(10, reliable=True, latched=True)
 #: Requests and replies: none may be lost
 EVENT = keep_last(10, reliable=True)
 #: Joint commands without an offered or requested deadline, for commanders slower than the controller

@@ -1,5 +1,6 @@
 """The command line's client and the demonstration's observer, against a graph of a few fake topics."""
 
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +23,7 @@ from std_srvs.srv import Trigger
 from bridge.record.observer import Observer
 from bridge.ros import walk
 from bridge.ros.client import Client, next_step, overview
-from bridge.ros.environment import join_graph
+from bridge.ros.environment import claim_graph, join_graph
 from controllers.commands.command_signature import Signer, Verifier
 from models.errors import CommandError, PoiseError
 from models.nodes import topics
@@ -144,6 +145,15 @@ def test_nobody_there(context: Context) -> None:
             client.send("wave", timeout=0.3)
         with pytest.raises(CommandError, match="no service mode/stand"):
             client.trigger("mode/stand", timeout=0.3)
+
+
+def test_a_robot_that_is_starting_is_no_reason_to_start_one(context: Context, ros_domain_id: int) -> None:
+    with Client(namespace="robot_1") as client:
+        starting = rf"poise up \(g1, process {os.getpid()}\) is starting: wait"
+        with claim_graph("g1", None, "/robot_1"), pytest.raises(CommandError, match=starting):
+            client.robot(timeout=0.3)
+        with pytest.raises(CommandError, match="start it with: poise up"):
+            client.robot(timeout=0.3)
 
 
 def test_robots_in_other_namespaces_are_named(context: Context) -> None:

@@ -8,7 +8,7 @@ from rcl_interfaces.msg import Log
 
 from models.nodes import base, topics
 from models.nodes.base import PoiseNode
-from models.nodes.qos import EVENT, LATCHED
+from models.nodes.qos import EVENT, REFUSALS
 
 pytestmark = pytest.mark.ros
 
@@ -38,12 +38,12 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
         "cmd_vel refused: header.stamp: 9 ns is not after 94.5 ns (10 times)",
         "cmd_vel refused: another cause",
     ]
-    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, reported.append, LATCHED)  # late
-    bench.wait(lambda: reported)
+    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, reported.append, REFUSALS)  # late
+    bench.wait(lambda: len(reported) == 3)
     assert (reported[-1].name, reported[-1].message) == ("/refuser", "cmd_vel refused: another cause")
     bench.spin(0.6)
     node.refuse("cmd_vel", "another cause")  # after a silence it is news
-    bench.wait(lambda: len(reported) == 2)
+    bench.wait(lambda: len(reported) == 4)
     assert {item.key: item.value for item in reported[-1].values}["count"] == "1"
     assert node.counters["refused cmd_vel"] == 27
 
