@@ -92,7 +92,7 @@ class Shell:
             print("\n".join(f"    {each}: {', '.join(kinds)}" for each, kinds in sorted(found)))
 
     def topic(self, verb: str, *words: str) -> None:
-        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once``, ``pub -r RATE --times N``."""
+        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once -w SUBSCRIBERS``, ``pub -r RATE --times N``."""
         name = next((word for word in words if word.startswith("/")), "")
         if verb == "list":
             self._spin(DISCOVERY)
@@ -102,9 +102,9 @@ class Shell:
         elif verb == "pub":
             kind = kind_of(words[-2])
             publisher = self._node.create_publisher(kind, name, 10)
-            self._named(publisher.get_subscription_count)
-            message = fill(kind(), words[-1])
             given = dict(pairwise(words))
+            self._named(lambda: publisher.get_subscription_count() >= int(given.get("-w", 1)))
+            message = fill(kind(), words[-1])
             rate = float(given.get("-r") or given.get("--rate", 1.0))
             for count in range(1 if "--once" in words else int(given.get("--times", sys.maxsize))):
                 publisher.publish(message)
