@@ -92,7 +92,7 @@ class Shell:
             print("\n".join(f"    {each}: {', '.join(kinds)}" for each, kinds in sorted(found)))
 
     def topic(self, verb: str, *words: str) -> None:
-        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once -w SUBSCRIBERS``, ``pub -r RATE --times N``."""
+        """``topic list -t``, ``info -v``, ``echo``, ``hz``, ``pub --once -w NUMBER``, ``pub -r RATE --times N``."""
         name = next((word for word in words if word.startswith("/")), "")
         if verb == "list":
             self._spin(DISCOVERY)
