@@ -118,7 +118,8 @@ def _lines(nodes: list[PoiseNode], and_headed: list[PoiseNode]) -> Iterator[str]
     yield from _table(("topic", "type", "QoS", "from", "to"), _topics(and_headed))
     yield "\n## Services\n"
     yield "Beside those of every lifecycle node (`change_state`, `get_state`, ...) and of its parameters.\n"
-    services = sorted((_short(s.srv_name), _type(s.srv_type), n.get_name()) for n in nodes for s in _services(n))
+    services = sorted((_short(s.srv_name), _type(s.srv_type), n.get_name()) for n in nodes for s in n.services)
+    services = [row for row in services if not row[0].startswith(f"{row[2]}/")]  # those of lifecycle and parameters
     yield from _table(("service", "type", "node"), services)
     yield f"\n## Parameters\n\n### {OF_EVERY_NODE}\n"
     yield from _parameters(nodes[0], shared)
@@ -147,11 +148,6 @@ def _topics(nodes: list[PoiseNode]) -> Iterator[tuple[str, ...]]:
     for topic, (kind, qos, sources, sinks) in sorted(found.items(), key=lambda item: item[0].lstrip("/")):
         publishers = "every node" if len(sources) == len(NODES) else ", ".join(sources)
         yield topic, kind, qos, publishers or "you", ", ".join(sinks) or "any"
-
-
-def _services(node: PoiseNode) -> list[Any]:
-    """Services other than those of lifecycle and parameters, whose names begin with the node's."""
-    return [service for service in node.services if not _short(service.srv_name).startswith(f"{node.get_name()}/")]
 
 
 def _parameters(node: PoiseNode, names: set[str]) -> Iterator[str]:

@@ -56,9 +56,7 @@ def own_motions(robot: str, folder: Path) -> Parameters:
     }
 
 
-STARTING = "starting"
-COMPILING = "still starting: the first start on a machine compiles for minutes"
-COMPILING_TIME = 15.0  #: Duration of a transition after which that is said [s]
+STARTING = "starting; where the kernels have not been compiled before, that takes a minute or two"
 START_TIMEOUT = 300.0  #: Longest wait for a node to answer while it starts; the first start compiles [s]
 SPIN_TIMEOUT = 0.05  #: Longest wait for a callback between two checks of the processes [s]
 SETTLE_TIME = 0.2  #: Time for a service to discover its new client, which it needs before it can reply [s]
@@ -263,13 +261,8 @@ class Graph:
         processes = [*self._processes, *([] if self._plant is None else [self._plant])]
         concerned = [process for process in processes if set(process.spec.nodes) & set(names)]
 
-        late = [time.monotonic() + COMPILING_TIME]
-
         def spin() -> None:
             self._tick()
-            if late and time.monotonic() > late[0]:
-                late.clear()
-                self._say(COMPILING)
             for process in concerned:
                 if process.exit_code is not None:
                     raise PoiseError(f"{process.spec.module} ended with code {process.exit_code} while starting")

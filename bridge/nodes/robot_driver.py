@@ -32,8 +32,7 @@ from models.nodes.spin import Stop, run
 from models.types import SensorData
 
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
-#: Parts of the demanded speed below which the real-time factor is reported, and above which it may be again [-]
-SLOW, SLOW_AGAIN = 0.7, 0.95
+SLOW = 0.7  #: Part of the demanded speed below which the real-time factor is reported [-]
 
 
 class RobotDriver(PoiseNode):
@@ -67,7 +66,6 @@ class RobotDriver(PoiseNode):
         if world is not None:
             world.drivers.append(self)
         self._settled: SensorData | None = None  # published in the first tick after a restart in lockstep
-        self._slow = False  # whether the real-time factor has been reported as low
         self._late_since: dict[str, float] = {}  # of what simulated time waits for, monotonic time [s]
 
     def configure(self) -> None:
@@ -269,14 +267,12 @@ class RobotDriver(PoiseNode):
         self.values["starts interrupted"] = str(self.drivers.interruptions)
         factor = self._status.real_time_factor
         self.values["real-time factor"] = f"{factor:.2f}"
-        slow = factor < (SLOW_AGAIN if self._slow else SLOW) * self.config.speed
-        if self._simulated is not None and slow and not self._slow:
+        if self._simulated is not None and factor < SLOW * self.config.speed:
             self.get_logger().warning(
                 f"simulated time runs at {factor:.2f} of real time: other programs use the processor, or the plant is "
                 f"slow; poise status has the present factor",
                 throttle_duration_sec=60.0,
             )
-        self._slow = slow
         if self._simulated is not None:
             self.values["faults injected"] = self._simulated.plant.faults.summary
 

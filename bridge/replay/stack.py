@@ -66,7 +66,7 @@ class ReplayedStack:
             "reset": self._reset,
             "mode": lambda name: stack.enter(Mode(name)),
             "follow": self._follow,
-            "stop_motion": self._stop_motion,
+            "stop_motion": lambda: stack.stop_motion() if self.begun else None,
             "head": stack.look,
             "gain": stack.set_gain,
             "velocity": stack.set_velocity,
@@ -140,10 +140,6 @@ class ReplayedStack:
         if number not in self._motions:
             raise PoiseError("the recording lacks the trajectory of a motion")
         self._stack.follow(replace(self._motions[number], times=np.array(times)))
-
-    def _stop_motion(self) -> None:
-        if self.begun:
-            self._stack.stop_motion()
 
 
 def _snapshot(record: dict[str, Any]) -> StackSnapshot:

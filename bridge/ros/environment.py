@@ -45,7 +45,7 @@ def graph_environment(*, domain_id: int | None = None, network: bool = False) ->
     variables[SUPERVISED] = "1"
     if domain_id is not None:
         variables["ROS_DOMAIN_ID"] = str(domain_id)
-    profile = _packaged_profile()
+    profile = str(Path(str(files("bridge"))) / "config" / "loopback.xml")
     if not network and os.environ.get(PROFILE_VARIABLE, profile) == profile:
         variables[PROFILE_VARIABLE] = profile
         variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"  # any other value overrides the profile
@@ -57,10 +57,6 @@ def join_graph(*, domain_id: int | None = None, network: bool = False) -> None:
     variables = graph_environment(domain_id=domain_id, network=network)
     del variables[SUPERVISED]
     os.environ.update(variables)
-
-
-def _packaged_profile() -> str:
-    return str(Path(str(files("bridge"))) / "config" / "loopback.xml")
 
 
 def free_domain() -> int:
