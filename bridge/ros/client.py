@@ -127,8 +127,7 @@ class Client:
         """
         end = time.monotonic() + timeout
         while not condition():
-            left = end - time.monotonic()
-            if left <= 0.0:
+            if (left := end - time.monotonic()) <= 0.0:
                 return False
             self._executor.spin_once(timeout_sec=min(SPIN, left))
             if meanwhile is not None:

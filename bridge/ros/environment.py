@@ -75,10 +75,7 @@ def free_domain() -> int:
 
 
 def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
-    """Lock file of this user, held while open; the holder's note where another process holds it.
-
-    ``shared`` locks are held beside each other, to look for a holder without one's own note.
-    """
+    """Lock file of this user, held while open, beside other ``shared`` ones; the holder's note where it is held."""
     file = (Path(tempfile.gettempdir()) / f"poise-{name}-{os.getuid()}.lock").open("a+", encoding="utf-8")
     try:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
