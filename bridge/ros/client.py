@@ -24,9 +24,8 @@ if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
 
 PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
+OTHERS = 0.3  #: Longest wait for further subscribers of a command [s]
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
-
-
 STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
 
 
@@ -136,7 +135,9 @@ class Client:
 
     def send(self, text: str, timeout: float = 5.0) -> None:
         """Publish a text command; ``CommandError`` without a subscriber in ``timeout`` [s], or if signing fails."""
-        self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
+        count, name = self._text.get_subscription_count, topics.HUMANOID_COMMANDS
+        self.expect(lambda: count() > 0, timeout, "subscriber on", name)
+        self.wait(lambda: count() >= self.node.count_subscribers(name), OTHERS)  # a user's nodes get the word, too
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:

@@ -1,6 +1,8 @@
 """The command line's client and the demonstration's observer, against a graph of a few fake topics."""
 
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -137,6 +139,30 @@ def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
         client.command("wave")
     command = verifier.verify(supervisor.texts[-1])
     assert (command.source, command.text) == ("teleop", "wave")
+
+
+def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor) -> None:
+    """A node of the user subscribes beside the supervisor."""
+    code = (
+        "import rclpy; from std_msgs.msg import String; rclpy.init(); node = rclpy.create_node('student');"
+        "node.create_subscription(String, 'humanoid_commands', lambda m: print(m.data, flush=True), 10);"
+        "rclpy.spin(node)"
+    )
+    student = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        end = time.monotonic() + 20.0
+        while supervisor.count_subscribers(topics.HUMANOID_COMMANDS) < 2:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        for k in range(4):
+            with Client() as client:
+                client.send(f"word {k}")
+                client.spin(0.2)
+        assert student.stdout is not None
+        assert [student.stdout.readline().strip() for _ in range(4)] == [f"word {k}" for k in range(4)]
+    finally:
+        student.kill()
+        student.communicate()
 
 
 def test_nobody_there(context: Context) -> None:
