@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from controllers.commands.command_signature import Signer
 
 PLANNING = 0.5  #: Wait for a motion to be planned, after which it is answered that it was requested [s]
-OTHERS = 0.3  #: Longest wait for further subscribers of a command [s]
+DISCOVERY = 0.5  #: Time in which a new participant discovers the others; no command is sent before [s]
 SPIN = 0.01  #: Longest wait for a callback between two checks of a condition [s]
 STOP = "stop"  #: Command that every source may send; never signed, so that no signature can be refused
 
@@ -67,6 +67,7 @@ class Client:
         self._stack = ExitStack()
 
     def __enter__(self) -> Client:
+        self._entered = time.monotonic()
         joined = participant("poise_client", network=self._network, namespace=self.namespace)
         self.node, self._executor = self._stack.enter_context(joined)
         self._text = self.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
@@ -135,9 +136,8 @@ class Client:
 
     def send(self, text: str, timeout: float = 5.0) -> None:
         """Publish a text command; ``CommandError`` without a subscriber in ``timeout`` [s], or if signing fails."""
-        count, name = self._text.get_subscription_count, topics.HUMANOID_COMMANDS
-        self.expect(lambda: count() > 0, timeout, "subscriber on", name)
-        self.wait(lambda: count() >= self.node.count_subscribers(name), OTHERS)  # a user's nodes get the word, too
+        self.expect(lambda: self._text.get_subscription_count() > 0, timeout, "subscriber on", topics.HUMANOID_COMMANDS)
+        self.spin(self._entered + DISCOVERY - time.monotonic())  # nodes of the user subscribe, too
         self._text.publish(String(data=signed(text, self._signer)))
 
     def command(self, text: str, timeout: float = 2.0) -> CommandReply:

@@ -23,6 +23,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from bridge.record.observer import Observer
+from bridge.ros import client as client_module
 from bridge.ros import walk
 from bridge.ros.client import Client, next_step, overview
 from bridge.ros.environment import claim_graph, join_graph
@@ -141,8 +142,9 @@ def test_a_client_with_a_key_signs(supervisor: FakeSupervisor) -> None:
     assert (command.source, command.text) == ("teleop", "wave")
 
 
-def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor) -> None:
-    """A node of the user subscribes beside the supervisor."""
+def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A node of the user subscribes beside the supervisor, and may be discovered later."""
+    monkeypatch.setattr(client_module, "DISCOVERY", 3.0)  # on a busy machine
     code = (
         "import rclpy; from std_msgs.msg import String; rclpy.init(); node = rclpy.create_node('student');"
         "node.create_subscription(String, 'humanoid_commands', lambda m: print(m.data, flush=True), 10);"
@@ -154,15 +156,14 @@ def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor) -> None
         while supervisor.count_subscribers(topics.HUMANOID_COMMANDS) < 2:
             assert time.monotonic() < end
             time.sleep(0.05)
-        for k in range(4):
+        for k in range(3):
             with Client() as client:
                 client.send(f"word {k}")
-                client.spin(0.2)
-        assert student.stdout is not None
-        assert [student.stdout.readline().strip() for _ in range(4)] == [f"word {k}" for k in range(4)]
+                client.spin(0.5)
     finally:
         student.kill()
-        student.communicate()
+        words, _ = student.communicate()
+    assert words.split("\n") == ["word 0", "word 1", "word 2", ""]
 
 
 def test_nobody_there(context: Context) -> None:
