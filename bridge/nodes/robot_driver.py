@@ -32,7 +32,7 @@ from models.nodes.spin import Stop, run
 from models.types import SensorData
 
 MUJOCO = "mujoco"  #: Name of the built-in simulated plant
-SLOW = 0.7  #: Part of the demanded speed below which the real-time factor is reported [-]
+SLOW = 0.9  #: Part of the demanded speed below which the real-time factor is reported [-]
 
 
 class RobotDriver(PoiseNode):

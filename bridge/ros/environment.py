@@ -90,15 +90,18 @@ def _lock(name: str, note: str = "", *, shared: bool = False) -> IO[str] | str:
     return file
 
 
-def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
-    """Lock file of the graph of a domain and a namespace on this machine, held while open.
-
-    ``PoiseError`` names the robot and the process of the graph that runs there.
-    """
+def _graph(domain_id: int | None, namespace: str) -> tuple[str, str]:
+    """Name of a graph's lock, and its place in words; the domain is that of the environment when None."""
     domain = int(os.environ.get("ROS_DOMAIN_ID") or 0) if domain_id is None else domain_id
-    held = _lock(f"graph-{domain}{namespace.replace('/', '-')}", f"{robot}, process {os.getpid()}")
+    place = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
+    return f"graph-{domain}{namespace.replace('/', '-')}", place
+
+
+def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
+    """Lock file of a graph on this machine, held while open; ``PoiseError`` names robot and process that run there."""
+    name, place = _graph(domain_id, namespace)
+    held = _lock(name, f"{robot}, process {os.getpid()}")
     if isinstance(held, str):
-        place = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
         raise PoiseError(
             f"already running in {place}: {held}; end it with Ctrl-C there, or give this one another --namespace or "
             f"ROS_DOMAIN_ID"
@@ -108,8 +111,7 @@ def claim_graph(robot: str, domain_id: int | None, namespace: str) -> IO[str]:
 
 def graph_holder(namespace: str) -> str:
     """Robot and process of the graph in this process's domain and a namespace on this machine; empty without one."""
-    domain = int(os.environ.get("ROS_DOMAIN_ID") or 0)
-    held = _lock(f"graph-{domain}{namespace.replace('/', '-')}", shared=True)
+    held = _lock(_graph(None, namespace)[0], shared=True)
     if isinstance(held, str):
         return held
     held.close()

@@ -40,8 +40,8 @@ class RobotClock:
 
     def __init__(self, client: Client) -> None:
         self._client, self._now, self._received = client, math.nan, time.monotonic()
-        node = Node("poise_clock", context=client.node.context, **in_namespace(client.namespace))
-        self._odometry = node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)  # polled, not spun
+        self._node = Node("poise_clock", context=client.node.context, **in_namespace(client.namespace))  # not spun
+        self._odometry = self._node.create_subscription(Odometry, topics.ODOM, ignore, SENSOR, raw=True)
         client.wait(lambda: self.now() > -math.inf, math.inf)
 
     def now(self) -> float:
@@ -56,8 +56,7 @@ class RobotClock:
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """As ``Client.wait``, with a ``timeout`` in time of the robot [s]."""
         end = self.now() + timeout
-        self._client.wait(lambda: condition() or self.now() > end, math.inf)
-        return condition()
+        return self._client.wait(lambda: condition() or self.now() > end, math.inf) and condition()
 
 
 def walk(client: Client, velocity: Velocity, seconds: float) -> CommandReply:
