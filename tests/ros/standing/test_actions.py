@@ -92,7 +92,8 @@ def test_a_motion_is_played_to_its_end(user: User) -> None:
     feedback: list[Any] = []
     status, result = user.result(user.send(ExecuteMotion, "execute_motion", ExecuteMotion.Goal(motion="bow"), feedback))
     assert status == SUCCEEDED and result.success, result
-    assert {message.state for message in feedback} == {"requested", "running"}
+    states = [message.state for message in feedback]  # a fast planner is done before the first feedback
+    assert set(states) - {"requested"} == {"running"} and states == sorted(states)
     assert feedback[-1].elapsed > 1.0
 
 
