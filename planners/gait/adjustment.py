@@ -26,7 +26,7 @@ from planners.gait.footsteps import (
     rotated,
 )
 from planners.gait.measurement import Measurement
-from planners.gait.reaction import LegLever, rest_of_swing
+from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.swing import SwingShape, SwingState
 
 Box = tuple[Point, Point]  #: Least and largest of two coordinates [m]
@@ -174,6 +174,19 @@ class Walk(Struct, frozen=True):
     urgent: bool = False
 
 
+class _Underway(NamedTuple):
+    """A step under way; times since its lift-off [s], as in ``StepProblem``."""
+
+    foot: int  #: The swing foot
+    urgent: bool  #: Chooses the reach
+    ends: bool  #: The walk ends with the previewed steps: chooses the weights
+    omega: float
+    elapsed: float
+    planned: float
+    soonest: float
+    latest: float
+
+
 class _Nominal(NamedTuple):
     """Nominal step under way, from ``_assemble_step`` to ``_foothold_of``; each (2,) [m]."""
 
@@ -206,7 +219,7 @@ class StepPlanner:
         law, reach = self._adjustment, config.reach
         boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
         cop = config.adjustment.cop_share * soles.half
-        model = StepModel(config.timing.single, config.timing.double, soles.centres, shape, lever)
+        model = StepModel(config.timing.single, config.timing.double, soles.centres, SwingLeg(shape, lever))
         self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
         speed = config.swing.speed_max
         self._setup = unbox(_Setup(model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal))
@@ -234,26 +247,11 @@ class StepPlanner:
         config, poses, omega = self._config, self._coming(walk), walk.omega
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         soonest = max(single_min, elapsed + config.swing.freeze)
-        _assemble_step(
-            self._setup,
-            poses,
-            walk.foot,
-            walk.urgent,
-            walk.command.steps_left is not None,
-            omega,
-            measured.dcm(omega),
-            measured.com,
-            measured.com_velocity,
-            elapsed,
-            planned,
-            soonest,
-            max(config.timing.single_max, soonest),
-            target.x,
-            target.y,
-            swing.motion,
-            swing.floor,
-            swing.duration,
-        )
+        latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
+        step = _Underway(walk.foot, walk.urgent, ends, omega, elapsed, planned, soonest, latest)
+        motion = swing.motion, swing.floor, swing.duration, (target.x, target.y)
+        body = measured.com, measured.com_velocity
+        _assemble_step(self._setup, poses, step, measured.dcm(omega), motion, body)
         z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * config.timing.single))
         end = np.empty(2)
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, z, end)
@@ -299,46 +297,17 @@ def _start_of_single(
 
 @njit(cache=True)
 def _assemble_step(
-    setup: Unboxed[_Setup],
-    poses: Matrix,
-    foot: int,
-    urgent: bool,
-    ends: bool,
-    omega: float,
-    measured: Vector,
-    com: Vector,
-    com_velocity: Vector,
-    elapsed: float,
-    planned: float,
-    soonest: float,
-    latest: float,
-    target_x: float,
-    target_y: float,
-    motion: Matrix,
-    floor: float,
-    duration: float,
+    setup: Unboxed[_Setup], poses: Matrix, step: _Underway, measured: Vector, swing: SwingMotion, body: Body
 ) -> None:
     """Assemble the QP of a step under way, in the stance frame, and its nominal step.
 
-    ``poses`` are those of ``previewed_offset``, the times those of ``StepProblem`` [s]; ``motion`` (3, 4), ``floor``
-    [m] and ``duration`` [s] of the swing foot are those of ``rest_of_swing``. ``measured`` DCM (2,), ``com`` (3,), its
-    velocity and the last target are in W [m]. ``urgent`` chooses the reach, ``ends`` the weights.
+    ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m].
     """
     fixed, nominal = setup.record, setup.record.nominal
-    model = fixed.model
+    model, motion = fixed.model, swing[0]
+    foot, urgent, ends, omega, elapsed, planned, soonest, latest = step
     offset = previewed_offset(poses, foot, ends, omega, model)
-    swing_shift = rest_of_swing(
-        omega,
-        planned - elapsed,
-        motion,
-        floor,
-        duration,
-        (target_x, target_y),
-        com,
-        com_velocity,
-        model.shape,
-        model.lever,
-    )
+    swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     stance_centre, centre = model.centres[1 - foot], model.centres[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])

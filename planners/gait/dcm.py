@@ -22,12 +22,7 @@ from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
-from planners.gait.reaction import LegLever, SwingLeg, cmp_offset, rest_of_swing, swing_slope, whole_swing
-from planners.gait.swing import SwingShape
-
-#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], time from lift-off to
-#: touchdown [s], and target in W [m]
-SwingMotion = tuple[Matrix, float, float, Point]
+from planners.gait.reaction import Body, SwingLeg, SwingMotion, cmp_offset, rest_of_swing, swing_slope, whole_swing
 
 
 class StepModel(NamedTuple):
@@ -36,8 +31,7 @@ class StepModel(NamedTuple):
     single: float  # nominal single support T_s [s]
     double: float  # double support T_d [s]
     centres: Matrix  # middle of each sole in the frame of the sole (2, 2) [m]
-    shape: SwingShape
-    lever: LegLever
+    leg: SwingLeg
 
 
 @register_jitable
@@ -76,6 +70,12 @@ def touchdown_offset(
 
 
 @register_jitable
+def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Point:
+    """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
+    return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.leg)
+
+
+@register_jitable
 def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
@@ -88,9 +88,7 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: S
         points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
-        swings[i, 0], swings[i, 1] = whole_swing(
-            omega, step.single, step.single + step.double, way, poses[0, 2], step.shape, step.lever
-        )
+        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], step)
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
     return touchdown_offset(points, swings, omega, step.single, step.double, final)
 
@@ -99,13 +97,7 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: S
 def offset_coupling(omega: float, step: StepModel) -> float:
     """Change of the DCM offset at touchdown per change of the foothold [-]; see ``touchdown_offset``."""
     fade = math.exp(-omega * step.double)
-    return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.lever)
-
-
-@register_jitable
-def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Point:
-    """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
-    return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.shape, step.lever)
+    return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.leg.lever)
 
 
 @register_jitable
@@ -123,16 +115,15 @@ def pendulum(point: Vector, end: Vector, omega: float, left: float, rest: Point,
 
 @njit(cache=True)
 def single_support(
-    point: Vector, end: Vector, omega: float, left: float, swing: SwingMotion, body: tuple[Vector, Vector],
-    leg: Unboxed[SwingLeg], out: Matrix,
+    point: Vector, end: Vector, omega: float, left: float, swing: SwingMotion, body: Body, leg: Unboxed[SwingLeg],
+    out: Matrix,
 ) -> None:  # fmt: skip
     """Fill DCM, its rate, and CMP minus CoP (3, 2) [m, m/s, m], ``left`` [s] before the touchdown with ``end``.
 
-    ``point`` is the ZMP point of the stance foot and ``end`` a DCM (2,) [m], ``body`` are the CoM and its velocity.
+    ``point`` is the ZMP point of the stance foot and ``end`` a DCM (2,) [m].
     """
-    (shape, lever), (com, velocity), (motion, floor, duration, target) = leg.record, body, swing
-    rest = rest_of_swing(omega, left, motion, floor, duration, target, com, velocity, shape, lever)
-    offset = cmp_offset(motion, com, velocity, lever)
+    rest = rest_of_swing(omega, left, swing, body, leg.record)
+    offset = cmp_offset(swing[0], body[0], body[1], leg.record.lever)
     pendulum(point, end, omega, max(left, 0.0), rest, offset, out)
     out[2, 0], out[2, 1] = offset
 

@@ -38,6 +38,11 @@ from planners.gait.config import leg_length
 from planners.gait.footsteps import Point
 from planners.gait.swing import YAW, SwingShape, Z
 
+#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], time from lift-off to
+#: touchdown [s], and target in W [m]
+SwingMotion = tuple[Matrix, float, float, Point]
+Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
+
 # Gauss-Legendre on [0, 1]
 _NODES = np.array([0.0694318442029737, 0.3300094782075719, 0.6699905217924281, 0.9305681557970263])
 _WEIGHTS = np.array([0.1739274225687269, 0.3260725774312731, 0.3260725774312731, 0.1739274225687269])
@@ -59,6 +64,13 @@ class LegLever(NamedTuple):
     slope: float  # kappa, change of it per metre that the foot is ahead of the CoM [s^2/m]
     lift: float  # zeta, of the upward velocity: the knee comes forward [s^2]
     side: float  # sigma, of the sideways velocity [s^2]
+
+
+class SwingLeg(NamedTuple):
+    """Constants of the swing's reaction."""
+
+    shape: SwingShape
+    lever: LegLever
 
 
 @register_jitable
@@ -104,10 +116,9 @@ def _allowance(
 
 
 @register_jitable
-def whole_swing(
-    omega: float, duration: float, period: float, way: Point, yaw: float, shape: SwingShape, lever: LegLever
-) -> Point:
+def whole_swing(omega: float, duration: float, period: float, way: Point, yaw: float, leg: SwingLeg) -> Point:
     """``d`` at the lift-off of a step of a steady walk, in W [m]; ``way`` is the foot's displacement [m]."""
+    shape, lever = leg
     c, s = math.cos(yaw), math.sin(yaw)
     foot = np.zeros(14)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
@@ -119,23 +130,9 @@ def whole_swing(
 
 
 @register_jitable
-def rest_of_swing(
-    omega: float,
-    left: float,
-    motion: Matrix,
-    floor: float,
-    duration: float,
-    target: Point,
-    com: Vector,
-    com_velocity: Vector,
-    shape: SwingShape,
-    lever: LegLever,
-) -> Point:
-    """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m].
-
-    ``motion`` (3, 4) is position, velocity and acceleration of x, y, z, yaw of the foot in W, ``floor`` its height at
-    lift-off [m], ``duration`` that of the swing [s].
-    """
+def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
+    """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
+    (motion, floor, duration, target), (com, com_velocity), (shape, lever) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shape.apex) * duration
     if rise <= shape.freeze:
@@ -152,13 +149,6 @@ def rest_of_swing(
     drift = c * com_velocity[0] + s * com_velocity[1]
     x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
-
-
-class SwingLeg(NamedTuple):
-    """Constants of the swing's reaction."""
-
-    shape: SwingShape
-    lever: LegLever
 
 
 @register_jitable

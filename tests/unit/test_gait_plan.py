@@ -71,7 +71,7 @@ def offset_of(planned: Planned, walk: Walk) -> np.ndarray:
     offset = np.zeros(2) if walk.command.steps_left is None else 0.5 * (points[-2] - points[-1])
     for before, here, after in reversed(list(zip(points, points[1:], points[2:], strict=False))):
         way = tuple(after - before)
-        used = whole_swing(OMEGA, timing.single, period, way, walk.stance.yaw, shape, planned.lever)
+        used = whole_swing(OMEGA, timing.single, period, way, walk.stance.yaw, SwingLeg(shape, planned.lever))
         offset = math.exp(-OMEGA * period) * (offset + after - here) - share * (here - before)
         offset = offset + math.exp(-OMEGA * timing.double) * np.array(used)
     return offset

@@ -22,7 +22,8 @@ DT = 0.001
 PERIOD = SINGLE + DOUBLE
 FOOT = SwingFoot(CONFIG)
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
-LEG = unbox(SwingLeg(FOOT.shape, LEVER))
+SWING_LEG = SwingLeg(FOOT.shape, LEVER)
+LEG = unbox(SWING_LEG)
 
 
 @pytest.mark.parametrize(("name", "hip_pitch"), [("g1", 0), ("talos", 2)])
@@ -114,7 +115,7 @@ def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
     way = points[2] - points[0]
-    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, FOOT.shape, LEVER)
+    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, SWING_LEG)
     offset = touchdown_offset(points, swing)
     xi = points[1] + offset
     ticks = round(DOUBLE / DT)
@@ -131,6 +132,6 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
 
 
 def test_a_longer_way_uses_up_more() -> None:
-    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, FOOT.shape, LEVER)[0] for x in (0.3, 0.5))
+    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, SWING_LEG)[0] for x in (0.3, 0.5))
     assert (long - short) / 0.2 == pytest.approx(swing_slope(OMEGA, SINGLE, LEVER), rel=0.5)
     assert long < short < 0.0
