@@ -52,7 +52,7 @@ int pthread_cond_timedwait(pthread_cond_t *c, pthread_mutex_t *m, const struct t
     static int (*real)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
     if (!real) real = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2"); /* x86-64 has an older one as well */
     if (!real) real = dlsym(RTLD_NEXT, "pthread_cond_timedwait");
-    struct timespec end = moved(t, t->tv_sec > WALL ? -*shift : 0); /* the condition knows its clock, nobody else */
+    struct timespec end = moved(t, t->tv_sec > WALL ? -*shift : 0); /* the condition alone knows its clock */
     return real(c, m, &end);
 }
 int sem_timedwait(sem_t *restrict s, const struct timespec *restrict t) {

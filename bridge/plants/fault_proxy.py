@@ -51,7 +51,7 @@ class FaultProxy:
         self._model, self._period, self._seed = model, period, seed
         self._grace = round(MAX_AGE / period)
         self._plan = fault_plan(plan)
-        self.note: Callable[[str], None] = lambda text: None  #: Told when a fault is injected, begins or ends
+        self.note: Callable[[str], None] = lambda text: None  #: Called when a fault is injected, begins or ends
         self._injected: list[_Injected] = []
         self._count = 0
         self._clear()
