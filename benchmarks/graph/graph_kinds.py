@@ -1,18 +1,14 @@
 """Rows of ``poise bench graph_faults``, the graphs they run on, and the stage: a graph and what is received from it."""
 
-import mmap
 import os
 import random
-import shutil
-import struct
-import subprocess
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 from unittest.mock import patch
@@ -70,33 +66,32 @@ class GraphFaultsConfig:
 
 config = partial(settings, GraphFaultsConfig, "graph_faults")
 
-COMPILER = "cc"
-
 
 class NotHere(PoiseError):
     """This machine lacks what a graph needs."""
 
 
 class WallClock:
-    """Shift of the wall clock of processes started with ``variables``; ``NotHere`` without a working C compiler."""
+    """Shift of the wall clock of processes started with ``variables``; ``NotHere`` without libfaketime."""
 
     def __init__(self, folder: Path) -> None:
-        if shutil.which(COMPILER) is None:
-            raise NotHere(f"no C compiler: {COMPILER} is not there")
-        library, state = folder / "wall_clock_shift.so", folder / "wall_clock_shift"
-        source = Path(str(files("benchmarks.graph"))) / "wall_clock_shift.c"
-        command = [COMPILER, "-O2", "-shared", "-fPIC", "-o", str(library), str(source), "-ldl", "-lpthread"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise NotHere(f"{COMPILER} fails: {done.stderr.strip()[:200]}")
-        state.write_bytes(struct.pack("q", 0))
-        with state.open("r+b") as file:
-            self._page = mmap.mmap(file.fileno(), 8)
-        self.variables = {"LD_PRELOAD": str(library), "WALL_CLOCK_SHIFT": str(state)}
+        found = find_spec("libfaketime")
+        if found is None or found.origin is None:
+            raise NotHere("libfaketime is not installed: pip install libfaketime")
+        self._state = folder / "wall_clock_shift"
+        self.shift(0.0)
+        self.variables = {
+            "LD_PRELOAD": str(Path(found.origin).parent / "vendor/libfaketime/src/libfaketime.so.1"),
+            "FAKETIME_TIMESTAMP_FILE": str(self._state),
+            "FAKETIME_NO_CACHE": "1",  # the file is read at every call
+            "DONT_FAKE_MONOTONIC": "1",
+        }
 
     def shift(self, seconds: float) -> None:
         """Have the clock be wrong by so much from now on [s]."""
-        self._page[:] = struct.pack("q", round(seconds * 1e9))
+        new = self._state.with_suffix(".new")
+        new.write_text(f"{seconds:+.9f}\n", encoding="ascii")
+        new.replace(self._state)
 
 
 SPOILT_BRIDGE = ProcessSpec("benchmarks.graph.spoilt_bridge", BRIDGE.nodes)
