@@ -40,27 +40,27 @@ class Cluster:
             Its process, and the file of what it says.
         """
         self._count += 1
-        told = self._folder / f"dask-{self._count}.log"
+        log = self._folder / f"dask-{self._count}.log"
         environment = dict(os.environ) | {"PYTHONPATH": str(source or self._root)}
         command = [*machine, sys.executable, "-m", "dask", *words, "--no-dashboard"]
-        with told.open("wb") as file:
+        with log.open("wb") as file:
             process = subprocess.Popen(command, cwd=self._folder, env=environment, stdout=file, stderr=file)
         self._stack.callback(_end, process)
-        return process, told
+        return process, log
 
     def scheduler(self, source: Path | None = None, host: str = "127.0.0.1") -> subprocess.Popen[bytes]:
         """Start a scheduler on a free port and note its address."""
-        process, told = self.start("scheduler", "--host", host, "--port", "0", source=source)
-        found = _said(told, r"Scheduler at:\s+(tcp://\S+)")
+        process, log = self.start("scheduler", "--host", host, "--port", "0", source=source)
+        found = _said(log, r"Scheduler at:\s+(tcp://\S+)")
         self.address = found.group(1)
         return process
 
     def worker(self, source: Path | None = None, machine: Sequence[str] = ()) -> tuple[subprocess.Popen[bytes], int]:
         """Start a nanny with one worker, and wait until it is known; the nanny, and the worker's process."""
-        nanny, told = self.start(
+        nanny, log = self.start(
             "worker", self.address, "--nworkers", "1", "--nthreads", "1", source=source, machine=machine
         )
-        _said(told, r"Registered to:")
+        _said(log, r"Registered to:")
         return nanny, _children(nanny.pid)[-1]
 
 

@@ -143,8 +143,8 @@ def test_what_cannot_be_run_again_is_said(fallen: ClosedLoop, tmp_path: Path) ->
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "without.npz")])
     assert result.exit_code == 2 and "holds no state of the laws" in result.output.replace("\n", " ")
     assert record.replay is not None
-    told = deepcopy(record.replay.record)
-    del told["stages"]["estimator"]["arrays"][3]
+    broken = deepcopy(record.replay.record)
+    del broken["stages"]["estimator"]["arrays"][3]
     with pytest.raises(PoiseError, match="another version"):
-        replay_box(replace(record, replay=replace(record.replay, record=told)))
+        replay_box(replace(record, replay=replace(record.replay, record=broken)))
     assert replay_box(_rows(record, np.delete(np.arange(200), 50))).lost == 1

@@ -77,7 +77,7 @@ def test_a_new_robot_stands_and_waves(urdf: Path, walks: bool, tmp_path: Path) -
     assert walks or "KneePitch' was the first at its limit of 38.17 N.m" in result.output
 
 
-def test_a_robot_too_weak_to_stand_is_told_so(tmp_path: Path) -> None:
+def test_a_robot_too_weak_to_stand_is_reported(tmp_path: Path) -> None:
     """The proposal for iCub with knees of a tenth of the torque that standing takes."""
     files = write_proposal(propose(ICUB), tmp_path / "icub.yaml")
     text = files[0].read_text()

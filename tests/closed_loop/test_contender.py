@@ -20,26 +20,26 @@ CONFIG = settings(push.PushConfig, "push")
 
 
 class Posture:
-    """Leaves the standing posture to the drivers, and keeps what it is told."""
+    """Leaves the standing posture to the drivers, and keeps what it receives."""
 
     torque_controlled = False
 
     def __init__(self) -> None:
-        self.told: list[Any] = []
+        self.calls: list[Any] = []
 
     def reset(self, model: RobotModel, seed: int) -> None:
         """Take the torques of standing."""
         self.still = StandStill()
         self.still.reset(model, seed)
-        self.told.append(seed)
+        self.calls.append(seed)
 
     def set_velocity(self, forward: float, left: float, turn: float) -> None:
         """Keep it."""
-        self.told.append((forward, left, turn))
+        self.calls.append((forward, left, turn))
 
     def step(self, sensors: SensorData, dt: float) -> JointCommand:
         """Posture and torques of standing."""
-        self.told.append(sensors.t)
+        self.calls.append(sensors.t)
         return JointCommand(self.still._posture, np.zeros(len(sensors.q)), self.still._torque)
 
 
@@ -74,11 +74,11 @@ def test_the_drivers_execute_targets_and_commands_come_late(monkeypatch: pytest.
     made = Posture()
     monkeypatch.setattr(contender, "load", lambda name: made)
     loop = ContenderLoop("any", "g1", seed=2, delay_s=0.004, record_period_s=0.01)
-    assert made.told[0] == 2 and loop._lockstep._delay_ticks == 4
+    assert made.calls[0] == 2 and loop._lockstep._delay_ticks == 4
     loop.set_velocity(0.1, 0.0, 0.2)
     loop.run(0.1)
-    assert made.told.count((0.1, 0.0, 0.2)) == 1
-    stamps = [word for word in made.told if isinstance(word, float)]
+    assert made.calls.count((0.1, 0.0, 0.2)) == 1
+    stamps = [word for word in made.calls if isinstance(word, float)]
     np.testing.assert_allclose(np.diff(stamps[-50:]), 0.001, atol=1e-9)
     assert loop.log.tau.shape[1] == loop.robot.nj and len(loop.log) == len(loop.log.true_v) > 5
     assert len(loop._lockstep._queue) == 4  # what it has answered and the drivers do not have yet

@@ -73,7 +73,7 @@ def test_a_hanging_robot_takes_no_mode_to_move_in_until_it_is_let_down(driven: S
 
 
 def test_commands_that_cease_while_the_robot_is_held_leave_its_drivers_ready(driven: SimulatedDrivers) -> None:
-    """Nobody would arm them again: to the supervisor a held robot is as well as it was."""
+    """Nothing would arm them again: to the supervisor a held robot is as well as it was."""
     driven.settle()
     driven.set_mode(Mode.STAND)
     carrying = hanging_command(driven.plant.robot)

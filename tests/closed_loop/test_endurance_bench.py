@@ -46,7 +46,7 @@ def test_nothing_happens_to_the_robot(short: Case) -> None:
     assert [row[0] for row in short["memory"]] == pytest.approx([0.0, 0.5, 1.0, 1.5, 2.0, 2.5])
 
 
-def test_a_fall_is_told_and_the_hour_goes_on(g1: RobotModel) -> None:
+def test_a_fall_is_reported_and_the_hour_goes_on(g1: RobotModel) -> None:
     case = minute(g1, push_stand=2.0, push_walk=2.0, shares={**NOTHING, "push": 1.0})
     assert not case["ok"]
     assert "after push of" in case["ends"][0]

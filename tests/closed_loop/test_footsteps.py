@@ -61,8 +61,8 @@ def test_it_takes_listed_footsteps_and_refuses_others_while_it_does(loop: Closed
         loop.gait.take_steps(steps)
     run_until_still(loop, 6.0)
     assert loop.gait.steps - before == 3
-    for hold, wanted in zip(loop.gait.footholds, (steps[1], steps[2]), strict=True):
-        assert np.hypot(hold.x - wanted.hold.x, hold.y - wanted.hold.y) < 0.03
+    for hold, expected in zip(loop.gait.footholds, (steps[1], steps[2]), strict=True):
+        assert np.hypot(hold.x - expected.hold.x, hold.y - expected.hold.y) < 0.03
 
 
 def test_a_velocity_or_a_stop_ends_a_route(loop: ClosedLoop) -> None:

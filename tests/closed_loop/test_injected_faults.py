@@ -62,7 +62,7 @@ def test_joint_states_that_do_not_come(standing: ClosedLoop, length: float, mode
     assert not standing.fallen
 
 
-def test_a_dead_motor_gives_no_torque_whatever_it_is_told(standing: ClosedLoop) -> None:
+def test_a_dead_motor_gives_no_torque_whatever_is_commanded(standing: ClosedLoop) -> None:
     loop, knee = standing, standing.robot.joint_index("left_knee_joint")
     assert abs(loop.truth.tau[knee]) > 5.0  # [N.m]
     loop.inject(Fault(KNEE, "off", end=0.01))

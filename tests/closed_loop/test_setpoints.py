@@ -21,20 +21,20 @@ STEP_MAX = 0.08
 
 
 class Stream:
-    """A loop whose joint is told where to be 50 times a second.
+    """A loop whose joint gets a setpoint 50 times a second.
 
     Args:
-        told: Position [rad] and velocity [rad/s] from the present position at a time [s].
+        setpoint: Position [rad] and velocity [rad/s] from the present position at a time [s].
         lead: Time in which each point is to be reached [s].
-        velocities: Whether they are told, too.
+        velocities: Whether setpoints have them, too.
     """
 
-    def __init__(self, told: Callable[[float], tuple[float, float]], lead: float, *, velocities: bool) -> None:
+    def __init__(self, setpoint: Callable[[float], tuple[float, float]], lead: float, *, velocities: bool) -> None:
         self.loop = loop = ClosedLoop("g1", seed=0, record=False)
         loop.run(0.5)
         self.index = loop.robot.joint_index(JOINT)
         self.middle = float(loop.controller.reference.posture[self.index])
-        self._told, self._lead, self._velocities = told, lead, velocities
+        self._setpoint, self._lead, self._velocities = setpoint, lead, velocities
         self.torques: list[Vector] = []
         self.joint: list[float] = []
 
@@ -42,7 +42,7 @@ class Stream:
         """Publish and look, tick by tick."""
         for tick in range(round(1e3 * seconds)):
             if publish and tick % round(1e3 * PERIOD) == 0:
-                q, v = self._told(1e-3 * tick + self._lead)
+                q, v = self._setpoint(1e-3 * tick + self._lead)
                 point = np.array([[self.middle + q]])
                 speed = np.array([[v]]) if self._velocities else None
                 self.loop.controller.follow(JointTrajectory((JOINT,), np.array([self._lead]), point, speed))
@@ -65,8 +65,8 @@ def swing(t: float) -> tuple[float, float]:
 def test_a_stream_of_setpoints_moves_an_arm_smoothly(lead: float, velocities: bool) -> None:
     stream = Stream(swing, lead, velocities=velocities)
     stream.run(2.0)
-    wanted = np.array([swing(1e-3 * (tick + 1))[0] for tick in range(2000)])
-    assert np.degrees(np.abs(wanted - stream.joint).max()) < 8.0
+    expected = np.array([swing(1e-3 * (tick + 1))[0] for tick in range(2000)])
+    assert np.degrees(np.abs(expected - stream.joint).max()) < 8.0
     assert np.ptp(stream.joint) > 0.4
     assert stream.largest_step < STEP_MAX
     assert not stream.loop.fallen and not stream.loop.faults and stream.loop.foot_slip.max() < 0.001

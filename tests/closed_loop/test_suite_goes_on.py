@@ -54,7 +54,7 @@ def suite_of(folder: Path, modules: dict[str, Listed], **parts: Part) -> tuple[b
     return passed, console.export_text()
 
 
-def test_whatever_a_benchmark_raises_is_told_and_the_others_go_on(
+def test_whatever_a_benchmark_raises_is_reported_and_the_others_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("markdown_it")
@@ -171,8 +171,8 @@ def test_a_suite_that_is_killed_goes_on_without_a_case_lost_or_repeated(tmp_path
     assert CliRunner().invoke(app, ["report", str(folder)]).exit_code == 0
     page = (folder / "report.md").read_text()
     begun = f"{kept} of 6 cases of the unfinished that have begun"
-    told = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
-    assert told in page
+    line = f"Partial: 0 of 2 parts of --full are finished; {begun}, 1 not begun"
+    assert line in page
     assert f"| faults | g1 | {kept} of 6 cases |" in page and "Not begun: stand unknown." in page
 
     again = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -144,5 +144,5 @@ def test_constraints_pin_every_direct_dependency(project: dict[str, dict[str, ob
     table = project["project"]
     lines = [*table["dependencies"], *(x for extra in table["optional-dependencies"].values() for x in extra)]  # type: ignore
     for line in lines:
-        wanted = Requirement(line)
-        assert wanted.specifier.contains(pinned[canonicalize_name(wanted.name)]), line
+        expected = Requirement(line)
+        assert expected.specifier.contains(pinned[canonicalize_name(expected.name)]), line

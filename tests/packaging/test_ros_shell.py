@@ -21,7 +21,9 @@ def python(tmp_path: Path) -> Shell:
     return Shell([sys.executable, "-c"], os.environ, tmp_path)
 
 
-def test_a_step_that_does_not_show_what_it_has_to_is_told(python: Shell, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_step_that_does_not_show_what_it_has_to_is_reported(
+    python: Shell, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert python.do(Step("'print(12)'", (r"^\d+$",)))
     assert not python.do(Step("'print(12)'", (r"\d", "thirteen")))
     assert python.failed == ["'print(12)'"]

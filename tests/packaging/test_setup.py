@@ -10,7 +10,7 @@ import pytest
 TOOLS = ("bash", "cat", "cut", "cksum", "dirname", "env", "grep", "head", "paste", "rm", "tail", "tr", "uname")
 
 FAKE_PYTHON = """#!/bin/bash
-# Stands for Python {version}: answers what .ci/setup asks, and notes what it is told to do.
+# Stands for Python {version}: answers what .ci/setup asks, and notes its arguments.
 case "$*" in
   --version) echo "Python {version}" ;;
   *"import rclpy"*) {rclpy} ;;

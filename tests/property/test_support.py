@@ -21,8 +21,8 @@ def hull_of(points: np.ndarray) -> tuple[np.ndarray, int]:
 def test_hull_equals_scipy(seed: int, count: int) -> None:
     points = np.random.default_rng(seed).normal(size=(count, 2))
     hull, n = hull_of(points)
-    wanted = points[ConvexHull(points).vertices]
-    assert {tuple(p) for p in hull[:n]} == {tuple(p) for p in wanted}
+    expected = points[ConvexHull(points).vertices]
+    assert {tuple(p) for p in hull[:n]} == {tuple(p) for p in expected}
     edges = np.roll(hull[:n], -1, axis=0) - hull[:n]
     turns = edges[:, 0] * np.roll(edges, -1, axis=0)[:, 1] - edges[:, 1] * np.roll(edges, -1, axis=0)[:, 0]
     assert (turns > 0).all()
@@ -36,18 +36,18 @@ def test_distance_to_a_square(x: float, y: float, margin: float) -> None:
     distance = edge_distance(hull, n, x, y, margin, out)
     half = 1.0 - margin
     outside = np.hypot(max(abs(x) - half, 0.0), max(abs(y) - half, 0.0))
-    wanted = outside if outside > 0 else max(abs(x), abs(y)) - half
-    np.testing.assert_allclose(distance, wanted, atol=1e-9)
-    np.testing.assert_allclose(np.hypot(x - out[0], y - out[1]), abs(wanted), atol=1e-9)
+    expected = outside if outside > 0 else max(abs(x), abs(y)) - half
+    np.testing.assert_allclose(distance, expected, atol=1e-9)
+    np.testing.assert_allclose(np.hypot(x - out[0], y - out[1]), abs(expected), atol=1e-9)
     assert max(abs(out[0]), abs(out[1])) <= half + 1e-9
     np.testing.assert_allclose(np.hypot(out[2], out[3]), 1.0, atol=1e-9)
 
 
-def command(dcm: tuple[float, float], wanted: tuple[float, float], **changes: float) -> tuple[np.ndarray, float]:
+def command(dcm: tuple[float, float], expected: tuple[float, float], **changes: float) -> tuple[np.ndarray, float]:
     hull, n = hull_of(SQUARE)
     settings = {"margin": 0.0, "momentum_margin": 0.1, "momentum_gain": 2.0, "momentum_reach_max": 0.5} | changes
     out = np.zeros(2)
-    inside = cmp_command(hull, n, np.array(dcm), np.array(wanted), *settings.values(), out)
+    inside = cmp_command(hull, n, np.array(dcm), np.array(expected), *settings.values(), out)
     return out, inside
 
 

@@ -20,7 +20,7 @@ from tests.support import standing
 
 
 class World:
-    """Drivers that say what they do, and ears for the mode."""
+    """Drivers that say what they do, and a subscription to the mode."""
 
     def __init__(self, bench: Any) -> None:
         self.bench = bench

@@ -116,7 +116,7 @@ def test_the_supervisor_says_why(bench: Any, g1: RobotModel, tmp_path: Path) -> 
     assert [text for _, text in box.events].count("supervisor: fallen; emergency stop") == 1
 
 
-def test_a_folder_that_refuses_is_counted_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+def test_a_folder_that_refuses_is_counted_and_reported(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     robot = Ticking(bench, g1, **{"black_box.folder": tmp_path / "file"})
     robot.set_mode("stand")

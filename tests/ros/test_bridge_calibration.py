@@ -30,7 +30,7 @@ def save(robot: RobotModel, folder: Path, offset: float, namespace: str = "") ->
 
 
 class World:
-    """Ears for what the bridge tells, and a client."""
+    """Subscriptions to what the bridge publishes, and a client."""
 
     def __init__(self, bench: Any, robot: RobotModel) -> None:
         self.bench, self.states, self.offsets = bench, [], []
@@ -56,7 +56,7 @@ class World:
         return future.result().success, future.result().message
 
 
-def test_offsets_are_taken_at_the_start_and_told(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
+def test_offsets_are_taken_at_the_start_and_published(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
     world = World(bench, g1)
     store = save(g1, tmp_path, 0.01)
     bridge = bench.add(RobotDriver, calibration_dir=tmp_path)
@@ -104,7 +104,7 @@ def test_the_crane_takes_a_robot_that_is_held_or_off_only(bench: Any, g1: RobotM
     assert world.call(SetBool, "hang", data=False) == (True, "the robot does not hang already")
     assert world.call(SetBool, "hang", data=True) == (True, "the robot hangs, feet in the air")
     assert np.abs(bridge.drivers.plant.wrenches[:, 2]).max() < 1.0
-    assert bridge.free_running  # in lockstep nobody answers a robot in the air
+    assert bridge.free_running  # in lockstep nothing answers a robot in the air
     bridge.commands.on_mode(String(data="stand"))
     assert bridge.counters[f"refused {topics.MODE}"] == 1
     assert world.call(SetBool, "hang", data=False) == (True, "the robot is back at its start, held")

@@ -62,8 +62,8 @@ def test_services_inject_what_the_parameter_says_and_clear_it(bench: Any) -> Non
     every = {topics.IMU_RAW: 6, topics.JOINT_STATES: 6, **dict.fromkeys(topics.FOOT_WRENCHES, 6)}
     assert world.ticks(bridge, 6) == every
     scenario(bridge, "[{target: imu, kind: off, end: 0.004}, {target: 'foot:left', kind: slow, rate: 500}]")
-    accepted, told = world.call("faults/inject")
-    assert accepted and told == "injected: imu off (until 0.004 s); foot:left slow (rate 500)"
+    accepted, reported = world.call("faults/inject")
+    assert accepted and reported == "injected: imu off (until 0.004 s); foot:left slow (rate 500)"
     assert world.ticks(bridge, 6) == {**every, topics.IMU_RAW: 2, topics.FOOT_WRENCHES[0]: 3}
     bridge.before_diagnostics()
     assert bridge.values["faults injected"] == "foot:left slow (rate 500)"
@@ -91,13 +91,13 @@ def test_services_inject_what_the_parameter_says_and_clear_it(bench: Any) -> Non
 def test_refusals_carry_the_reason_and_are_counted(bench: Any, text: str, culprit: str) -> None:
     world, bridge = World(bench), bench.add(RobotDriver)
     scenario(bridge, text)
-    accepted, told = world.call("faults/inject")
-    assert not accepted and culprit in told
+    accepted, reported = world.call("faults/inject")
+    assert not accepted and culprit in reported
     assert bridge.counters["refused faults/inject"] == 1 and culprit in bridge.values["last refusal"]
     assert not bridge.drivers.plant.faults.active
 
 
-def test_lockstep_does_not_wait_for_an_answer_that_nobody_can_give(bench: Any) -> None:
+def test_lockstep_does_not_wait_for_an_answer_that_no_node_can_give(bench: Any) -> None:
     bridge = bench.add(RobotDriver, lockstep=True)
     bridge.commands.on_mode(String(data="stand"))
     bridge.step()  # the first sample was taken before

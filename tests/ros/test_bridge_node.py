@@ -65,18 +65,18 @@ def test_only_accepted_commands_count_as_answers(bridge: RobotDriver, g1: RobotM
 
 
 def test_sensors_may_be_published_at_a_part_of_the_tick_rate(bench: Any, g1: RobotModel, tmp_path: Path) -> None:
-    heard: list[int] = []
+    seen: list[int] = []
     node: RobotDriver = bench.add(RobotDriver, latency_file=tmp_path / "slow.npz", sensor_rate=500.0)
     bench.world.create_subscription(
-        JointState, topics.JOINT_STATES, lambda data: heard.append(stamp_of(data)), SENSOR, raw=True
+        JointState, topics.JOINT_STATES, lambda data: seen.append(stamp_of(data)), SENSOR, raw=True
     )
     bench.wait(lambda: bench.world.count_publishers(topics.JOINT_STATES))
     bench.spin(0.5)
     for node.tick in range(1, 9):
         node.publish_tick(0.0)
         bench.spin(0.02)
-        assert node.answered == (node.tick % 2 == 1)  # nobody is to answer what was not published
-    assert heard == [tick * MS for tick in (2, 4, 6, 8)]
+        assert node.answered == (node.tick % 2 == 1)  # what was not published needs no answer
+    assert seen == [tick * MS for tick in (2, 4, 6, 8)]
     probe = node._probe
     assert probe is not None and np.flatnonzero(probe.rows()["sent"]).tolist() == [2, 4, 6, 8]
 
@@ -165,11 +165,11 @@ def test_an_answer_that_comes_twice_is_not_refused(bench: Any, bridge: RobotDriv
 
 
 def test_a_held_robot_that_is_put_back_is_said_to_be_held_again(bench: Any, bridge: RobotDriver) -> None:
-    heard: list[str] = []
-    bench.world.create_subscription(String, topics.DRIVER_STATE, lambda message: heard.append(message.data), LATCHED)
-    bench.wait(lambda: heard == [topics.HELD])
+    seen: list[str] = []
+    bench.world.create_subscription(String, topics.DRIVER_STATE, lambda message: seen.append(message.data), LATCHED)
+    bench.wait(lambda: seen == [topics.HELD])
     bridge.restart()
-    bench.wait(lambda: heard == [topics.HELD, topics.HELD])
+    bench.wait(lambda: seen == [topics.HELD, topics.HELD])
 
 
 def test_unknown_modes_are_refused_by_name(bridge: RobotDriver) -> None:
@@ -228,7 +228,7 @@ def test_scans_come_at_their_rate_and_show_the_obstacle(bench: Any, g1: RobotMod
     assert np.isposinf(scan_at(500).ranges).all()
 
 
-def test_nobody_asked_no_scan(bench: Any, bridge: RobotDriver) -> None:
+def test_without_a_request_there_is_no_scan(bench: Any, bridge: RobotDriver) -> None:
     bridge._scan._scanner.scan = None  # type: ignore[method-assign,assignment]
     _tick_until(bridge, 200)
 

@@ -24,7 +24,7 @@ MS = 1_000_000
 
 
 class Clockless(DriverWorld):
-    """A world whose time nobody is told: it has no node of its own."""
+    """A world that does not publish its time: it has no node of its own."""
 
     def _publish_time(self) -> None:
         pass
@@ -79,7 +79,7 @@ def test_a_pause_of_one_is_a_pause_of_all(world: DriverWorld) -> None:
     assert not world.running
 
 
-def test_lockstep_waits_for_all_that_take_commands_and_for_nobody_else(world: DriverWorld, g1: RobotModel) -> None:
+def test_lockstep_waits_for_all_that_take_commands_and_for_no_others(world: DriverWorld, g1: RobotModel) -> None:
     first, second = world.drivers
     second.trigger_activate()
     assert not world.answered and not world.free_running  # held, without a mode: time stands still

@@ -166,7 +166,7 @@ def test_every_subscriber_receives_a_command(supervisor: FakeSupervisor, monkeyp
     assert words.split("\n") == ["word 0", "word 1", "word 2", ""]
 
 
-def test_nobody_there(context: Context) -> None:
+def test_without_a_graph(context: Context) -> None:
     with Client() as client:
         with pytest.raises(CommandError, match=r"no subscriber on humanoid_commands.*start it with: poise up"):
             client.send("wave", timeout=0.3)

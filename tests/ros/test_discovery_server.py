@@ -15,7 +15,7 @@ SERVER = "fast-discovery-server"
 """Of Fast DDS; in the wheels it is beside the other programs of the environment."""
 
 ROBOT = '''
-"""Part of a graph that other machines may join: says what it has been told in its namespace."""
+"""Part of a graph that other machines may join: says what it has received in its namespace."""
 import sys, time
 
 from bridge.ros.environment import join_graph
@@ -28,13 +28,13 @@ from std_msgs.msg import String
 name = sys.argv[1]
 rclpy.init()
 node = rclpy.create_node("part", namespace=name)
-heard = set()
-node.create_subscription(String, "humanoid_commands", lambda message: heard.add(message.data), 10)
+received = set()
+node.create_subscription(String, "humanoid_commands", lambda message: received.add(message.data), 10)
 said = node.create_publisher(String, "chatter", 10)
 print("up", flush=True)
 end = time.monotonic() + 60.0
 while time.monotonic() < end:
-    said.publish(String(data=" ".join([name, *sorted(heard)])))
+    said.publish(String(data=" ".join([name, *sorted(received)])))
     rclpy.spin_once(node, timeout_sec=0.05)
 '''
 
@@ -53,17 +53,17 @@ patience = float(sys.argv[1])
 rclpy.init()
 node = rclpy.create_node("operator")
 robots = ("robot_1", "robot_2")
-heard = {name: set() for name in robots}
+received = {name: set() for name in robots}
 commands = {}
 for name in robots:
-    node.create_subscription(String, f"/{name}/chatter", lambda m, n=name: heard[n].update(m.data.split()), 10)
+    node.create_subscription(String, f"/{name}/chatter", lambda m, n=name: received[n].update(m.data.split()), 10)
     commands[name] = node.create_publisher(String, f"/{name}/humanoid_commands", 10)
 end = time.monotonic() + patience
-while time.monotonic() < end and not all(f"wave_{name}" in heard[name] for name in robots):
+while time.monotonic() < end and not all(f"wave_{name}" in received[name] for name in robots):
     for name, command in commands.items():
         command.publish(String(data=f"wave_{name}"))
     rclpy.spin_once(node, timeout_sec=0.05)
-print(json.dumps({name: sorted(words) for name, words in heard.items()}))
+print(json.dumps({name: sorted(words) for name, words in received.items()}))
 '''
 
 STAGE = '''
@@ -97,8 +97,8 @@ with routed_machines() as (first, second):
 '''
 
 
-def heard(server: str, patience: float, folder: Path, root: Path) -> Any:
-    """What the operator has heard of each robot."""
+def received(server: str, patience: float, folder: Path, root: Path) -> Any:
+    """What the operator has received from each robot."""
     # operator.py is the name of a module of Python, and the folder comes first on its path.
     scripts = {"robot.py": ROBOT, "operator_.py": OPERATOR, "stage.py": STAGE}
     return staged(scripts, [server, str(patience)], folder, root)
@@ -108,12 +108,12 @@ def test_a_discovery_server_joins_robots_of_two_machines(tmp_path: Path, root: P
     server = shutil.which(SERVER, path=str(Path(sys.executable).parent)) or shutil.which(SERVER)
     if server is None:
         pytest.skip(f"no {SERVER} here")
-    found = heard(server, 40.0, tmp_path, root)
-    # Each answers in its own namespace, and has heard nothing that was for the other.
+    found = received(server, 40.0, tmp_path, root)
+    # Each answers in its own namespace, and has received nothing that was for the other.
     assert found == {"robot_1": ["robot_1", "wave_robot_1"], "robot_2": ["robot_2", "wave_robot_2"]}
 
 
 def test_without_it_two_networks_stay_apart(tmp_path: Path, root: Path) -> None:
     """The control: it is the server that joins them."""
-    found = heard("", 6.0, tmp_path, root)
+    found = received("", 6.0, tmp_path, root)
     assert found == {"robot_1": [], "robot_2": ["robot_2", "wave_robot_2"]}

@@ -76,7 +76,7 @@ class Estimated:
 
 
 def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> None:
-    heard: dict[str, list[bytes]] = {}
+    received: dict[str, list[bytes]] = {}
     for kind, topic, qos in (
         (Odometry, topics.ODOM, SENSOR),
         (Imu, topics.IMU_DATA, SENSOR),
@@ -84,32 +84,32 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
         (TFMessage, topics.TF, EVENT),
         (TFMessage, topics.TF_STATIC, LATCHED),
     ):
-        heard[topic] = []
-        bench.world.create_subscription(kind, topic, heard[topic].append, qos, raw=True)
+        received[topic] = []
+        bench.world.create_subscription(kind, topic, received[topic].append, qos, raw=True)
     robot_ = Estimated(bench, robot, robot=robot.name)
     estimates = robot_.node._estimates
     for publisher in (estimates._odom, estimates._imu, estimates._transforms._moving, estimates._wrench):
         bench.wait(lambda publisher=publisher: publisher.get_subscription_count() == 1)
     robot_.tick(START + 200)
-    bench.wait(lambda: all(heard.values()))
+    bench.wait(lambda: all(received.values()))
 
-    odometry = deserialize_message(heard[topics.ODOM][-1], Odometry)
+    odometry = deserialize_message(received[topics.ODOM][-1], Odometry)
     covariance, twist = (np.reshape(each.covariance, (6, 6)) for each in (odometry.pose, odometry.twist))
     for matrix in (covariance, twist):
         np.testing.assert_array_equal(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() > 0.0
     assert covariance[3, 3] < 0.02**2  # roll [rad^2]
 
-    _, sample = OrientedImuCodec(topics.IMU_FRAME).decode(heard[topics.IMU_DATA][-1])
+    _, sample = OrientedImuCodec(topics.IMU_FRAME).decode(received[topics.IMU_DATA][-1])
     rotation = pin.Quaternion(np.array(sample.orientation)).matrix()
     assert np.linalg.norm(pin.log3(rotation.T @ robot_.imu)) < 0.02  # [rad]
     assert 0.0 < sample.covariance[0, 0] < 0.02**2
     assert sample.accel == pytest.approx(robot_.imu.T @ [0.0, 0.0, GRAVITY], abs=0.05)
 
-    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[topics.EXTERNAL_WRENCH][-1])
-    np.testing.assert_array_equal(wrench, 0.0)  # nobody pushes
+    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(received[topics.EXTERNAL_WRENCH][-1])
+    np.testing.assert_array_equal(wrench, 0.0)  # no push
 
-    base, footprint = deserialize_message(heard[topics.TF][-1], TFMessage).transforms
+    base, footprint = deserialize_message(received[topics.TF][-1], TFMessage).transforms
     assert (base.header.frame_id, base.child_frame_id) == ("odom", "base_link")
     assert (footprint.header.frame_id, footprint.child_frame_id) == ("base_link", "base_footprint")
     np.testing.assert_allclose(pose(base), robot_.configuration[:7], atol=0.01)
@@ -117,7 +117,7 @@ def test_odometry_orientation_and_transforms(bench: Any, robot: RobotModel) -> N
     np.testing.assert_allclose(where.translation, 0.0, atol=0.01)  # the soles stand on z = 0
     np.testing.assert_allclose(where.rotation, np.eye(3), atol=1e-3)
     assert {
-        each.child_frame_id for each in deserialize_message(heard[topics.TF_STATIC][0], TFMessage).transforms
+        each.child_frame_id for each in deserialize_message(received[topics.TF_STATIC][0], TFMessage).transforms
     } >= set(SOLE_FRAMES)
 
 
@@ -141,17 +141,17 @@ def test_every_topic_has_its_rate(bench: Any, g1: RobotModel, monkeypatch: pytes
     assert len(robot.states) == 1001
 
 
-def test_a_push_is_told(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    heard: list[bytes] = []
-    bench.world.create_subscription(WrenchStamped, topics.EXTERNAL_WRENCH, heard.append, SENSOR, raw=True)
+def test_a_push_is_published(bench: Any, g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    received: list[bytes] = []
+    bench.world.create_subscription(WrenchStamped, topics.EXTERNAL_WRENCH, received.append, SENSOR, raw=True)
     robot = Estimated(bench, g1)
     robot.tick(START)
     bench.wait(lambda: robot.node._estimates._wrench.get_subscription_count() == 1)
     push = PushEstimate(np.array([60.0, 0.0, -1.0]), np.array([0.0, 7.0, 0.0]), True, np.array([6.0, 0.0, 0.0]))
     monkeypatch.setattr(type(robot.node._stack.estimator), "push", property(lambda law: push))
     robot.tick(20)
-    bench.wait(lambda: heard)
-    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(heard[-1])
+    bench.wait(lambda: received)
+    _, wrench = WrenchCodec(topics.ODOM_FRAME).decode(received[-1])
     np.testing.assert_array_equal(wrench, [60.0, 0.0, -1.0, 0.0, 7.0, 0.0])
     robot.node.before_diagnostics()
     assert robot.node.values["push [N]"] == "60.0 0.0 -1.0"
@@ -183,7 +183,7 @@ def test_the_plant_that_asks_again_gets_the_same_state(bench: Any, g1: RobotMode
     assert last[0] is before[0]
 
 
-def test_a_silent_imu_is_bridged_told_and_told_when_it_is_back(bench: Any, g1: RobotModel) -> None:
+def test_a_silent_imu_is_bridged_and_reported_as_is_its_return(bench: Any, g1: RobotModel) -> None:
     reports: list[dict[str, str]] = []
 
     def hear(array: DiagnosticArray) -> None:

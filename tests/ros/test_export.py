@@ -194,13 +194,13 @@ def test_missing_and_broken_samples_end_an_episode(run: RecordedRun) -> None:
 
 
 def test_words_of_the_graph_are_tasks(run: RecordedRun) -> None:
-    told = [(stamp, topic, text) for stamp, topic, text in run.texts if topic == topics.MODE]
-    words = [(s - 1, EVENTS, t) for s, _, t in told]  # never a word: nothing of it is known
-    stamps = {text: stamp for stamp, _, text in told}
+    modes = [(stamp, topic, text) for stamp, topic, text in run.texts if topic == topics.MODE]
+    words = [(s - 1, EVENTS, t) for s, _, t in modes]  # never a word: nothing of it is known
+    stamps = {text: stamp for stamp, _, text in modes}
     words.append((stamps["motion"] - 2, topics.HUMANOID_COMMANDS, "1 operator 17 0badc0de Wave"))
     words.append((stamps["walk"] + 200_000_000, topics.HUMANOID_COMMANDS, "left"))
     words.append((stamps["walk"] + 300_000_000, topics.HUMANOID_COMMANDS, "squat"))
-    found = [each.task for each in episodes(replace(run, texts=told + words), FPS)]
+    found = [each.task for each in episodes(replace(run, texts=modes + words), FPS)]
     assert found == ["stand", "wave", "stand", "walk", "left"]
 
 

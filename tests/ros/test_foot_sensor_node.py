@@ -48,11 +48,11 @@ class Feet:
                 wrench = [0.0, 0.0, load, cop[1] * load, -cop[0] * load, 0.0]
                 deliver(self.node, topics.FOOT_WRENCHES[foot], self._codecs[foot].encode(self.stamp, wrench))
 
-    def heard(self) -> list[list[bool]]:
+    def received(self) -> list[list[bool]]:
         """Contacts since the last call."""
         self.bench.spin(0.1)
-        heard, self.contacts[:] = [list(each) for each in self.contacts], [[], []]
-        return heard
+        received, self.contacts[:] = [list(each) for each in self.contacts], [[], []]
+        return received
 
 
 def test_contacts_with_hysteresis_and_delay(bench: Any, g1: RobotModel) -> None:
@@ -60,19 +60,19 @@ def test_contacts_with_hysteresis_and_delay(bench: Any, g1: RobotModel) -> None:
     config = feet.node._contact
     between = 0.5 * (config.load_off + config.load_on)
     feet.tick(0.5, 0.5)
-    assert feet.heard() == [[True], [True]]
+    assert feet.received() == [[True], [True]]
     feet.tick(0.5, between, count=20)
-    assert feet.heard() == [[], []]  # still in contact, and nothing is due
+    assert feet.received() == [[], []]  # still in contact, and nothing is due
     feet.tick(1.0, 0.5 * config.load_off)
-    assert feet.heard() == [[], [False]]
+    assert feet.received() == [[], [False]]
     feet.tick(1.0, between, count=20)
-    assert feet.heard() == [[], []]
+    assert feet.received() == [[], []]
     blip = round(1000 * config.on_delay)
     feet.tick(0.5, 0.5, count=blip)
     feet.tick(1.0, 0.0)
-    assert feet.heard() == [[], []]  # too short
+    assert feet.received() == [[], []]  # too short
     feet.tick(0.5, 0.5, count=blip + 1)
-    assert feet.heard() == [[], [True]]
+    assert feet.received() == [[], [True]]
 
 
 def test_centres_of_pressure_of_bearing_feet_at_their_rate(bench: Any, g1: RobotModel) -> None:
@@ -88,13 +88,13 @@ def test_centres_of_pressure_of_bearing_feet_at_their_rate(bench: Any, g1: Robot
 def test_of_a_silent_foot_nothing_is_said(bench: Any, g1: RobotModel) -> None:
     feet = Feet(bench, g1)
     feet.tick(0.5, 0.5, count=50)
-    feet.heard()
+    feet.received()
     feet.node.before_diagnostics()
     assert feet.node.level == DiagnosticStatus.OK
     feet.tick(0.5, count=50, feet=1)
     feet.node.before_diagnostics()
     assert (feet.node.level, feet.node.message) == (DiagnosticStatus.ERROR, "silent: right")
-    left, right = feet.heard()
+    left, right = feet.received()
     assert set(left) == {True} and len(right) <= 1
     feet.node.before_diagnostics()  # nothing since the last report
     assert feet.node.message == "silent: left, right"

@@ -82,7 +82,7 @@ class Commanded:
         self.node.publish(self.stamp)
 
     @property
-    def wanted(self) -> tuple[float, float, float]:
+    def desired(self) -> tuple[float, float, float]:
         """Velocity that the law is commanded."""
         target: tuple[float, float, float] = self.node._law.state.command.target
         return target
@@ -121,20 +121,20 @@ def test_velocities_count_while_they_are_repeated(robot: Commanded) -> None:
     robot.publish(robot.velocity, ahead)  # it may come before the mode that it belongs to
     robot.enter("walk")
     robot.tick(1)
-    assert robot.wanted == (0.3, 0.0, 0.2)
+    assert robot.desired == (0.3, 0.0, 0.2)
     robot.send(robot.velocity, ahead)
     robot.tick(450)
-    assert robot.wanted == (0.3, 0.0, 0.2)
+    assert robot.desired == (0.3, 0.0, 0.2)
     robot.send(robot.velocity, ahead)
     robot.tick(450)
-    assert robot.wanted == (0.3, 0.0, 0.2)
+    assert robot.desired == (0.3, 0.0, 0.2)
     robot.tick(60)
-    assert robot.wanted == (0.0, 0.0, 0.0)
+    assert robot.desired == (0.0, 0.0, 0.0)
     robot.send(robot.velocity, ahead)
     robot.enter("stand")
     robot.enter("walk")
     robot.tick(1)
-    assert robot.wanted == (0.0, 0.0, 0.0)  # a new walk begins without a velocity
+    assert robot.desired == (0.0, 0.0, 0.0)  # a new walk begins without a velocity
 
 
 def test_silence_of_the_supervisor_ends_a_walk_to_a_goal_too(robot: Commanded) -> None:
@@ -167,11 +167,11 @@ def test_what_is_no_number_is_refused_by_name(
 ) -> None:
     robot.enter("walk")
     robot.send(robot.velocity, velocity_to_twist(velocity))
-    assert robot.wanted == (0.0, 0.0, 0.0)
+    assert robot.desired == (0.0, 0.0, 0.0)
     assert culprit in robot.node.values["last refusal"]
 
 
-def test_the_phase_tells_when_the_robot_has_settled_and_that_nobody_can_walk(robot: Commanded) -> None:
+def test_the_phase_reports_when_the_robot_has_settled_and_that_it_cannot_walk(robot: Commanded) -> None:
     assert robot.phases == [topics.GAIT_SETTLED]
     robot.enter("walk")
     robot.tick(1)
@@ -184,7 +184,7 @@ def test_the_phase_tells_when_the_robot_has_settled_and_that_nobody_can_walk(rob
     robot.node.trigger_deactivate()
     robot.bench.wait(lambda: robot.phases[-1] == topics.GAIT_ABSENT)
     robot.tick(1)
-    assert robot.wanted == (0.0, 0.0, 0.0)
+    assert robot.desired == (0.0, 0.0, 0.0)
 
 
 def goal(x: float, y: float, yaw: float, frame_id: str = "odom") -> PoseStamped:
@@ -216,7 +216,7 @@ def test_goals_are_walked_to_in_mode_walk_only_and_refused_with_the_reason(robot
     robot.send(robot.velocity, velocity_to_twist((0.2, 0.0, 0.0)))
     assert robot.ask(robot.goal, goal(1.0, 0.0, 0.0)).startswith("running: ")
     robot.tick(1)
-    assert robot.wanted == (0.0, 0.0, 0.0) and robot.node._law.route.left  # the velocity from before is over
+    assert robot.desired == (0.0, 0.0, 0.0) and robot.node._law.route.left  # the velocity from before is over
     robot.halt.publish(Empty())
     robot.bench.wait(lambda: not robot.node._law.route.left)
     robot.tick(1)

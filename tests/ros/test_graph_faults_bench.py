@@ -1,4 +1,4 @@
-"""Rows of ``poise bench graph_faults``: acts and rows belong together, and a row that goes wrong is told so."""
+"""Rows of ``poise bench graph_faults``: acts and rows belong together, and a row that goes wrong says so."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ BENCH = catalogue()["graph_faults"].load()
 
 
 class FakeStage:
-    """A robot of which the given words are heard after the act."""
+    """A robot of which the given words are received after the act."""
 
     def __init__(self, words: list[Word], *, rest: bool = True, height: float = 0.8, restarted: bool = False) -> None:
         self.words: list[tuple[float, str, str]] = []
@@ -108,7 +108,7 @@ def test_rows_are_judged(stage: Callable[[], FakeStage], row: dict[str, Any], ok
     assert judged(stage(), **row)["ok"] is ok
 
 
-def test_a_row_whose_graph_cannot_be_made_here_is_told_as_not_run() -> None:
+def test_a_row_whose_graph_cannot_be_made_here_is_reported_as_not_run() -> None:
     def lacking(*arguments: object) -> Any:
         raise NotHere("no C compiler")
 

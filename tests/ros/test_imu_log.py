@@ -100,7 +100,7 @@ def test_an_unknown_message_has_no_text() -> None:
 
 @pytest.fixture
 def robot(bench: Any) -> Any:
-    """A robot whose IMU is heard a hundred times a second."""
+    """A robot whose IMU is received a hundred times a second."""
     publisher = bench.world.create_publisher(Imu, topics.IMU_DATA, SENSOR)
     tick = iter(range(10**9))
     bench.world.create_timer(0.01, lambda: publisher.publish(encode(10 * MS * next(tick) + 1)))

@@ -45,14 +45,14 @@ class Filtered:
 
 
 def test_orientation_rate_and_table(bench: Any, tmp_path: Path) -> None:
-    heard: list[bytes] = []
-    bench.world.create_subscription(Imu, topics.IMU_FILTERED, heard.append, SENSOR, raw=True)
+    received: list[bytes] = []
+    bench.world.create_subscription(Imu, topics.IMU_FILTERED, received.append, SENSOR, raw=True)
     file = tmp_path / "imu.csv"
     filtered = Filtered(bench, rate=50.0, **{"log.csv": file})
     bench.wait(lambda: filtered.node._filtered.get_subscription_count() == 1)
     filtered.tick(START + 1000)
-    bench.wait(lambda: heard)
-    stamp, sample = OrientedImuCodec(topics.IMU_FRAME).decode(heard[-1])
+    bench.wait(lambda: received)
+    stamp, sample = OrientedImuCodec(topics.IMU_FRAME).decode(received[-1])
     assert stamp % (20 * MS) == 0  # 50 Hz
     np.testing.assert_allclose(pin.rpy.matrixToRpy(pin.Quaternion(sample.orientation).matrix()), RPY, atol=1e-6)
     np.testing.assert_allclose(sample.gyro, 0.0, atol=1e-9)

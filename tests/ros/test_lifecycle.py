@@ -58,8 +58,8 @@ class Failing(PoiseNode):
         super().__init__("failing", **kwargs)
 
     def configure(self) -> None:
-        self.listen(String, "ears", lambda message: None, EVENT)
-        self.announce(String, "mouth", EVENT)
+        self.listen(String, "words", lambda message: None, EVENT)
+        self.announce(String, "output", EVENT)
         raise self.error
 
 

@@ -26,7 +26,7 @@ MS = 1_000_000
 
 
 class Motors:
-    """The node, and what its motors were told."""
+    """The node, and what its motors were commanded."""
 
     def __init__(self, bench: Any, model: RobotModel, **parameters: object) -> None:
         self.bench, self.model, self.stamp = bench, model, 100 * MS
@@ -155,25 +155,25 @@ def test_wrong_samples_are_refused(bench: Any, g1: RobotModel) -> None:
 
 def test_without_commands_it_damps_and_stays_so_until_it_is_armed(bench: Any, g1: RobotModel) -> None:
     motors = Motors(bench, g1)
-    heard: list[str] = []
-    bench.world.create_subscription(String, topics.MOTOR_STATE, lambda m: heard.append(m.data), LATCHED)
-    bench.wait(lambda: heard == ["off"])
+    received: list[str] = []
+    bench.world.create_subscription(String, topics.MOTOR_STATE, lambda m: received.append(m.data), LATCHED)
+    bench.wait(lambda: received == ["off"])
     motors.arm()
     motors.tick()
-    bench.wait(lambda: heard[-1] == "active")
+    bench.wait(lambda: received[-1] == "active")
     motors.command(motors.q)
     for _ in range(41):
         motors.tick()
     assert motors.node.law.servo.timeouts == 1
     motors.command(motors.q)
     motors.tick()
-    bench.wait(lambda: heard[-1] == "damped")
-    deliver(motors.node, topics.MODE, String(data="walk"))  # from stand: nobody has armed them
+    bench.wait(lambda: received[-1] == "damped")
+    deliver(motors.node, topics.MODE, String(data="walk"))  # from stand: they have not been armed
     motors.tick()
     assert motors.node.law.servo.state.value == "damped"
     motors.arm()
     motors.tick()
-    bench.wait(lambda: heard[-1] == "active")
+    bench.wait(lambda: received[-1] == "active")
 
 
 def test_silent_joints_damp(bench: Any, g1: RobotModel) -> None:
@@ -202,14 +202,14 @@ def test_a_mode_that_was_there_before_does_not_arm(bench: Any, g1: RobotModel) -
 
 
 def test_torques_over_the_graph_and_their_message(bench: Any, g1: RobotModel) -> None:
-    heard: list[bytes] = []
-    bench.world.create_subscription(JointState, topics.MOTOR_COMMANDS, heard.append, COMMAND, raw=True)
+    received: list[bytes] = []
+    bench.world.create_subscription(JointState, topics.MOTOR_COMMANDS, received.append, COMMAND, raw=True)
     motors = Motors(bench, g1)
     bench.wait(lambda: motors.node._motors.get_subscription_count() == 1)
     motors.arm()
     motors.tick()
-    bench.wait(lambda: heard)
-    message, codec = decode(heard[0], JointState), TorqueCodec(g1)
+    bench.wait(lambda: received)
+    message, codec = decode(received[0], JointState), TorqueCodec(g1)
     assert tuple(message.name) == g1.joint_names
     assert (len(message.position), len(message.velocity), len(message.effort)) == (0, 0, g1.nj)
 

@@ -65,7 +65,7 @@ class Standing:
         """Where a frame truly is in odom, as far as the encoders tell (3,) [m]."""
         self.eyes.truth.clear()
         self.samples.clear()
-        self.graph.wait_for(lambda: bool(self.eyes.truth and self.samples), 10.0, "telling where it is")
+        self.graph.wait_for(lambda: bool(self.eyes.truth and self.samples), 10.0, "publishing where it is")
         pin.framesForwardKinematics(
             self.model.pin, self._data, np.concatenate([self.eyes.truth[-1], self.samples[-1][1]])
         )
@@ -95,7 +95,7 @@ def target(place: Any, frame_id: str = "odom", frame: str = "left_hand", **more:
     return request
 
 
-def test_a_calibration_tells_its_numbers_with_units_and_keeps_nothing_unless_told(robot: Standing) -> None:
+def test_a_calibration_reports_its_numbers_with_units_and_keeps_nothing_unless_requested(robot: Standing) -> None:
     answer = robot.call(Calibrate, "calibrate", Calibrate.Request(what="imu", save=False))
     assert answer.success and answer.message.endswith("not kept, as asked"), answer.message
     values = {value.name: (value.value, value.unit) for value in answer.values}

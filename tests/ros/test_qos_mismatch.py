@@ -20,7 +20,7 @@ from tests.ros.test_supervisor_node import World
 
 pytestmark = pytest.mark.ros
 
-HEARD, SAID = "joint_states", "mode"
+INPUT, OUTPUT = "joint_states", "mode"
 """Topics of the node under test."""
 
 
@@ -37,8 +37,8 @@ class Ends(PoiseNode):
         self._profile = qos
 
     def configure(self) -> None:
-        self.listen(String, HEARD, lambda message: None, self._profile)
-        self.announce(String, SAID, self._profile)
+        self.listen(String, INPUT, lambda message: None, self._profile)
+        self.announce(String, OUTPUT, self._profile)
 
 
 class Diagnostics:
@@ -89,11 +89,11 @@ def test_it_is_reported_while_the_other_end_is_there(
     bench.wait(lambda: said.level == DiagnosticStatus.OK)
     assert said.mismatches == {}
     if publisher is not None:
-        other = world.create_publisher(String, HEARD, publisher)
-        expected = {HEARD: f"publisher: {policy}"}
+        other = world.create_publisher(String, INPUT, publisher)
+        expected = {INPUT: f"publisher: {policy}"}
     else:
-        other = world.create_subscription(String, SAID, lambda message: None, subscriber)
-        expected = {SAID: f"subscriber: {policy}"}
+        other = world.create_subscription(String, OUTPUT, lambda message: None, subscriber)
+        expected = {OUTPUT: f"subscriber: {policy}"}
     bench.wait(lambda: said.mismatches == expected and said.level == DiagnosticStatus.WARN)
     bench.spin(0.5)  # longer than the node counts mismatches itself: the other end is discovered
     assert said.mismatches == expected
@@ -101,11 +101,11 @@ def test_it_is_reported_while_the_other_end_is_there(
     bench.wait(lambda: said.mismatches == {} and said.level == DiagnosticStatus.OK)
 
 
-def test_ends_that_agree_are_nobodys_business(bench: Any) -> None:
+def test_ends_that_agree_are_not_reported(bench: Any) -> None:
     said = Diagnostics(bench, "/ends")
-    heard: list[String] = []
-    publisher = bench.world.create_publisher(String, HEARD, EVENT)
-    bench.world.create_subscription(String, SAID, heard.append, SENSOR)
+    received: list[String] = []
+    publisher = bench.world.create_publisher(String, INPUT, EVENT)
+    bench.world.create_subscription(String, OUTPUT, received.append, SENSOR)
     bench.add(lambda **kwargs: Ends(EVENT, **kwargs))
     bench.wait(lambda: publisher.get_subscription_count() == 1 and said.level == DiagnosticStatus.OK)
     bench.spin(0.5)
@@ -115,7 +115,7 @@ def test_ends_that_agree_are_nobodys_business(bench: Any) -> None:
 def test_what_the_node_has_given_up_is_forgotten(bench: Any) -> None:
     said = Diagnostics(bench, "/ends")
     node = bench.add(lambda **kwargs: Ends(EVENT, **kwargs))
-    bench.world.create_publisher(String, HEARD, SENSOR)
+    bench.world.create_publisher(String, INPUT, SENSOR)
     bench.wait(lambda: said.mismatches)
     node.trigger_deactivate()
     node.trigger_cleanup()

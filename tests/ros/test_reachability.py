@@ -13,7 +13,7 @@ from tests.ros.cable import staged
 pytestmark = pytest.mark.ros
 
 NODE = '''
-"""Part of a graph: says whom it has heard, and at which addresses it listens."""
+"""Part of a graph: says what it has received, and at which addresses it listens."""
 import sys, time
 
 from bridge.ros.environment import join_graph
@@ -25,20 +25,20 @@ from std_msgs.msg import String
 
 rclpy.init()
 node = rclpy.create_node("inside")
-heard = set()
-node.create_subscription(String, "humanoid_commands", lambda message: heard.add(message.data), 10)
+received = set()
+node.create_subscription(String, "humanoid_commands", lambda message: received.add(message.data), 10)
 said = node.create_publisher(String, "chatter", 10)
 with open("/proc/self/net/udp") as table:
     addresses = sorted({line.split()[1].split(":")[0] for line in list(table)[1:]})
 print(" ".join(addresses), flush=True)
 end = time.monotonic() + 60.0
 while time.monotonic() < end:
-    said.publish(String(data=" ".join(["up", *sorted(heard)])))
+    said.publish(String(data=" ".join(["up", *sorted(received)])))
     rclpy.spin_once(node, timeout_sec=0.05)
 '''
 
 VISITOR = '''
-"""A plain rclpy process: commands, and prints what it has heard by the time it is answered, or in vain."""
+"""A plain rclpy process: commands, and prints what it has received by the time it is answered, or in vain."""
 import sys, time
 
 import rclpy
@@ -47,14 +47,14 @@ from std_msgs.msg import String
 name, patience = sys.argv[1], float(sys.argv[2])
 rclpy.init()
 node = rclpy.create_node(name)
-heard = set()
-node.create_subscription(String, "chatter", lambda message: heard.update(message.data.split()), 10)
+received = set()
+node.create_subscription(String, "chatter", lambda message: received.update(message.data.split()), 10)
 command = node.create_publisher(String, "humanoid_commands", 10)
 end = time.monotonic() + patience
-while time.monotonic() < end and name not in heard:
+while time.monotonic() < end and name not in received:
     command.publish(String(data=name))
     rclpy.spin_once(node, timeout_sec=0.05)
-print(" ".join(sorted(heard)))
+print(" ".join(sorted(received)))
 '''
 
 STAGE = '''
@@ -72,13 +72,13 @@ with two_machines() as there:
         addresses = node.stdout.readline().split()
         plain = {name: value for name, value in os.environ.items() if name != "FASTRTPS_DEFAULT_PROFILES_FILE"}
         knowing = {**plain, "ROS_STATIC_PEERS": HERE}  # it need not even search
-        visit, heard = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
-        far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **heard)
-        near = subprocess.Popen([*visit, "near", "30"], env=plain, **heard)
+        visit, pipes = [*python, "visitor.py"], {"stdout": subprocess.PIPE, "text": True}
+        far = subprocess.Popen([*there, *visit, "far", patience], env=knowing, **pipes)
+        near = subprocess.Popen([*visit, "near", "30"], env=plain, **pipes)
         result = {"near": near.communicate()[0].split(), "far": far.communicate()[0].split()}
-        result["exits"] = [near.returncode, far.returncode]  # who has crashed has heard nothing either
-        # After that, has the graph heard the one from outside?
-        late = subprocess.run([*visit, "late", "30"], env=plain, **heard)
+        result["exits"] = [near.returncode, far.returncode]  # one that has crashed has received nothing either
+        # After that, has the graph received from the one outside?
+        late = subprocess.run([*visit, "late", "30"], env=plain, **pipes)
         result |= {"late": late.stdout.split(), "addresses": addresses}
     finally:
         if node is not None:
@@ -100,14 +100,14 @@ LOOPBACK = "0100007F"
 
 def test_the_graph_is_reached_from_this_machine_only(tmp_path: Path, root: Path) -> None:
     result = reached("loopback", 3.0, tmp_path, root)
-    assert "near" in result["near"]  # heard, and answered
+    assert "near" in result["near"]  # received, and answered
     assert (result["far"], result["exits"]) == ([], [0, 0])
     assert "late" in result["late"] and "near" in result["late"] and "far" not in result["late"]
     assert result["addresses"] == [LOOPBACK]
 
 
 def test_network_opens_it(tmp_path: Path, root: Path) -> None:
-    """The control: the cable carries, and the visitor from outside would have been heard."""
+    """The control: the cable carries, and the visitor from outside would have been received."""
     result = reached("network", 30.0, tmp_path, root)
     assert result["exits"] == [0, 0]
     assert "near" in result["near"] and "far" in result["far"], result

@@ -71,7 +71,7 @@ class Joints:
 
 
 @pytest.mark.parametrize("ending", ["seconds", "SIGINT"])
-def test_the_file_is_complete_and_loss_is_told(
+def test_the_file_is_complete_and_loss_is_reported(
     bench: Any, g1: RobotModel, record: Any, tmp_path: Path, ending: str
 ) -> None:
     robot = Joints(bench, g1)
@@ -82,22 +82,22 @@ def test_the_file_is_complete_and_loss_is_told(
         assert not (tmp_path / "run.mcap").exists()
         process.send_signal(signal.SIGINT)
     bench.wait(lambda: process.poll() is not None, 60.0)
-    told = process.stdout.read()
-    assert process.returncode == 0, told
+    reported = process.stdout.read()
+    assert process.returncode == 0, reported
     assert [each.name for each in tmp_path.glob("*run*")] == ["run.mcap"]
     messages = list(read_ros2_messages(str(tmp_path / "run.mcap")))
     joints = [each for each in messages if each.channel.topic == "/joint_states"]
     modes = [each for each in messages if each.channel.topic == "/mode"]
     steps = np.diff([each.log_time_ns for each in joints])
     lost = int((steps // (10 * MS) - 1).sum())
-    assert lost >= 1 and f"{lost} joint samples lost" in told and f"{len(messages)} messages" in told
+    assert lost >= 1 and f"{lost} joint samples lost" in reported and f"{len(messages)} messages" in reported
     stamp = joints[0].ros_msg.header.stamp
     assert joints[0].log_time_ns == stamp.sec * 10**9 + stamp.nanosec
     assert [each.ros_msg.data for each in modes] == ["stand"]
     assert modes[0].log_time_ns >= joints[0].log_time_ns  # what is latched is of the robot's time, not of 1970
 
 
-def test_nothing_heard_leaves_no_file(ros_domain_id: int, record: Any, tmp_path: Path) -> None:
+def test_nothing_received_leaves_no_file(ros_domain_id: int, record: Any, tmp_path: Path) -> None:
     process = record()
     process.stdout.readline()  # it waits for the robot
     process.send_signal(signal.SIGINT)
@@ -114,7 +114,7 @@ def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
     with Graph("g1", domain_id=domain, lockstep=True, log=tmp_path / "graph.log", say=lambda text: None) as graph:
         graph.wait_standing(120.0)
         words = graph.node.create_publisher(String, topics.HUMANOID_COMMANDS, EVENT)
-        graph.wait_for(lambda: words.get_subscription_count() == 2, 10.0, "heard by supervisor and recorder")
+        graph.wait_for(lambda: words.get_subscription_count() == 2, 10.0, "received by supervisor and recorder")
         set_parameter(graph, "balance_controller", "whole_body.com.kp", 90.0)
         for word, mode in (("wave", "motion"), ("stop", "stand"), ("forward", "walk")):
             words.publish(String(data=word))
@@ -123,14 +123,14 @@ def test_a_run_of_the_graph_is_reproduced(record: Any, tmp_path: Path) -> None:
         words.publish(String(data="stop"))
         graph.wait_for(lambda: graph.mode == "stand", 60.0, "standing")
         process.send_signal(signal.SIGINT)
-        told = process.communicate(timeout=60.0)[0]
-        assert process.returncode == 0 and "no joint sample lost" in told, told
+        reported = process.communicate(timeout=60.0)[0]
+        assert process.returncode == 0 and "no joint sample lost" in reported, reported
     result = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap")])
     assert result.exit_code == 0 and "identical" in result.output, result.output
     kinds = {each.channel.topic: each.schema.name for each in read_ros2_messages(str(tmp_path / "run.mcap"))}
     assert kinds["/tf"] == kinds["/tf_static"] == "tf2_msgs/msg/TFMessage"
-    wanted = {"/imu/data", "/odom", "/contacts", "/diagnostics", "/clock", "/robot_description", "/encoder_offsets"}
-    assert wanted | {"/motion/joint_trajectory", "/gait/footsteps", "/driver_state"} <= set(kinds)
+    expected = {"/imu/data", "/odom", "/contacts", "/diagnostics", "/clock", "/robot_description", "/encoder_offsets"}
+    assert expected | {"/motion/joint_trajectory", "/gait/footsteps", "/driver_state"} <= set(kinds)
 
 
 @pytest.mark.parametrize("old", [True, False])

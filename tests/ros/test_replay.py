@@ -138,9 +138,9 @@ def test_what_cannot_be_replayed_is_said(recorded: Path, tmp_path: Path) -> None
     with pytest.raises(PoiseError, match="name it with --robot"):
         read_run(unnamed)
     log = McapLog(unnamed)
-    log.describe(DESCRIPTION, {ROBOT: "nobody"})
+    log.describe(DESCRIPTION, {ROBOT: "unknown_robot"})
     log.close()
-    with pytest.raises(PoiseError, match="nobody"):
+    with pytest.raises(PoiseError, match="unknown_robot"):
         read_run(unnamed)
 
 

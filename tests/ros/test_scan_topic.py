@@ -93,7 +93,7 @@ def test_the_stop_hears_scans_and_refuses_others_by_name(bench: Any, g1: RobotMo
     refused(empty(9.4), "header.stamp: 9.400 s, while /clock is at 10.000 s")
     refused(empty(10.6), "header.stamp: 10.600 s, while /clock is at 10.000 s")
     assert "ahead" in node.law.limit(velocity, 10.0)[1]
-    node.now = 0.0  # nothing heard of the clock yet
+    node.now = 0.0  # nothing received from the clock yet
     publisher.publish(_message(empty(0.1)))
     bench.spin(0.1)
     assert node.counters[key] == 4

@@ -78,12 +78,14 @@ def test_control_nodes_do_not_subscribe_to_the_true_state(eyes: Eyes) -> None:
 def test_a_killed_gait_planner_ends_a_walk_in_a_stand(eyes: Eyes, walker: Walker) -> None:
     walker.walk(steps=3)
     modes: list[str] = []
-    ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
+    subscription = eyes.graph.node.create_subscription(
+        String, topics.MODE, lambda message: modes.append(message.data), LATCHED
+    )
     restart(eyes, GAIT)  # the user drives on
     eyes.graph.wait_for(lambda: eyes.graph.mode == "stand", 30.0, "standing")
     eyes.truth.clear()
     eyes.graph.spin(1.0)
-    eyes.graph.node.destroy_subscription(ears)
+    eyes.graph.node.destroy_subscription(subscription)
     assert set(modes) == {"walk", "stand"} and modes[-1] == "stand"
     assert eyes.graph.driver_state == topics.ACTIVE
     assert min(base[2] for base in eyes.truth) > UPRIGHT

@@ -52,7 +52,7 @@ def test_stamps_are_changed_where_a_message_has_its_own(spoil: str, stamp: int, 
     assert stamp_ns(stamp_field(SPOILS[spoil](message, BEGAN))) == stamp
 
 
-def test_a_publisher_spoils_as_many_messages_as_it_is_told(g1: RobotModel) -> None:
+def test_a_publisher_spoils_as_many_messages_as_requested(g1: RobotModel) -> None:
     sent: list[Any] = []
     publisher = SpoiltPublisher(SimpleNamespace(publish=sent.append), JointState)
     publisher.spoil("silent", 2)

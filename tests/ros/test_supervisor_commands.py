@@ -170,7 +170,7 @@ def test_a_robot_put_back_while_it_is_held_stands_up_anew(bench: Any, world: Wor
     bench.wait(lambda: world.modes == ["off", "stand"])
 
 
-def test_a_second_clock_is_told_and_its_times_are_not_believed(bench: Any, world: World, g1: RobotModel) -> None:
+def test_a_second_clock_is_reported_and_its_times_are_not_accepted(bench: Any, world: World, g1: RobotModel) -> None:
     world.robot(g1)
     world.drivers(topics.ACTIVE)
     node = bench.add(SupervisorNode, lockstep=True)

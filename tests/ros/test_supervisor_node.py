@@ -26,7 +26,7 @@ def world(bench: Any) -> World:
     return World(bench)
 
 
-def test_no_mode_before_the_drivers_have_told_their_state(bench: Any, world: World) -> None:
+def test_no_mode_before_the_drivers_have_published_their_state(bench: Any, world: World) -> None:
     bench.add(SupervisorNode)
     bench.spin(0.8)
     assert world.modes == []
@@ -131,9 +131,9 @@ def test_a_drop_out_that_goes_on_damps_and_one_that_ends_does_not(bench: Any, wo
     bench.wait(lambda: node.counters[f"refused {topics.ESTIMATOR_STATUS}"] == 1)
 
 
-@pytest.mark.parametrize("heard", [True, False])
+@pytest.mark.parametrize("received", [True, False])
 def test_a_standing_robot_is_adopted_however_late_its_topics_are_found(
-    bench: Any, world: World, g1: RobotModel, heard: bool
+    bench: Any, world: World, g1: RobotModel, received: bool
 ) -> None:
     world.robot(g1)
     world.silent, world.tick = True, 6500  # it has stood for a minute
@@ -142,8 +142,8 @@ def test_a_standing_robot_is_adopted_however_late_its_topics_are_found(
     bench.wait(lambda: world.modes)
     bench.spin(0.5)
     assert world.modes == ["stand"]
-    world.silent = not heard
-    if heard:
+    world.silent = not received
+    if received:
         bench.spin(1.0)
         assert world.modes == ["stand"]
     else:

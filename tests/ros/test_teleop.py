@@ -35,12 +35,12 @@ def test_keys_in_a_terminal_steer_until_z_is_pressed(bench: Bench) -> None:
     try:
         said = [b""]
 
-        def told() -> bool:  # its first line about the robot
+        def reported() -> bool:  # its first line about the robot
             if select.select([terminal], [], [], 0.0)[0]:
                 said[0] += os.read(terminal, 4096)
             return b"unknown" in said[0]
 
-        bench.wait(told, 60.0)
+        bench.wait(reported, 60.0)
         os.write(terminal, b"ww")
         bench.wait(lambda: bool(twists) and twists[-1] == pytest.approx(0.2), 20.0)
         os.write(terminal, b"v")

@@ -47,7 +47,7 @@ class Pair:
     def places(self) -> dict[str, np.ndarray]:
         """True position of each base (3,)."""
         self.truth.clear()
-        self.world.wait_for(lambda: len(self.truth) == len(NAMES), 20.0, "telling where they are")
+        self.world.wait_for(lambda: len(self.truth) == len(NAMES), 20.0, "publishing where they are")
         return {name: pose[:3].copy() for name, pose in self.truth.items()}
 
     def poise(self, *arguments: str) -> tuple[int, str]:
@@ -97,8 +97,8 @@ def test_each_has_all_of_its_topics_and_services_in_its_namespace(pair: Pair) ->
     names = {name for name, _ in node.get_topic_names_and_types()} - OF_ALL
     names |= {name for name, _ in node.get_service_names_and_types()}
     for robot in NAMES:
-        wanted = {"joint_states", "clock", "tf", "diagnostics", "mode/walk", "reset"}
-        assert {f"/{robot}/{name}" for name in wanted} <= names
+        expected = {"joint_states", "clock", "tf", "diagnostics", "mode/walk", "reset"}
+        assert {f"/{robot}/{name}" for name in expected} <= names
     assert not [name for name in names if not name.startswith(tuple(f"/{robot}/" for robot in NAMES))]
     assert node.count_publishers("/clock") == 1
     assert node.count_publishers("/robot_2/clock") == 1
@@ -107,22 +107,22 @@ def test_each_has_all_of_its_topics_and_services_in_its_namespace(pair: Pair) ->
 
 
 def test_there_is_one_time(pair: Pair) -> None:
-    heard: dict[str, list[int]] = {}
+    received: dict[str, list[int]] = {}
     subscriptions = []
     for graph, topic in ((pair.graphs[0], "clock"), (pair.graphs[1], "clock"), (pair.graphs[1], topics.CLOCK)):
-        kept = heard.setdefault(graph.node.resolve_topic_name(topic), [])
+        kept = received.setdefault(graph.node.resolve_topic_name(topic), [])
         take = lambda m, kept=kept: kept.append(m.clock.sec * 10**9 + m.clock.nanosec)  # noqa: E731
         subscriptions.append((graph.node, graph.node.create_subscription(Clock, topic, take, SENSOR)))
-    pair.world.wait_for(lambda: all(len(stamps) > 20 for stamps in heard.values()), 20.0, "telling the time")
-    assert len(heard) == 3
-    assert set.intersection(*map(set, heard.values()))
-    latest = [stamps[-1] for stamps in heard.values()]
+    pair.world.wait_for(lambda: all(len(stamps) > 20 for stamps in received.values()), 20.0, "publishing the time")
+    assert len(received) == 3
+    assert set.intersection(*map(set, received.values()))
+    latest = [stamps[-1] for stamps in received.values()]
     assert max(latest) - min(latest) <= 100_000_000  # [ns] what was on its way
     for node, subscription in subscriptions:
         node.destroy_subscription(subscription)
 
 
-def test_what_one_is_told_leaves_the_other_alone(pair: Pair) -> None:
+def test_commands_to_one_leave_the_other_alone(pair: Pair) -> None:
     first, second = pair.graphs
     before = pair.places()["robot_2"]
     code, output = pair.poise("send", "wave", "--namespace", "robot_1")
@@ -135,15 +135,15 @@ def test_what_one_is_told_leaves_the_other_alone(pair: Pair) -> None:
 
 
 def test_a_second_clock_is_noticed_by_the_supervisor_that_it_concerns(pair: Pair) -> None:
-    told: dict[str, str] = {}
+    reported: dict[str, str] = {}
     for graph in pair.graphs:
         graph.node.create_subscription(
-            DiagnosticArray, "diagnostics", lambda m: told.update({s.name: s.message for s in m.status}), EVENT
+            DiagnosticArray, "diagnostics", lambda m: reported.update({s.name: s.message for s in m.status}), EVENT
         )
     publisher = pair.graphs[1].node.create_publisher(Clock, "clock", SENSOR)
     intruder = "'/robot_2/clock' has a second publisher"
-    pair.world.wait_for(lambda: intruder in told.get("/robot_2/supervisor", ""), 20.0, "told of a second clock")
-    assert "second publisher" not in told["/robot_1/supervisor"]
+    pair.world.wait_for(lambda: intruder in reported.get("/robot_2/supervisor", ""), 20.0, "reporting a second clock")
+    assert "second publisher" not in reported["/robot_1/supervisor"]
     pair.graphs[1].node.destroy_publisher(publisher)
     pair.world.spin(0.5)  # they are counted five times a second
     assert pair.graphs[1].call("reset_faults")[0]

@@ -92,15 +92,15 @@ def test_a_killed_launcher_takes_its_processes_along(up: subprocess.Popen[bytes]
 def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
     with (
         pytest.raises(PoiseError, match="refused to configure"),
-        Graph("nobody", domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None),
+        Graph("no_such_node", domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None),
     ):
         pass
-    assert "nobody" in (tmp_path / "log").read_text(encoding="utf-8")
+    assert "no_such_node" in (tmp_path / "log").read_text(encoding="utf-8")
 
 
 def test_parameters_for_unknown_nodes_are_refused() -> None:
-    with pytest.raises(PoiseError, match="unknown nodes: nobody"):
-        Graph("g1", parameters={"nobody": {}})
+    with pytest.raises(PoiseError, match="unknown nodes: no_such_node"):
+        Graph("g1", parameters={"no_such_node": {}})
 
 
 @pytest.mark.parametrize(
@@ -122,8 +122,8 @@ def test_real_time_priority_is_for_time_that_does_not_wait(
 
 def test_what_cannot_be_built_is_said_and_the_signals_are_given_back(capfd: pytest.CaptureFixture[str]) -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    assert launch.up("g1", parameters={"nobody": {}}) == 1
-    assert "unknown nodes: nobody" in capfd.readouterr().err
+    assert launch.up("g1", parameters={"no_such_node": {}}) == 1
+    assert "unknown nodes: no_such_node" in capfd.readouterr().err
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
@@ -132,27 +132,27 @@ import sys, time, rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 rclpy.init()
-node, heard = rclpy.create_node("plain"), []
+node, received = rclpy.create_node("plain"), []
 node.create_subscription(
-    String, "mode", lambda message: heard.append(message.data),
+    String, "mode", lambda message: received.append(message.data),
     QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 )
-mouth = node.create_publisher(String, "humanoid_commands", 10)
+publisher = node.create_publisher(String, "humanoid_commands", 10)
 end = time.monotonic() + 20.0
-while time.monotonic() < end and not (heard and mouth.get_subscription_count()):
+while time.monotonic() < end and not (received and publisher.get_subscription_count()):
     rclpy.spin_once(node, timeout_sec=0.1)
 time.sleep(0.5)
-mouth.publish(String(data="wave"))
+publisher.publish(String(data="wave"))
 time.sleep(0.5)
-print(heard)
+print(received)
 """
 
 
 @pytest.mark.parametrize("discovery", [None, "LOCALHOST"])
 def test_a_plain_process_on_this_machine_reaches_the_graph(bench: Any, discovery: str | None) -> None:
     """With nothing of poise in it and nothing set, in both directions."""
-    heard: list[str] = []
-    bench.world.create_subscription(String, topics.HUMANOID_COMMANDS, lambda m: heard.append(m.data), EVENT)
+    received: list[str] = []
+    bench.world.create_subscription(String, topics.HUMANOID_COMMANDS, lambda m: received.append(m.data), EVENT)
     bench.world.create_publisher(String, topics.MODE, LATCHED).publish(String(data="stand"))
     ours = ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE")
     environment = {name: value for name, value in os.environ.items() if name not in ours}
@@ -163,7 +163,7 @@ def test_a_plain_process_on_this_machine_reaches_the_graph(bench: Any, discovery
         bench.wait(lambda: plain.poll() is not None, 40.0)
         assert plain.stdout is not None
         assert plain.stdout.read().strip() == "['stand']"
-        assert heard == ["wave"]
+        assert received == ["wave"]
     finally:
         plain.kill()
 
@@ -178,7 +178,7 @@ def test_parameters_of_a_process_keep_their_types_in_its_file(tmp_path: Path) ->
     }  # fmt: skip
 
 
-def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environment_stays_on_this_machine_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.delenv("ROS_LOG_DIR", raising=False)
@@ -191,7 +191,7 @@ def test_environment_stays_on_this_machine_unless_told(monkeypatch: pytest.Monke
 
 
 def test_a_domain_with_a_participant_is_not_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A participant of a graph on loopback, where nobody listens at the multicast port."""
+    """A participant of a graph on loopback, where no socket is bound to the multicast port."""
     taken = free_domain()
     code = (
         "import rclpy; from rclpy.node import Node; rclpy.init(); kept = Node('here');"

@@ -1,4 +1,4 @@
-"""The page's ears and hands, against a graph of a few fake topics."""
+"""What the page receives and sends, against a graph of a few fake topics."""
 
 import html
 import socket
@@ -84,7 +84,7 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
         diagnostics.publish(DiagnosticArray(status=[status]))
         control.publish(ticks)
 
-    def heard() -> bool:
+    def received() -> bool:
         moment, words = listener.poll(), listener.words()
         return (
             moment is not None
@@ -95,7 +95,7 @@ def test_a_moment_is_what_the_topics_tell(client: Client, bench: Bench, g1: Robo
             and words.mode == "walk"
         )
 
-    until(client, bench, heard, publish)
+    until(client, bench, received, publish)
     moment, words = listener.poll(), listener.words()
     assert moment is not None
     np.testing.assert_allclose(moment.q, state.q)
@@ -192,8 +192,8 @@ def test_a_rate_is_kept_by_late_and_by_seldom_calls() -> None:
 
 
 def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Bench) -> None:
-    told: list[str] = []
-    operator = Operator(client, told.append)
+    reported: list[str] = []
+    operator = Operator(client, reported.append)
     word, velocity = topics.source_topics(SOURCE)
     words: list[str] = []
     twists: list[float] = []
@@ -218,16 +218,16 @@ def test_words_velocities_and_pushes_reach_the_robot(client: Client, bench: Benc
     operator.drive(None)
     until(client, bench, lambda: twists[-1] == 0.0)
     count = len(twists)
-    operator.drive(None)  # silent now: others are heard again
+    operator.drive(None)  # silent now: others are in command again
     bench.spin(0.2)
-    assert len(twists) == count and told == ["said wave", "pushed with 50 N"]
+    assert len(twists) == count and reported == ["said wave", "pushed with 50 N"]
 
 
-def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
-    told: list[str] = []
-    operator = Operator(client, told.append)
+def test_the_answer_of_a_service_is_reported(client: Client, bench: Bench) -> None:
+    reported: list[str] = []
+    operator = Operator(client, reported.append)
     operator.call("stand")
-    assert told == ["mode/stand: the service is absent: is the robot up? (poise up)"]
+    assert reported == ["mode/stand: the service is absent: is the robot up? (poise up)"]
 
     def refuse(request: Any, response: Any) -> Any:
         response.success, response.message = False, said[0]
@@ -238,21 +238,21 @@ def test_the_answer_of_a_service_is_told(client: Client, bench: Bench) -> None:
     bench.world.create_service(Trigger, "mode/stand", refuse)
 
     def ask() -> None:
-        if len(told) == 1 or told[-1].endswith("(poise up)"):
+        if len(reported) == 1 or reported[-1].endswith("(poise up)"):
             operator.call("stand")
 
-    until(client, bench, lambda: told[-1].startswith("stand: "), ask)
-    assert told[-1] == "stand: fallen: call reset_faults first"
+    until(client, bench, lambda: reported[-1].startswith("stand: "), ask)
+    assert reported[-1] == "stand: fallen: call reset_faults first"
     said[0] = "stand: standing"  # it names the mode itself: not twice
     operator.call("stand")
-    until(client, bench, lambda: told[-1].endswith("standing"))
-    assert told[-1] == "stand: standing"
+    until(client, bench, lambda: reported[-1].endswith("standing"))
+    assert reported[-1] == "stand: standing"
 
 
 def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Bench) -> None:
     from bridge.view.page import Gains
 
-    world, told = bench.world, list[str]()
+    world, reported = bench.world, list[str]()
     world.declare_parameter("com.kp", 40.0, describe("CoM stiffness [1/s^2]", read_only=False, low=0.0, high=500.0))
     world.declare_parameter("fixed", 1.0, describe("Fixed", low=0.0, high=2.0))
 
@@ -261,20 +261,20 @@ def test_sliders_are_those_parameters_that_may_change(client: Client, bench: Ben
         return SetParametersResult(successful=not bad, reason=f"{bad} too stiff" if bad else "")
 
     world.add_on_set_parameters_callback(judge)
-    operator = Operator(client, told.append)
+    operator = Operator(client, reported.append)
     server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
-        gains = Gains(server.gui, server.gui.add_folder("gains"), client, operator, "world", told.append, 1.0)
+        gains = Gains(server.gui, server.gui.add_folder("gains"), client, operator, "world", reported.append, 1.0)
         until(client, bench, lambda: bool(gains.sliders), gains.ask)
         assert list(gains.sliders) == ["com.kp"]
         slider = gains.sliders["com.kp"]
         assert (slider.min, slider.max, slider.value) == (0.0, 160.0, 40.0)
         gains.move("com.kp", 60.0)
-        until(client, bench, lambda: told == ["com.kp = 60"])
+        until(client, bench, lambda: reported == ["com.kp = 60"])
         assert world.get_parameter("com.kp").value == 60.0
         gains.move("com.kp", 120.0)
-        until(client, bench, lambda: len(told) == 2)
-        assert "too stiff" in told[-1] and slider.value == 60.0
+        until(client, bench, lambda: len(reported) == 2)
+        assert "too stiff" in reported[-1] and slider.value == 60.0
         assert world.get_parameter("com.kp").value == 60.0
     finally:
         server.stop()

@@ -193,7 +193,7 @@ def test_a_robot_without_a_head_refuses_to_turn_it_by_name(bench: Any) -> None:
 
 
 def test_a_target_that_a_turned_camera_sees_is_planned_for_where_it_is(bench: Any, talos: RobotModel) -> None:
-    """The reference posture leaves out what the head was told, the camera's frame must not."""
+    """The reference posture leaves out the head's command, the camera's frame must not."""
     try:
         kind = interface("poise_interfaces", "srv", "PlanMotion")
     except PoiseError as error:

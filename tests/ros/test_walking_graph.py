@@ -70,7 +70,7 @@ def walking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WalkingGraph]:
         "g1", lockstep=True, domain_id=free_domain(), log=log, say=lambda text: None, parameters=parameters
     ) as graph:
         seen = WalkingGraph(graph)
-        seen.until(lambda: bool(seen.phases) and bool(graph.mode), "telling the gait's phase")
+        seen.until(lambda: bool(seen.phases) and bool(graph.mode), "publishing the gait's phase")
         yield seen
     assert graph.exit_codes == dict.fromkeys(graph.pids, 0)
 
@@ -147,20 +147,24 @@ def _poise(*arguments: str) -> tuple[int, str]:
 
 def test_the_command_line_walks_and_stands_again(walking: WalkingGraph) -> None:
     walking.graph.wait_standing()
-    heard: list[float] = []
-    ears = walking.graph.node.create_subscription(Twist, topics.CMD_VEL, lambda m: heard.append(m.linear.x), EVENT)
+    received: list[float] = []
+    subscription = walking.graph.node.create_subscription(
+        Twist, topics.CMD_VEL, lambda m: received.append(m.linear.x), EVENT
+    )
     walking.taken.clear()
     code, output = _poise("walk", "--seconds", "1.5", "-0.2", "9", "0")
     assert code == 0, output
     output = " ".join(output.split())
     assert "mode 'stand'" in output and "left 9 limited to" in output
-    walking.until(lambda: walking.graph.mode == "stand" and bool(heard and walking.taken), "standing after some steps")
-    assert set(heard) == {-0.2}
+    walking.until(
+        lambda: walking.graph.mode == "stand" and bool(received and walking.taken), "standing after some steps"
+    )
+    assert set(received) == {-0.2}
     code, output = _poise("walk", "nan")
     assert code == 2
     assert "linear.x is nan" in output
     assert walking.graph.mode == "stand"
-    walking.graph.node.destroy_subscription(ears)
+    walking.graph.node.destroy_subscription(subscription)
 
 
 @pytest.mark.slow

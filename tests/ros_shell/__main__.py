@@ -114,7 +114,7 @@ def session(shell: Shell, launch: str) -> None:
 
 
 def main() -> int:
-    """Install unless told where it is installed, and do every step."""
+    """Install unless --prefix says where it is installed, and do every step."""
     parser = argparse.ArgumentParser(prog="python -m tests.ros_shell", description=str(__doc__).splitlines()[0])
     parser.add_argument("--prefix", type=Path, help="where poise is installed; an environment made for it otherwise")
     parser.add_argument("--ros2", default=shutil.which("ros2"), help="the ros2 command; that on the path otherwise")

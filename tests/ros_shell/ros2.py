@@ -132,18 +132,18 @@ class Shell:
             names = self._call(srv.ListParameters, f"{node}/list_parameters").result.names
             print("\n".join(f"  {each}" for each in sorted(names)))
         elif verb == "describe":
-            told = self._call(srv.DescribeParameters, f"{node}/describe_parameters", names=[name]).descriptors[0]
-            print(f"Parameter name: {told.name}\n  Description: {told.description}\n  Constraints:")
-            if told.read_only:
+            descriptor = self._call(srv.DescribeParameters, f"{node}/describe_parameters", names=[name]).descriptors[0]
+            print(f"Parameter name: {descriptor.name}\n  Description: {descriptor.description}\n  Constraints:")
+            if descriptor.read_only:
                 print("    Read only: true")
-            for each in told.floating_point_range:
+            for each in descriptor.floating_point_range:
                 print(f"    Min value: {each.from_value}\n    Max value: {each.to_value}")
         elif verb == "get":
             found = self._call(srv.GetParameters, f"{node}/get_parameters", names=[name]).values[0]
             print(f"Value is: {parameter_value_to_python(found)}")
         else:
-            wanted = [Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()]
-            result = self._call(srv.SetParameters, f"{node}/set_parameters", parameters=wanted).results[0]
+            parameters = [Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()]
+            result = self._call(srv.SetParameters, f"{node}/set_parameters", parameters=parameters).results[0]
             said = "Set parameter successful" if result.successful else f"Setting parameter failed: {result.reason}"
             print(said)
 
@@ -207,14 +207,14 @@ class Shell:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         times: list[float] = []
 
-        def heard(message: Any) -> None:
+        def received(message: Any) -> None:
             times.append(time.monotonic())
             if verb == "echo":
                 print(f"{text_of(message)}---", flush=True)
             elif len(times) % 100 == 0:
                 print(f"average rate: {(len(times) - 1) / (times[-1] - times[0]):.3f}", flush=True)
 
-        self._node.create_subscription(kind_of(publishers[0].topic_type), name, heard, qos)
+        self._node.create_subscription(kind_of(publishers[0].topic_type), name, received, qos)
         while not (once and times):
             self._rclpy.spin_once(self._node, timeout_sec=0.1)
 

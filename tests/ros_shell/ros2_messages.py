@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 ITEMS_MAX = 128
-"""Of a sequence, so many items are told, as ``ros2 topic echo`` does [-]."""
+"""Of a sequence, so many items are printed, as ``ros2 topic echo`` does [-]."""
 
 
 def kind_of(name: str) -> Any:

@@ -59,7 +59,7 @@ class Shell:
         with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as output:
             process = subprocess.Popen(
                 [*self._ros2, *shlex.split(command)], stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                cwd=self._folder, env=self._environment, start_new_session=True, preexec_fn=_heed_ctrl_c,
+                cwd=self._folder, env=self._environment, start_new_session=True, preexec_fn=_accept_ctrl_c,
             )  # fmt: skip
         self._outputs[process.pid] = Path(output.name)
         return process
@@ -135,7 +135,7 @@ class Shell:
         return next((pattern for pattern in patterns if not re.search(pattern, output)), "")
 
 
-def _heed_ctrl_c() -> None:
+def _accept_ctrl_c() -> None:
     """A shell has what it runs in the background ignore Ctrl-C, and their children with it."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 

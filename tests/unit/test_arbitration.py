@@ -26,7 +26,7 @@ def arbiter() -> Arbiter:
     return Arbiter()
 
 
-def test_nobody_is_in_command_before_anybody_has_spoken(arbiter: Arbiter) -> None:
+def test_no_source_is_in_command_before_the_first_message(arbiter: Arbiter) -> None:
     assert (arbiter.in_command(0.0), arbiter.velocity(0.0)) == (NO_SOURCE, STILL)
 
 
@@ -137,7 +137,7 @@ EVENTS = st.lists(
 
 
 @given(EVENTS)
-def test_nobody_above_the_source_in_command_is_fresh_and_open(events: list[tuple[str, str, float]]) -> None:
+def test_no_source_above_the_one_in_command_is_fresh_and_open(events: list[tuple[str, str, float]]) -> None:
     """Against a plain list of who has spoken when."""
     config = ArbitrationConfig(
         {name: SourceConfig(p, 0.5) for name, p in (("safety", 3), ("teleop", 2), ("plain", 1), ("autonomy", 0))},

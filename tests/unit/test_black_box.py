@@ -52,15 +52,15 @@ def test_the_ring_keeps_the_last_rows_in_order(count: int, g1: RobotModel) -> No
     np.testing.assert_array_equal(record.t, [0.001 * k for k in kept])
     for row, k in enumerate(kept):
         state, sensors, result = tick(g1, k)
-        wanted = {
+        expected = {
             "q": state.q, "v": state.v, "joint_q": sensors.q, "joint_v": sensors.v, "joint_tau": sensors.tau,
             "gyro": sensors.gyro, "accel": sensors.accel, "wrenches": sensors.wrenches,
             "command_q": result.command.q, "command_v": result.command.v, "command_tau": result.command.tau,
             "planned_wrenches": result.wrenches, "dcm": result.dcm, "zmp": result.zmp, "residual": result.residual,
         }  # fmt: skip
-        assert {*wanted, "t", "stamp", "number", "sample_t", "status", "mode"} == set(UNITS)
+        assert {*expected, "t", "stamp", "number", "sample_t", "status", "mode"} == set(UNITS)
         assert (record.stamp[row], record.number[row], record.sample_t[row]) == (1_000_000 * k, k, state.t)
-        for name, values in wanted.items():
+        for name, values in expected.items():
             np.testing.assert_array_equal(getattr(record, name)[row], values, err_msg=name)
     assert set(record.modes) == {Mode.WALK}
     assert set(record.status) == {list(SolveStatus).index(SolveStatus.RELAXED)}
@@ -162,7 +162,7 @@ def test_a_write_that_fails_leaves_the_file_before(
     assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
 
 
-def test_a_folder_that_cannot_be_is_told(g1: RobotModel, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_is_reported(g1: RobotModel, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     folder = BlackBoxFolder("g1", tmp_path / "file", 3)
     with pytest.raises(PoiseError, match="black box not written"):

@@ -151,7 +151,7 @@ def test_standing_still_does_not_determine_the_offsets(g1: RobotModel) -> None:
     assert reply.details["sigma_left_knee_joint"] > 0.01 and reply.details["singular_min"] < 30.0
 
 
-def test_without_turning_hip_and_ankle_pitch_cannot_be_told_apart(g1: RobotModel) -> None:
+def test_without_turning_hip_and_ankle_pitch_cannot_be_distinguished(g1: RobotModel) -> None:
     """Lowering and pitching only: the whole body may tilt about the ankles if the hips tilt back."""
     path = [
         legs(g1, (0.0, 0.3 * np.sin(0.1 * k), 0.0), 0.07 + 0.05 * np.sin(0.05 * k), g1.standing_configuration())
@@ -171,7 +171,7 @@ def test_soles_that_move_are_noticed(g1: RobotModel, paths: dict[str, list[Vecto
 
 
 def test_the_posterior_is_honest_about_noise(g1: RobotModel, paths: dict[str, list[Vector]]) -> None:
-    """With the noise of the encoders the errors stay within four standard deviations, and shrink as told."""
+    """With the noise of the encoders the errors stay within four standard deviations, and shrink as reported."""
     outcome = calibrate_closed_chain(
         windows(g1, path_of(g1, paths), np.zeros(g1.nj), noise=1e-4), g1, Calibration.none(g1), CONFIG
     )

@@ -70,13 +70,13 @@ def test_a_standing_robot_is_measured_in_its_motion_only(run: Run, what: str, do
     """Whatever the order in which the word and the mode arrive; standing still while it is planned does not count."""
     run.moves(what)
     begun = run.t - 1.0
-    told: list[Callable[[], None]] = [
+    reports: list[Callable[[], None]] = [
         lambda: run.procedure.on_motion(MotionStatus(MotionState.DONE)),
         lambda: run.procedure.on_situation("stand"),
     ]
-    for tell in told if done_first else told[::-1]:
+    for report in reports if done_first else reports[::-1]:
         assert not run.procedure.ready
-        tell()
+        report()
     assert run.procedure.ready and not run.procedure.problem
     windows = run.procedure.job(Calibration.none(run.robot)).windows
     assert windows[0].t > begun and len(windows) >= 15

@@ -35,8 +35,8 @@ class _Bench(Benchmark):
         return {"dv_min": 0.25}
 
     def run(self, options: Options) -> Report:
-        if options.robot == "nobody":
-            raise ConfigError("unknown robot 'nobody'")
+        if options.robot == "unknown_robot":
+            raise ConfigError("unknown robot 'unknown_robot'")
         self.asked.append((self.name, options))
         return replace(self.report(options, [], self.figures([]), LoadMeter()), passed=self.holds)
 
@@ -147,7 +147,7 @@ def test_a_benchmark_without_scenarios_refuses_one(asked: object) -> None:
     assert result.exit_code == 2 and "no scenarios" in result.output
 
 
-def test_words_in_brackets_are_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_words_in_brackets_are_printed_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.core.executors.find_spec", lambda name: None)
     result = RUNNER.invoke(app, ["bench", "stand", "--scheduler", "tcp://127.0.0.1:1"])
     assert result.exit_code == 2 and "pip install 'poise[bench]'" in result.output
@@ -165,8 +165,8 @@ def test_a_contender_is_pushed_without_steps_only() -> None:
 
 
 def test_an_error_is_one_line_and_status_two(asked: object) -> None:
-    result = RUNNER.invoke(app, ["bench", "push", "--robot", "nobody"])
-    assert result.exit_code == 2 and "unknown robot 'nobody'" in result.output
+    result = RUNNER.invoke(app, ["bench", "push", "--robot", "unknown_robot"])
+    assert result.exit_code == 2 and "unknown robot 'unknown_robot'" in result.output
 
 
 @pytest.mark.parametrize(

@@ -131,7 +131,7 @@ def test_a_verifier_that_has_just_started_says_when_to_try_again(signer: Signer,
     assert verifier.verify(signer.sign("walk")).text == "walk"
 
 
-def test_clocks_that_jump_are_told(verifier: Verifier, clock: Clock) -> None:
+def test_clocks_that_jump_are_reported(verifier: Verifier, clock: Clock) -> None:
     """Forward goes on at once; back is refused until it has caught up, and says how long that takes."""
     clock.advance(3600.0)
     verifier.verify(Signer(KEY, "teleop", clock).sign("wave"))
@@ -243,7 +243,7 @@ def test_what_is_no_key_is_refused(content: str, why: str, tmp_path: Path) -> No
         read_key(tmp_path / "absent")
 
 
-def test_the_command_line_makes_a_key_and_wants_a_private_one(tmp_path: Path) -> None:
+def test_the_command_line_makes_a_key_and_requires_a_private_one(tmp_path: Path) -> None:
     path = tmp_path / "robot.key"
     made = CliRunner().invoke(app, ["key", str(path)])
     assert made.exit_code == 0 and read_key(path).hex() not in made.output

@@ -102,7 +102,7 @@ def test_starts_between_the_soles_without_yaw(estimator: StateEstimator) -> None
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_starts_lying_flat_with_some_heading(estimator: StateEstimator, direction: float) -> None:
-    """On its back or its face, the base's x axis is vertical and has no heading; the attitude is still told."""
+    """On its back or its face, the base's x axis is vertical and has no heading; the attitude is still reported."""
     robot = robot_of(estimator)
     sample = sensors_of(robot, motion(robot), None)[0]
     estimator.reset(sample)  # the orientation of the IMU follows the joints

@@ -23,7 +23,7 @@ LOAD = {"before": [0.0], "after": [0.0], "cores": 1}
 
 @pytest.fixture(scope="module")
 def loop() -> ClosedLoop:
-    """A robot that is pushed to the left off its feet, after a walk command; shared, as nobody runs it on."""
+    """A robot that is pushed to the left off its feet, after a walk command; shared, as no test runs it on."""
     loop = ClosedLoop("g1", record_period_s=0.01)
     loop.run(0.3)
     loop.command("walk")

@@ -107,9 +107,9 @@ def test_no_motor_gives_more_than_it_can(g1: RobotModel) -> None:
 
 def test_motors_that_saturate_early_keep_smaller_torques(g1: RobotModel) -> None:
     made = proxy(g1, Fault("motors", "saturated", scale=0.6))
-    wanted = np.linspace(-1.0, 1.0, g1.nj) * g1.tau_max
-    expected = np.clip(wanted, -0.6 * g1.tau_max, 0.6 * g1.tau_max)
-    np.testing.assert_allclose(made.drive(0, wanted, np.zeros(g1.nj)), expected)
+    desired = np.linspace(-1.0, 1.0, g1.nj) * g1.tau_max
+    expected = np.clip(desired, -0.6 * g1.tau_max, 0.6 * g1.tau_max)
+    np.testing.assert_allclose(made.drive(0, desired, np.zeros(g1.nj)), expected)
 
 
 def test_garbage_and_saturation_of_sensors_span_their_full_scale(g1: RobotModel) -> None:
@@ -161,17 +161,17 @@ def test_an_encoder_that_is_stuck_or_shifted(g1: RobotModel) -> None:
         np.testing.assert_array_equal(np.delete(sample.v, knee), 12.0)
 
 
-def heard(g1: RobotModel, made: FaultProxy, ticks: int) -> list[SensorData | None]:
+def received(g1: RobotModel, made: FaultProxy, ticks: int) -> list[SensorData | None]:
     return [made.transmit(tick, unpack(0.001 * tick, ramp(g1, tick), g1.nj)) for tick in range(ticks)]
 
 
 def test_joint_states_are_lost_on_their_way_only(g1: RobotModel) -> None:
     made = proxy(g1, Fault("joint_states", "off", end=0.002))
-    assert [sample is None for sample in heard(g1, made, 4)] == [True, True, False, False]
+    assert [sample is None for sample in received(g1, made, 4)] == [True, True, False, False]
     made = proxy(g1, Fault("joint_states", "slow", rate=500.0))
-    assert [sample is None for sample in heard(g1, made, 4)] == [False, True, False, True]
+    assert [sample is None for sample in received(g1, made, 4)] == [False, True, False, True]
     made = proxy(g1, Fault("joint_states", "delayed", delay=0.002))
-    late = [sample for sample in heard(g1, made, 4) if sample is not None]
+    late = [sample for sample in received(g1, made, 4) if sample is not None]
     assert [(s.t, s.q[0], s.tau[0], s.gyro[0]) for s in late] == [
         (0.0, 10.0, 10.0, 10.0), (0.001, 10.0, 10.0, 11.0), (0.002, 10.0, 10.0, 12.0), (0.003, 11.0, 11.0, 13.0)
     ]  # fmt: skip
@@ -187,7 +187,7 @@ def test_stamps_are_repeated_old_or_ahead(g1: RobotModel) -> None:
     )
     for fault, expected in cases:
         made = proxy(g1, fault)
-        samples = [sample for sample in heard(g1, made, 3) if sample is not None]
+        samples = [sample for sample in received(g1, made, 3) if sample is not None]
         np.testing.assert_allclose([sample.t for sample in samples], expected, atol=1e-12)
         assert [sample.q[0] for sample in samples] == [10.0, 11.0, 12.0]
         assert made.corrupted and not made.missing
@@ -199,14 +199,14 @@ def test_scans_are_lost_late_slower_or_wrong(g1: RobotModel) -> None:
     rays = g1.profile.sensors.scan.rays
 
     def seen(fault: Fault) -> list[float]:
-        made, told = proxy(g1, fault), list[float]()
+        made, reported = proxy(g1, fault), list[float]()
         for number in range(4):
             scan = made.transmit_scan(
                 100 * number, Scan(0.1 * number, -1.0, 0.1, np.full(rays, 1.0 + number), 0.05, 10.0)
             )
-            told.append(0.0 if scan is None else float(scan.ranges[-1]))
+            reported.append(0.0 if scan is None else float(scan.ranges[-1]))
         assert not made.missing and not made.corrupted
-        return told
+        return reported
 
     assert seen(Fault("scan", "off", end=0.15)) == [0.0, 0.0, 3.0, 4.0]
     assert seen(Fault("scan", "slow", rate=5.0)) == [1.0, 0.0, 3.0, 0.0]
@@ -267,17 +267,17 @@ def test_faults_of_one_target_act_one_after_the_other(g1: RobotModel) -> None:
     np.testing.assert_array_equal(sensed(g1, made, range(1))[0].gyro, 22.0)
 
 
-def test_begin_and_end_are_told_and_the_end_leaves_nothing(g1: RobotModel) -> None:
-    made, told = FaultProxy(g1, period=0.001, seed=0), list[str]()
-    made.note = told.append
+def test_begin_and_end_are_reported_and_the_end_leaves_nothing(g1: RobotModel) -> None:
+    made, reported = FaultProxy(g1, period=0.001, seed=0), list[str]()
+    made.note = reported.append
     fault = Fault("imu", "stuck", start=0.002, end=0.004)
     assert made.inject(fault) == f"injected: {fault}"
     sensed(g1, made, range(6))
-    assert told == [f"injected: {fault}", f"fault begins: {fault}", f"fault ends: {fault}"]
+    assert reported == [f"injected: {fault}", f"fault begins: {fault}", f"fault ends: {fault}"]
     assert not made.active and made.injected == () and made.missing == frozenset()
     made.inject(fault)
     assert made.clear() == f"cleared: {fault}" and not made.active
-    assert made.clear() == "cleared: no faults" and len(told) == 5
+    assert made.clear() == "cleared: no faults" and len(reported) == 5
 
 
 def test_without_faults_nothing_is_looked_at(g1: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:

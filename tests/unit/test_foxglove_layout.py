@@ -28,7 +28,7 @@ def test_every_panel_has_its_place(layout: Any) -> None:
 def test_every_topic_is_one_of_the_graph(layout: Any) -> None:
     known = {f"/{name.lstrip('/')}" for name in vars(topics).values() if isinstance(name, str)}
     known |= {f"/{name}" for name in (*topics.FOOT_WRENCHES, *topics.source_topics("teleop"))} | {"/diagnostics"}
-    known |= {"/clicked_point", "/initialpose"}  # Foxglove's own, which nobody hears
+    known |= {"/clicked_point", "/initialpose"}  # Foxglove's own, to which no node subscribes
     text = json.dumps(layout["configById"])
     named = set(re.findall(r'"(/[a-z_/]+?)(?:\.[a-z_.]+(?:\[\d+\])?)?"', text))
     assert len(named) > 10 and named <= known

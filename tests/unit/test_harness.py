@@ -70,9 +70,9 @@ def test_the_contender_is_named_at_the_top_and_in_titles(tmp_path: Path) -> None
     del found["contender"]  # of a file from before there were any
     file.write_text(json.dumps(found))
     assert read_json(file).who == "g1"
-    told = Console(record=True, width=100)
-    print_report(report, told)
-    assert "walk: g1, contender mine:Walker" in " ".join(told.export_text().split())
+    console = Console(record=True, width=100)
+    print_report(report, console)
+    assert "walk: g1, contender mine:Walker" in " ".join(console.export_text().split())
 
 
 def test_cases_come_back_in_order_from_one_process() -> None:

@@ -1,4 +1,4 @@
-"""Motors that do not give what they are told, encoders that are stuck, and what is no fault."""
+"""Motors that do not follow their commands, encoders that are stuck, and what is no fault."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tests.support import standing
 
 
 class Joints:
-    """Joints that do as they are told, apart from one; their measurements are noisy."""
+    """Joints that follow their commands, apart from one; their measurements are noisy."""
 
     def __init__(self, model: RobotModel) -> None:
         self.model, self.monitor = model, JointMonitor(model)
@@ -22,11 +22,11 @@ class Joints:
     def state(self) -> RobotState:
         state = standing(self.model)
         v = np.append(np.zeros(6), 0.01 * self.rng.standard_normal(self.model.nj))
-        told = (
+        commanded = (
             self.command.tau + self.model.kp * (self.command.q - state.q[7:]) + self.model.kd * (self.command.v - v[6:])
         )
         noise = 0.005 * self.model.tau_max * self.rng.standard_normal(self.model.nj)
-        return replace(state, v=v, tau=told + noise)
+        return replace(state, v=v, tau=commanded + noise)
 
     def run(self, ticks: int, **changed: float) -> int:
         """Ticks until a fault is found, at most so many; changed values of the one joint."""
@@ -51,12 +51,12 @@ def joints(g1: RobotModel) -> Joints:
 
 def test_a_motor_that_gives_nothing_is_found_within_a_tenth_of_a_second(joints: Joints) -> None:
     joints.command.tau[joints.joint] = -30.0
-    assert joints.run(200) == 200  # as long as it does as it is told
+    assert joints.run(200) == 200  # as long as it follows its command
     assert joints.run(100, given=0.0) < 60
     assert joints.monitor.fault.startswith("motor of 'left_knee_joint' gives")
 
 
-def test_a_motor_that_gives_much_more_than_it_is_told_is_found(joints: Joints) -> None:
+def test_a_motor_that_gives_much_more_than_commanded_is_found(joints: Joints) -> None:
     assert joints.run(100, given=130.0) < 60
     joints.monitor.reset()
     assert joints.run(900, given=130.0) == 900  # the grace after a start
@@ -71,7 +71,7 @@ def test_a_position_that_stands_still_with_a_velocity_that_does_not_is_no_fault(
     assert joints.run(300, q=0.5) == 300
 
 
-def test_near_a_limit_the_drivers_do_less_than_they_are_told(joints: Joints) -> None:
+def test_near_a_limit_the_drivers_give_less_than_commanded(joints: Joints) -> None:
     joints.command.tau[joints.joint] = -30.0
     assert joints.run(200, given=0.0, q=float(joints.model.q_upper[joints.joint]) - 0.01) == 200
 
@@ -82,10 +82,10 @@ def test_a_drive_that_follows_as_fast_as_it_may_is_no_fault(joints: Joints) -> N
     there = int(np.ceil(2.0 * largest / step))  # ticks from one end to the other
     given = 0.0
     for tick in range(40 * there):  # never long enough to get to the other end
-        told = largest if tick % there < 0.65 * there else -largest
-        joints.command.tau[joint] = told
+        commanded = largest if tick % there < 0.65 * there else -largest
+        joints.command.tau[joint] = commanded
         assert joints.run(1, given=given) == 1 and not joints.monitor.fault
-        given += float(np.clip(told - given, -step, step))
+        given += float(np.clip(commanded - given, -step, step))
 
 
 def test_missing_samples_tell_nothing(joints: Joints) -> None:

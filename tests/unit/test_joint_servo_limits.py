@@ -46,10 +46,10 @@ def test_torque_that_speeds_up_fades_out_beyond_the_velocity_limit(g1: RobotMode
         v = sign * g1.v_max * (1.0 + excess * servo.config.velocity_margin)
         for _ in range(200):
             servo.command(JointCommand(q, sign * g1.v_max, sign * g1.tau_max), t)
-            wanted = np.minimum(g1.tau_max + g1.kd * (g1.v_max - sign * v), g1.tau_max)
+            expected = np.minimum(g1.tau_max + g1.kd * (g1.v_max - sign * v), g1.tau_max)
             tau = torque_of(servo, t, q, v, DT)
             t += DT
-        np.testing.assert_allclose(sign * tau, np.clip(wanted, -g1.tau_max, share * g1.tau_max), atol=1e-9)
+        np.testing.assert_allclose(sign * tau, np.clip(expected, -g1.tau_max, share * g1.tau_max), atol=1e-9)
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True, width=64)

@@ -31,7 +31,7 @@ class Law:
         self.memory = np.zeros(6)
         self.part = self.memory[2:4]
         self.head, self.other = head, other
-        self.mode, self.told, self.queue = Mode.OFF, b"", deque([1.0], maxlen=3)
+        self.mode, self.payload, self.queue = Mode.OFF, b"", deque([1.0], maxlen=3)
         self.contact: ContactState | None = None
         self.named: dict[tuple[int, int], object] = {}
         self.made: np.ndarray | None = None
@@ -64,8 +64,8 @@ def pair() -> tuple[Law, Law, Head]:
 
 def moved(law: LawState, into: LawState) -> None:
     """The state of one law through its file into another one."""
-    data, told = describe(law, law.capture(law.memory()))
-    restore(into, data, json.loads(json.dumps(told)))
+    data, text = describe(law, law.capture(law.memory()))
+    restore(into, data, json.loads(json.dumps(text)))
 
 
 def test_everything_is_put_back_and_what_is_shared_stays_one_object() -> None:
@@ -73,7 +73,7 @@ def test_everything_is_put_back_and_what_is_shared_stays_one_object() -> None:
     states = LawState(first), LawState(second, (first,)), LawState(other), LawState(another, (other,))
     second.memory[:] = np.arange(6.0) / 3.0
     second.part = second.memory[::2]  # another part of the same memory
-    second.mode, second.told = Mode.WALK, b"\x01\xff"
+    second.mode, second.payload = Mode.WALK, b"\x01\xff"
     second.queue.extend([2.0, np.float64(0.1), -0.0])
     second.contact = ContactState(True, np.array([0.1] * 6))
     second.made = second.contact.wrench
@@ -84,7 +84,7 @@ def test_everything_is_put_back_and_what_is_shared_stays_one_object() -> None:
     np.testing.assert_array_equal(another.memory, second.memory)
     another.memory[4] = 7.0
     assert list(another.part) == [second.part[0], second.part[1], 7.0]  # it is a part again, not a copy
-    assert (another.mode, another.told, another.queue) == (Mode.WALK, b"\x01\xff", deque([2.0, 0.1, -0.0]))
+    assert (another.mode, another.payload, another.queue) == (Mode.WALK, b"\x01\xff", deque([2.0, 0.1, -0.0]))
     assert another.queue.maxlen == 3 and type(another.queue[1]) is np.float64
     assert another.contact is not None and another.made is another.contact.wrench
     assert another.named[3, 4][0] is another.contact and np.isnan(another.named[3, 4][1][0])  # type: ignore[index]
@@ -112,12 +112,12 @@ def test_what_cannot_be_put_back_is_named() -> None:
     with pytest.raises(PoiseError, match=r"list_iterator'.* cannot be put back"):
         moved(state, LawState(again))
     for content, name in ((Foreign("true"), "posix:system"), (Unknown(), "os:system")):
-        data, told = describe(state, Captured(state.memory(), pickle.dumps({".head": (("goal", content),)}), []))
+        data, text = describe(state, Captured(state.memory(), pickle.dumps({".head": (("goal", content),)}), []))
         with pytest.raises(PoiseError, match=f"'{name}', which is not known"):
-            restore(LawState(again), data, told)
-    told["arrays"] = told["arrays"][1:]
+            restore(LawState(again), data, text)
+    text["arrays"] = text["arrays"][1:]
     with pytest.raises(PoiseError, match="another version"):
-        restore(LawState(again), data, told)
+        restore(LawState(again), data, text)
 
 
 def test_active_rows_of_a_solver_move(g1: RobotModel) -> None:

@@ -132,12 +132,12 @@ class TestTargets:
         model, planner = load("g1")
         data = model.data()
         plant(model, data, model.posture("stand"))
-        wanted = pin.rpy.rpyToMatrix(0.0, 0.3, 0.2) @ data.oMf[model.frame_id("torso")].rotation
+        expected = pin.rpy.rpyToMatrix(0.0, 0.3, 0.2) @ data.oMf[model.frame_id("torso")].rotation
         plan = planner.plan_pose(
-            "torso", None, pin.Quaternion(wanted).coeffs(), start_q=model.posture("stand"), duration=2.5
+            "torso", None, pin.Quaternion(expected).coeffs(), start_q=model.posture("stand"), duration=2.5
         )
         plant(model, data, plan.positions[-1])
-        assert np.linalg.norm(pin.log3(data.oMf[model.frame_id("torso")].rotation.T @ wanted)) < 0.02
+        assert np.linalg.norm(pin.log3(data.oMf[model.frame_id("torso")].rotation.T @ expected)) < 0.02
         assert plan.times[-1] == pytest.approx(2.5)
 
     def test_solver_keeps_bodies_apart_where_the_plain_solution_would_not(self) -> None:

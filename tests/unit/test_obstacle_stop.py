@@ -130,7 +130,7 @@ def test_a_single_reading_is_no_obstacle(law: ObstacleStop) -> None:
         assert (law.limit((0.3, 0.0, 0.0), 1.0)[1] == "") is (count == 1)
 
 
-def test_without_a_fresh_scan_nobody_walks(law: ObstacleStop) -> None:
+def test_without_a_fresh_scan_the_robot_does_not_walk(law: ObstacleStop) -> None:
     assert law.limit((0.3, 0.1, 0.4), 1.0) == ((0.0, 0.0, 0.4), "stopped: no scan")
     law.update(empty(1.0))
     assert law.limit((0.3, 0.1, 0.4), 1.0 + law.config.scan_timeout) == ((0.3, 0.1, 0.4), "")

@@ -11,7 +11,7 @@ MS = 1_000_000
 
 
 class Clock:
-    """A monotonic clock [ns] that only moves when told to; sleep overshoots by a fixed time, or sleeps a share."""
+    """A monotonic clock [ns] that only moves on request; sleep overshoots by a fixed time, or sleeps a share."""
 
     def __init__(self, overshoot: int = 0, share: float = 1.0) -> None:
         self.now = 5_000_000_000

@@ -1,4 +1,4 @@
-"""URDFs that say too little are repaired and every change is told; those of no use are refused by name."""
+"""URDFs that say too little are repaired and every change is reported; those of no use are refused by name."""
 
 import shutil
 import xml.etree.ElementTree as ET
@@ -208,7 +208,7 @@ def test_robots_without_feet_are_refused(urdf: str, message: str) -> None:
         propose(ROBOTS / urdf)
 
 
-def test_packages_are_looked_for_where_told(g1: RobotModel, tmp_path: Path) -> None:
+def test_packages_are_looked_for_in_the_given_folders(g1: RobotModel, tmp_path: Path) -> None:
     tree = ET.parse(g1.urdf).getroot()
     for mesh in tree.iter("mesh"):
         mesh.set("filename", mesh.get("filename", "").replace("example-robot-data/robots/g1_description", "g1_here"))
@@ -221,7 +221,7 @@ def test_packages_are_looked_for_where_told(g1: RobotModel, tmp_path: Path) -> N
     assert proposal.findings == () and proposal.robot is not None  # written anew, with the files' paths
 
 
-def test_a_robot_of_wrong_limits_is_told_so() -> None:
+def test_wrong_limits_of_a_robot_are_reported() -> None:
     """The URDF of simple_humanoid has the left leg's limits one joint off, no feet, and inertias of 1 kg.m^2."""
     proposal = propose(ROBOTS / "simple_humanoid_description/urdf/simple_humanoid.urdf")
     knee = findings(proposal, "LLEG_KNEE")

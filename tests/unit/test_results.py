@@ -163,7 +163,7 @@ def test_what_is_finished_stays_when_a_later_case_fails(path: Path) -> None:
     assert [line["seed"] for line in read_lines(path)] == [0, 1]
 
 
-def test_what_could_not_be_run_here_is_told_and_tried_again(path: Path) -> None:
+def test_what_could_not_be_run_here_is_reported_and_tried_again(path: Path) -> None:
     for added in (2, 0):
         with ResultsFile(path) as file:
             options = Options(sweep=Sweep(InProcess(), file))

@@ -130,7 +130,7 @@ def test_healthy_robot_keeps_standing(standing: Supervisor) -> None:
     assert standing.faults == ()
 
 
-def test_stop_ends_a_trajectory_that_nobody_asked_the_supervisor_for(standing: Supervisor) -> None:
+def test_stop_ends_a_trajectory_that_was_not_requested_from_the_supervisor(standing: Supervisor) -> None:
     assert standing.text("stop").accepted
     assert (standing.mode, standing.take_motion()) == (Mode.STAND, "stop")
 

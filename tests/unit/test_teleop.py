@@ -38,7 +38,7 @@ def test_no_key_goes_beyond_the_limits_of_the_gait(law: KeyLaw, g1: RobotModel) 
     assert law.velocity(0.0) == pytest.approx((-limits.backward, -limits.lateral, -limits.turn), abs=1e-3)
 
 
-def test_nobody_there_is_no_velocity(law: KeyLaw) -> None:
+def test_without_an_operator_there_is_no_velocity(law: KeyLaw) -> None:
     law.press("w", 10.0)
     assert law.velocity(10.0 + CONFIG.idle)[0] > 0.0
     assert law.velocity(10.1 + CONFIG.idle) == (0.0, 0.0, 0.0)
@@ -49,7 +49,7 @@ def test_nobody_there_is_no_velocity(law: KeyLaw) -> None:
 def test_the_velocity_of_one_who_went_away_does_not_come_back_with_a_key(law: KeyLaw) -> None:
     law.press("w", 10.0)
     law.press("w", 10.0)
-    law.press("w", 11.0 + CONFIG.idle)  # nobody has looked at the velocity since
+    law.press("w", 11.0 + CONFIG.idle)  # the velocity has not been read since
     assert law.velocity(11.0 + CONFIG.idle) == pytest.approx((0.1, 0.0, 0.0))
 
 
@@ -74,7 +74,7 @@ def test_a_gamepad_gives_parts_of_the_limits_and_deeds(tmp_path: Path) -> None:
     os.write(hand, event(0x02, 1, 0) + event(0x02, 1, -32767) + event(0x02, 3, 16384) + event(0x02, 0, 1000))
     assert pad.read() == []
     assert pad.velocity() == pytest.approx((0.9, 0.0, -0.4), abs=1e-3)  # left is inside the dead band
-    held = event(0x81, 1, 1)  # was down when the device was opened: nobody presses it now
+    held = event(0x81, 1, 1)  # was down when the device was opened: it is not pressed now
     os.write(hand, held + event(0x02, 1, 32767) + event(0x01, 6, 1) + event(0x01, 0, 1) + event(0x01, 0, 0)[:3])
     assert pad.read() == ["E-STOP", "walk"]
     assert pad.velocity()[0] == pytest.approx(-0.4)

@@ -36,11 +36,11 @@ def test_all_within_their_limits_pass() -> None:
     )
 
 
-@pytest.mark.parametrize(("bad", "told"), [(2.1, "2.1"), (math.nan, "nan"), (math.inf, "inf")])
-def test_one_seed_beyond_a_limit_fails_and_is_named_though_the_median_holds(bad: float, told: str) -> None:
+@pytest.mark.parametrize(("bad", "reported"), [(2.1, "2.1"), (math.nan, "nan"), (math.inf, "inf")])
+def test_one_seed_beyond_a_limit_fails_and_is_named_though_the_median_holds(bad: float, reported: str) -> None:
     passed, lines = judged(1.0, 1.2, bad, 1.1)
     assert not passed
-    assert lines == ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", f"FAILED ratio ≤ 2: worst {told}, seed 2"]
+    assert lines == ["ok     tick_us_p99 ≤ 100: worst 90, seed 0", f"FAILED ratio ≤ 2: worst {reported}, seed 2"]
 
 
 def test_the_figures_are_medians_but_the_worst_of_tails_and_failures() -> None:

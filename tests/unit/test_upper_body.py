@@ -58,8 +58,8 @@ def test_arms_follow_the_motion_and_legs_do_not(g1: RobotModel) -> None:
     free, rows = free_joints(g1), played(g1)
     assert len(rows) * DT == pytest.approx(2.0, abs=2 * DT)
     assert (rows[:, 0, ~free] == g1.posture("stand")[~free]).all()
-    wanted = np.clip(g1.posture("stand") + 0.3, g1.q_lower, g1.q_upper)
-    assert rows[999, 0, free] == pytest.approx(wanted[free], abs=1e-3)
+    expected = np.clip(g1.posture("stand") + 0.3, g1.q_lower, g1.q_upper)
+    assert rows[999, 0, free] == pytest.approx(expected[free], abs=1e-3)
 
 
 @pytest.mark.parametrize("stop_at", [np.inf, 1.2, 0.1])
@@ -73,7 +73,7 @@ def test_nothing_jumps_and_the_rates_are_those_of_the_posture(g1: RobotModel, st
         inner = np.ones(len(rows), dtype=bool)
         inner[[0, 1, -2, -1]] = False
         if np.isfinite(stop_at):
-            inner[abs(np.arange(len(rows)) - round(stop_at / DT)) < 4] = False  # where it is told to end
+            inner[abs(np.arange(len(rows)) - round(stop_at / DT)) < 4] = False  # where it has to end
         turn = np.abs(rate - rows[:, order])[inner].max()
         assert turn < (0.01 if order == 1 else 0.2)
     if np.isfinite(stop_at):

@@ -48,7 +48,7 @@ def test_a_target_is_found_by_its_colour_and_others_are_not() -> None:
     assert finder.find(picture(GREEN, 50.0, 70.0, 1.2)) is None  # too small
 
 
-def test_the_largest_patch_counts_and_the_edge_is_told() -> None:
+def test_the_largest_patch_counts_and_the_edge_is_reported() -> None:
     both = picture(GREEN, 120.0, 30.0, 10.0)
     both[60:64, 20:24] = GREEN
     both[100, 100] = GREEN  # noise
@@ -137,9 +137,9 @@ def test_the_head_turns_to_what_is_seen_to_the_side(talos: RobotModel) -> None:
 
     rng = np.random.default_rng(3)
     for _ in range(20):
-        now, wanted = rng.uniform([-0.5, -0.1], [0.5, 0.5], (2, 2))
-        bearing = axes(*now).T @ axes(*wanted)[:, 2]
-        assert gaze.aim(*now, bearing) == pytest.approx(wanted, abs=1e-5)
+        now, expected = rng.uniform([-0.5, -0.1], [0.5, 0.5], (2, 2))
+        bearing = axes(*now).T @ axes(*expected)[:, 2]
+        assert gaze.aim(*now, bearing) == pytest.approx(expected, abs=1e-5)
     assert gaze.aim(0.0, 0.0, np.array([1.0, 0.0, 0.0]))[0] == talos.q_lower[places[0] - 7]  # beyond its reach
     left, _ = gaze.aim(0.0, 0.0, np.array([-0.2, 0.0, 1.0]))
     assert left > 0.0

@@ -153,7 +153,7 @@ def test_a_robot_that_falls_at_once_has_fallen(monkeypatch: pytest.MonkeyPatch) 
     assert len(robot.velocities) == 1
 
 
-def test_a_stop_that_fails_is_told_in_words() -> None:
+def test_a_stop_that_fails_is_reported_in_words() -> None:
     results = [
         {**case, "ok": False, "stood": False, "moments": {"t": [0.0]}} for case in good() if case["kind"] == "stop"
     ]
@@ -196,7 +196,7 @@ def test_the_tracking_error_averages_a_stride_away_but_not_an_offset() -> None:
 
 
 def test_a_short_walk_is_measured() -> None:
-    """Three seconds of the real thing: it goes where it is told, and walking costs energy."""
+    """Three seconds of the real thing: it goes where the command says, and walking costs energy."""
     case = walk_cases.steady("talos", 0, (0.3, 0.0, 0.0), 5.0)
     assert not case["fell"]
     assert case["speed_error"] < 0.2

@@ -92,7 +92,7 @@ def test_an_open_square_a_fall_and_a_drift_fail(g1: RobotModel, square: Recordin
     assert square.estimate is not None
     far = square.estimate + 0.2 * (square.t / square.t[-1])[:, None] * np.eye(7)[1]
     assert not verdicts(g1, replace(square, estimate=far))["drift"]
-    assert not verdicts(g1, replace(square, estimate=None))["drift"]  # nobody knows
+    assert not verdicts(g1, replace(square, estimate=None))["drift"]  # unknown
 
 
 def test_parts_and_footsteps(g1: RobotModel, square: Recording, tmp_path: Path) -> None:

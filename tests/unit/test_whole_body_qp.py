@@ -77,8 +77,8 @@ def test_solution_obeys_physics(model: RobotModel, contacts: tuple[bool, bool], 
             velocity = pin.getFrameVelocity(model.pin, data, frame_id, pin.LOCAL).vector
             task = controller.tasks[f"{model.feet[foot].name}_foot"]
             task.update(controller.terms, reference)
-            wanted = contact.stiffness * task.error - contact.damping * velocity
-            np.testing.assert_allclose(acceleration, wanted, atol=1e-7)
+            expected = contact.stiffness * task.error - contact.damping * velocity
+            np.testing.assert_allclose(acceleration, expected, atol=1e-7)
             assert controller.wrenches[foot, 2] > 0.0
 
 

@@ -334,10 +334,10 @@ def test_a_task_of_the_users_own_is_served(model: RobotModel) -> None:
         sole_rotations=np.array([sole.rotation for sole in soles]),
         sole_positions=np.array([sole.position for sole in soles]),
     )
-    for wanted in (1.5, -0.7):
-        task.desired = wanted
+    for value in (1.5, -0.7):
+        task.desired = value
         controller.step(state, reference)
-        np.testing.assert_allclose(controller.acceleration[-1], wanted, atol=0.02)
+        np.testing.assert_allclose(controller.acceleration[-1], value, atol=0.02)
     task.active = False
     controller.step(state, reference)
     assert abs(controller.acceleration[-1] + 0.7) > 0.1

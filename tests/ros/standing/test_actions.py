@@ -52,20 +52,20 @@ class User:
             self.graph.wait_for(client.server_is_ready, 20.0, f"offering {name}")
             self.graph.spin(0.5)  # until the server has discovered its client
         client = self._clients[name]
-        heard: list[Any] = [] if feedback is None else feedback
-        future = client.send_goal_async(goal, feedback_callback=lambda message: heard.append(message.feedback))
+        received: list[Any] = [] if feedback is None else feedback
+        future = client.send_goal_async(goal, feedback_callback=lambda message: received.append(message.feedback))
         self.graph.wait_for(future.done, 20.0, f"accepting a goal of {name}")
         assert future.result().accepted
         return future.result()
 
     def posture(self, joint: str) -> float:
         """Reference posture of a joint [rad]."""
-        heard: list[Any] = []
+        received: list[Any] = []
         node = self.graph.node
-        listener = node.create_subscription(JointState, topics.POSTURE, heard.append, SENSOR)
-        self.graph.wait_for(lambda: bool(heard), 10.0, "telling its posture")
+        listener = node.create_subscription(JointState, topics.POSTURE, received.append, SENSOR)
+        self.graph.wait_for(lambda: bool(received), 10.0, "publishing its posture")
         node.destroy_subscription(listener)
-        return float(heard[-1].position[list(heard[-1].name).index(joint)])
+        return float(received[-1].position[list(received[-1].name).index(joint)])
 
     def result(self, handle: Any, timeout: float = 120.0) -> tuple[int, Any]:
         """State and result of a goal."""
@@ -184,7 +184,7 @@ def trajectory(user: User, name: str, position: float) -> Any:
 
 
 @pytest.mark.slow
-def test_moveit_finds_its_action_and_is_told_what_is_wrong(user: User) -> None:
+def test_moveit_finds_its_action_and_receives_the_reason_of_a_refusal(user: User) -> None:
     name = "joint_trajectory_controller/follow_joint_trajectory"
     status, result = user.result(user.send(Follow, name, trajectory(user, "tail_joint", 0.1)))
     assert (

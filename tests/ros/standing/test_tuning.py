@@ -31,8 +31,8 @@ def test_tuning_a_robot_that_stands(eyes: Eyes, undisturbed: None) -> None:
     assert (descriptor.type, descriptor.read_only) == (ParameterType.PARAMETER_DOUBLE, False)
     before = ask(GetParameters, "get_parameters", GetParameters.Request(names=list(TUNABLE))).values
     for factor in (1.5, 1.0):
-        wanted = [Parameter(n, value=factor * v.double_value) for n, v in zip(TUNABLE, before, strict=True)]
-        request = SetParameters.Request(parameters=[parameter.to_parameter_msg() for parameter in wanted])
+        parameters = [Parameter(n, value=factor * v.double_value) for n, v in zip(TUNABLE, before, strict=True)]
+        request = SetParameters.Request(parameters=[parameter.to_parameter_msg() for parameter in parameters])
         assert all(result.successful for result in ask(SetParameters, "set_parameters", request).results)
         graph.spin(2.0 * RAMP_TIME)
     request = SetParameters.Request(parameters=[Parameter(GAIN, value=100.0).to_parameter_msg()])

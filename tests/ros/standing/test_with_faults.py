@@ -30,11 +30,13 @@ def _restart_supervisor(graph: Graph) -> None:
 
 def test_a_killed_supervisor_leaves_the_robot_standing(eyes: Eyes, undisturbed: None) -> None:
     modes: list[str] = []
-    ears = eyes.graph.node.create_subscription(String, topics.MODE, lambda message: modes.append(message.data), LATCHED)
+    subscription = eyes.graph.node.create_subscription(
+        String, topics.MODE, lambda message: modes.append(message.data), LATCHED
+    )
     _restart_supervisor(eyes.graph)
     eyes.graph.wait_for(lambda: bool(modes), 20.0, "saying its mode")
     eyes.graph.spin(0.5)
-    eyes.graph.node.destroy_subscription(ears)
+    eyes.graph.node.destroy_subscription(subscription)
     assert set(modes) == {"stand"}
 
 
