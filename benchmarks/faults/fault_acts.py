@@ -68,14 +68,14 @@ def once(do: Callable[[ClosedLoop], CommandReply | None]) -> Act:
 
 
 #: Fields that make a trajectory that holds the posture invalid
-Spoil = Callable[[JointTrajectory, RobotModel], dict[str, Any]]
+Corruption = Callable[[JointTrajectory, RobotModel], dict[str, Any]]
 
 
-def _wrong(spoil: Spoil) -> Act:
+def _wrong(corrupt: Corruption) -> Act:
     def act(loop: ClosedLoop) -> Steps:
         posture = loop.controller.reference.posture
         held = JointTrajectory(loop.robot.joint_names, np.array([0.5, 1.0]), np.array([posture, posture]))
-        wrong = replace(held, **spoil(held, loop.robot))
+        wrong = replace(held, **corrupt(held, loop.robot))
         for accept in (loop.controller.follow, lambda given: loop.drivers.command_trajectory(given, loop.t)):
             reply = attempt(lambda: accept(wrong))  # noqa: B023  # called at once
             if reply.accepted:
@@ -93,14 +93,14 @@ def _with(values: Matrix, points: int | slice, value: float) -> Matrix:
     return changed
 
 
-def _points(count: int) -> Spoil:
+def _points(count: int) -> Corruption:
     return lambda held, robot: {
         "times": 1.0 + np.arange(count, dtype=np.float64),
         "positions": np.tile(held.positions[:1], (count, 1)),
     }
 
 
-def _times(*times: float) -> Spoil:
+def _times(*times: float) -> Corruption:
     return lambda held, robot: {"times": np.array(times)}
 
 
@@ -297,8 +297,8 @@ def _nan_torques(result: ControlResult) -> ControlResult:
 
 ACTS: Mapping[str, Act] = {
     "contradict": _changed(_builder, "build", _contradiction, 500),
-    "spoil_once": _changed(_builder, "build", _nan_gradient, 1),
-    "spoil": _changed(_builder, "build", _nan_gradient, 100),
+    "corrupt_once": _changed(_builder, "build", _nan_gradient, 1),
+    "corrupt": _changed(_builder, "build", _nan_gradient, 100),
     "nan_once": _changed(lambda loop: loop.controller, "step", _nan_torques, 1),
     "nan_torque": _changed(lambda loop: loop.controller, "step", _nan_torques, 200),
     "trajectory_unknown_joint": _wrong(lambda held, robot: {"joint_names": ("tail_joint", *held.joint_names[1:])}),

@@ -16,7 +16,7 @@ from benchmarks.core.fault_rows import FaultBenchmark
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, chosen, collect
 from benchmarks.core.results import NOT_RUN
 from benchmarks.graph.graph_acts import ACTS
-from benchmarks.graph.graph_kinds import BACK_TIME, LOOK, GraphRow, GraphStage, Kind, NotHere, config, graph_of
+from benchmarks.graph.graph_kinds import BACK_TIME, LOOK, GraphRow, GraphStage, Kind, Unavailable, config, graph_of
 from controllers.safety.supervisor import ACTIVE_MODES
 from models.errors import PoiseError
 from models.nodes import topics
@@ -130,7 +130,7 @@ def _on_graph(model: RobotModel, kind: Kind, robot: str, seed: int, left: list[s
                 done = name
                 yield case
                 stage.bring_back()
-    except NotHere as error:
+    except Unavailable as error:
         yield from (_case(other, seed) | _without(f"not run: {error}") | {NOT_RUN: True} for other in left)
         left.clear()
     except PoiseError as error:

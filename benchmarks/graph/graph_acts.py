@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from benchmarks.graph import flood
-from benchmarks.graph.graph_kinds import LOOK, PRODDED_CONTROL, PRODDED_PLANNER, GraphStage, User
+from benchmarks.graph.graph_kinds import FAULTY_CONTROL, FAULTY_PLANNER, LOOK, GraphStage, User
 from bridge.ros.processes import ACTIVATE, BRIDGE, CONTROL, DEACTIVATE, ESTIMATOR, PLANNER, SUPERVISOR, change_state
 from controllers.commands.command_signature import Signer, read_key
 from models.errors import PoiseError
@@ -58,9 +58,9 @@ def freeze(module: str, duration: float) -> Act:
 
 
 def collect_garbage(stage: GraphStage) -> Iterator[float]:
-    """Have a prodded process collect its garbage, several times."""
+    """Have a process collect its garbage, several times."""
     for _ in range(COLLECTIONS):
-        os.kill(stage.graph.pids[PRODDED_CONTROL.module], signal.SIGUSR1)
+        os.kill(stage.graph.pids[FAULTY_CONTROL.module], signal.SIGUSR1)
         yield COLLECTION_PERIOD
 
 
@@ -131,7 +131,7 @@ def replayed(stage: GraphStage) -> Iterator[float]:
 FREEZE_TIME = 0.2  # shorter than the timeouts [s]
 LONG_FREEZE_TIME = 1.0  # longer than the timeouts [s]
 MISMATCH_TIME = 3.0  # after which the checks before arming have seen it [s]
-SPOILT_TIME, MOMENT = 1.0, 0.005  # for which messages are spoilt [s]
+CORRUPTION_TIME, MOMENT = 1.0, 0.005  # for which messages are corrupted [s]
 
 
 @contextmanager
@@ -165,9 +165,9 @@ def _mismatch(stage: GraphStage) -> Iterator[float]:
         yield MISMATCH_TIME
 
 
-def _spoil(topic: str, spoil: str, duration: float = SPOILT_TIME) -> Act:
+def _corrupt(topic: str, corruption: str, duration: float = CORRUPTION_TIME) -> Act:
     def act(stage: GraphStage) -> Iterator[float]:
-        stage.spoil(topic, spoil, duration)
+        stage.corrupt(topic, corruption, duration)
         yield duration
 
     return act
@@ -199,7 +199,7 @@ def _starve(stage: GraphStage) -> Iterator[float]:
         yield flood.START_TIME + 2.0
 
 
-_JOINT_SPOILS = ("reordered", "missing", "extra", "duplicate", "repeated", "backward", "old", "future")
+_JOINT_CORRUPTIONS = ("reordered", "missing", "extra", "duplicate", "repeated", "backward", "old", "future")
 
 ACTS: dict[str, Act] = {
     "nothing": once(lambda stage: None),
@@ -211,17 +211,17 @@ ACTS: dict[str, Act] = {
     "freeze_control": freeze(CONTROL.module, FREEZE_TIME),
     "freeze_bridge": freeze(BRIDGE.module, FREEZE_TIME),
     "freeze_bridge_long": freeze(BRIDGE.module, LONG_FREEZE_TIME),
-    "throw_in_control": kill(PRODDED_CONTROL.module, signal.SIGUSR2),
-    "throw_in_planner": kill(PRODDED_PLANNER.module, signal.SIGUSR2),
+    "throw_in_control": kill(FAULTY_CONTROL.module, signal.SIGUSR2),
+    "throw_in_planner": kill(FAULTY_PLANNER.module, signal.SIGUSR2),
     "collect_garbage": collect_garbage,
     **{f"reactivate_{name}": reactivate(name) for name in (*CONTROL.nodes, *PLANNER.nodes, *SUPERVISOR.nodes)},
-    **{f"joints_{spoil}": _spoil(topics.JOINT_STATES, spoil) for spoil in _JOINT_SPOILS},
-    "joints_old_5ms": _spoil(topics.JOINT_STATES, "old", MOMENT),
-    "joints_leaping": _spoil(topics.JOINT_STATES, "leaping"),
-    "imu_unnormalised": _spoil(topics.IMU_RAW, "unnormalised"),
-    "clock_silent": _spoil(topics.CLOCK, "silent"),
-    "clock_hour_back": _spoil(topics.CLOCK, "hour_back"),
-    "clock_hour_ahead": _spoil(topics.CLOCK, "hour_ahead"),
+    **{f"joints_{each}": _corrupt(topics.JOINT_STATES, each) for each in _JOINT_CORRUPTIONS},
+    "joints_old_5ms": _corrupt(topics.JOINT_STATES, "old", MOMENT),
+    "joints_jumping": _corrupt(topics.JOINT_STATES, "jumping"),
+    "imu_unnormalised": _corrupt(topics.IMU_RAW, "unnormalised"),
+    "clock_silent": _corrupt(topics.CLOCK, "silent"),
+    "clock_hour_back": _corrupt(topics.CLOCK, "hour_back"),
+    "clock_hour_ahead": _corrupt(topics.CLOCK, "hour_ahead"),
     "mismatch": _mismatch,
     "second_clock": _second_clock,
     "second_publisher": _second_publisher,

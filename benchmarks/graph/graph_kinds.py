@@ -67,17 +67,17 @@ class GraphFaultsConfig:
 config = partial(settings, GraphFaultsConfig, "graph_faults")
 
 
-class NotHere(PoiseError):
+class Unavailable(PoiseError):
     """This machine lacks what a graph needs."""
 
 
 class WallClock:
-    """Shift of the wall clock of processes started with ``variables``; ``NotHere`` without libfaketime."""
+    """Shift of the wall clock of processes started with ``variables``; ``Unavailable`` without libfaketime."""
 
     def __init__(self, folder: Path) -> None:
         found = find_spec("libfaketime")
         if found is None or found.origin is None:
-            raise NotHere("libfaketime is not installed: pip install libfaketime")
+            raise Unavailable("libfaketime is not installed: pip install libfaketime")
         self._state = folder / "wall_clock_shift"
         self.shift(0.0)
         self.variables = {
@@ -94,15 +94,15 @@ class WallClock:
         new.replace(self._state)
 
 
-SPOILT_BRIDGE = ProcessSpec("benchmarks.graph.spoilt_bridge", BRIDGE.nodes)
-PRODDED_CONTROL = ProcessSpec("benchmarks.graph.prodded_control", CONTROL.nodes)
-PRODDED_PLANNER = ProcessSpec("benchmarks.graph.prodded_planner", PLANNER.nodes)
+FAULTY_DRIVER = ProcessSpec("benchmarks.graph.faulty_driver", BRIDGE.nodes)
+FAULTY_CONTROL = ProcessSpec("benchmarks.graph.faulty_control", CONTROL.nodes)
+FAULTY_PLANNER = ProcessSpec("benchmarks.graph.faulty_planner", PLANNER.nodes)
 
 NOWHERE = Path("/dev/null/poise")  # A folder that cannot be created, not even by root
 
 
 @dataclass
-class Made:
+class TestedGraph:
     """A running graph, with its launcher's output, its key file, and its wall clock (None for the machine's)."""
 
     graph: Graph
@@ -112,10 +112,10 @@ class Made:
 
 
 @contextmanager
-def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
-    """Bring a graph up, and end it afterwards; ``NotHere`` or ``PoiseError`` when it does not come up.
+def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[TestedGraph]:
+    """Bring a graph up, and end it afterwards; ``Unavailable`` or ``PoiseError`` when it does not come up.
 
-    'plain': as ``poise up`` starts it. 'wrapped': its bridge spoils messages and its processes raise on command.
+    'plain': as ``poise up`` starts it. 'wrapped': its driver corrupts messages and its processes raise on command.
     'split': every node in its own process. 'shuffled': processes started and nodes activated in a random order.
     'signed': commands must be signed. 'full_disk': no log can be written and no black box.
     'wall_clock': the processes' wall clock can be shifted. ``folder`` is for logs, key and library.
@@ -130,7 +130,7 @@ def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
     variables, log = {"ROS_LOG_DIR": str(folder)}, folder / "log"
     made_key, wall_clock = folder / f"key_{seed}", None
     if kind == "wrapped":
-        specs = [SPOILT_BRIDGE, PRODDED_CONTROL, PRODDED_PLANNER, SUPERVISOR]
+        specs = [FAULTY_DRIVER, FAULTY_CONTROL, FAULTY_PLANNER, SUPERVISOR]
     elif kind == "shuffled":
         shuffle = random.Random(seed).shuffle
         activation = [name for spec in specs for name in spec.nodes]
@@ -156,7 +156,7 @@ def graph_of(kind: Kind, robot: str, seed: int, folder: Path) -> Iterator[Made]:
         say=lines.append,
     )
     with patch.dict(os.environ, variables), graph:  # the processes that the graph restarts get them, too
-        yield Made(graph, lines, made_key, wall_clock)
+        yield TestedGraph(graph, lines, made_key, wall_clock)
 
 
 LOOK = 0.02  # period of the check of the robot [s]
@@ -189,7 +189,7 @@ class User:
 class GraphStage:
     """A running graph under test, and what is received from it."""
 
-    def __init__(self, model: RobotModel, made: Made) -> None:
+    def __init__(self, model: RobotModel, made: TestedGraph) -> None:
         graph = made.graph
         self.made, self.graph, self.user = made, graph, User(graph)
         self.words: list[tuple[float, str, str]] = []  #: Time, topic and text of each message
@@ -199,7 +199,7 @@ class GraphStage:
         self.still_since: float | None = None  #: Since when the robot is at rest; None while it is not
         self.wall_lead = 0.0  #: Wall clock of the processes ahead of this one's [s]
         self._counts: dict[tuple[str, str], int] = {}
-        self._spoil = graph.node.create_publisher(String, "spoil", EVENT)
+        self._corrupt = graph.node.create_publisher(String, "corrupt", EVENT)
         self.observer = Observer(model)
         self._path: deque[tuple[float, Vector]] = deque(maxlen=round(SPEED_TIME / LOOK))
         graph.node.create_timer(LOOK, self._look)  # the graph serves it while it restarts a process, too
@@ -219,13 +219,13 @@ class GraphStage:
         (t0, first), (t1, last) = self._path[0], self._path[-1]
         return float(np.linalg.norm((last - first)[:2]) / max(t1 - t0, LOOK))
 
-    def spoil(self, topic: str, spoil: str, duration: float) -> None:
-        """Have the wrapped bridge spoil the messages of a topic for a time [s]; see ``SPOILS``."""
+    def corrupt(self, topic: str, corruption: str, duration: float) -> None:
+        """Have the faulty driver corrupt the messages of a topic for a time [s]; see ``CORRUPTIONS``."""
         rate = CLOCK_RATE if topic == topics.CLOCK else SENSOR_RATE
-        self._spoil.publish(String(data=f"{topic} {spoil} {round(duration * rate)}"))
+        self._corrupt.publish(String(data=f"{topic} {corruption} {round(duration * rate)}"))
 
     def _look(self) -> None:
-        with suppress(PoiseError):  # a message that is spoilt on purpose
+        with suppress(PoiseError):  # a message that is corrupted on purpose
             self.observer.poll()
         now = time.monotonic()
         self._path.append((now, self.observer.base_position))

@@ -123,7 +123,7 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-STAGED_CONTROL = ProcessSpec("benchmarks.graph.staged_control", CONTROL.nodes)
+TIMED_CONTROL = ProcessSpec("benchmarks.graph.timed_control", CONTROL.nodes)
 
 COMPANION_START = 3.0  # of companions: imports and discovery [s]
 
@@ -177,7 +177,7 @@ def _run(
     }
     specs = process_specs()
     if scenario.stages:
-        specs[specs.index(CONTROL)] = STAGED_CONTROL
+        specs[specs.index(CONTROL)] = TIMED_CONTROL
         parameters["state_estimator"] = {"latency_file": str(files["laws"])}
     if scenario.own_core:
         for name in REALTIME_NODES:

@@ -87,7 +87,7 @@ def test_a_rate_that_the_tick_rate_is_no_multiple_of_is_refused(bench: Any) -> N
 
 
 def _message(g1: RobotModel, how: str) -> JointTrajectory:
-    """A command that answers tick 100, spoilt in one way."""
+    """A command that answers tick 100, corrupted in one way."""
     values = np.array([g1.posture("stand") + 0.001, np.full(g1.nj, 0.01), np.full(g1.nj, 0.1)])
     message = decode(JointCommandCodec(g1).encode(100 * MS, JointCommand(*values)), JointTrajectory)
     names, point, knee = list(g1.joint_names), message.points[0], g1.joint_index("left_knee_joint")

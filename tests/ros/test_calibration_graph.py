@@ -155,7 +155,7 @@ def test_a_calibration_is_refused_or_given_up_with_the_reason(run: Calibrated) -
 
 
 @pytest.mark.slow
-def test_a_spoilt_file_is_refused_by_name_and_rolled_back(run: Calibrated) -> None:
+def test_a_corrupted_file_is_refused_by_name_and_rolled_back(run: Calibrated) -> None:
     run.lift()
     for _ in range(2):
         reply = run.call("calibrate/imu")

@@ -14,7 +14,7 @@ from benchmarks.core.harness import Case, Options, Sweep
 from benchmarks.core.results import ResultsFile
 from benchmarks.faults import graph_faults
 from benchmarks.graph.graph_acts import ACTS
-from benchmarks.graph.graph_kinds import GraphRow, NotHere, config
+from benchmarks.graph.graph_kinds import GraphRow, Unavailable, config
 from models.errors import ConfigError, PoiseError
 from models.nodes import topics
 
@@ -110,12 +110,12 @@ def test_rows_are_judged(stage: Callable[[], FakeStage], row: dict[str, Any], ok
 
 def test_a_row_whose_graph_cannot_be_made_here_is_reported_as_not_run() -> None:
     def lacking(*arguments: object) -> Any:
-        raise NotHere("no C compiler")
+        raise Unavailable("libfaketime is not installed")
 
     with patch.object(graph_faults, "graph_of", lacking):
         report = BENCH.run(Options(scenarios=("wall_clock_ahead", "wall_clock_back")))
     assert report.figures == {"survived": 0.0, "total": 0.0, "not_run": 2.0}
-    assert [case["seen"] for case in report.cases] == ["not run: no C compiler"] * 2
+    assert [case["seen"] for case in report.cases] == ["not run: libfaketime is not installed"] * 2
 
 
 def test_a_graph_that_does_not_come_up_fails_its_rows_one_by_one() -> None:

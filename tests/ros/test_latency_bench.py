@@ -38,7 +38,7 @@ def test_the_stages_of_a_real_run_add_up_beside_companions() -> None:
     names = dict(zip(STAGES, np.median(ticks.stages, axis=0), strict=True))
     assert all(names[stage] > 0.0 for stage in STAGES if stage not in ("sensor_transport", "command_transport"))
     assert (np.diff(np.flatnonzero(run.bridge["published"])) == 2).all()
-    assert {"robot_driver", "staged_control", "stress_0", "subscriber_0"} <= set(run.use)
+    assert {"robot_driver", "timed_control", "stress_0", "subscriber_0"} <= set(run.use)
     assert all(use.memory > 5.0 for use in run.use.values())
 
 

@@ -62,7 +62,7 @@ def test_frame_id_does_not_matter_for_joint_states(g1: RobotModel, values: np.nd
     np.testing.assert_array_equal(decoded, values)
 
 
-def _spoil(message: Any, how: str) -> None:
+def _corrupt(message: Any, how: str) -> None:
     knee = list(message.name).index("left_knee_joint")
     names = list(message.name)
     if how == "missing":
@@ -95,7 +95,7 @@ def _spoil(message: Any, how: str) -> None:
 )
 def test_malformed_joint_states_name_the_culprit(g1: RobotModel, values: np.ndarray, how: str, culprit: str) -> None:
     message = _message(g1, values)
-    _spoil(message, how)
+    _corrupt(message, how)
     with pytest.raises((JointNameError, MessageError), match=culprit):
         JointStateCodec(g1).decode(bytes(serialize_message(message)))
 

@@ -119,7 +119,7 @@ def test_every_half_written_file_is_refused_by_name_and_the_previous_one_used(
         ("complete: true", "complete: true\nextra: 1", "extra"),
     ],
 )
-def test_a_spoiled_file_is_refused_with_the_key(
+def test_a_corrupted_file_is_refused_with_the_key(
     g1: RobotModel, store: CalibrationStore, old: str, new: str, word: str
 ) -> None:
     store.save(sample(g1, 0), now=NOW)
@@ -175,7 +175,7 @@ def test_rollback_returns_to_the_previous_file(g1: RobotModel, store: Calibratio
     assert same(store.load()[0], sample(g1, 0))
 
 
-def test_rollback_skips_a_spoiled_file(g1: RobotModel, store: CalibrationStore) -> None:
+def test_rollback_skips_a_corrupted_file(g1: RobotModel, store: CalibrationStore) -> None:
     for seed in range(3):
         store.save(sample(g1, seed), now=NOW)
     store.path.with_name("g1.yaml.1").write_text("nonsense: [")

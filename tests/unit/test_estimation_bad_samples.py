@@ -12,7 +12,7 @@ from tests.known_motion import DT, LIFT_AT, PUSH_AT, between, motion, robot_of, 
 
 
 def coasting_run(
-    estimator: StateEstimator, seed: int, spoil: dict[str, object], at: float, length: float
+    estimator: StateEstimator, seed: int, corrupt: dict[str, object], at: float, length: float
 ) -> np.ndarray:
     """Errors of the base velocity until a foot is lifted, when part of each sample in a window is spoiled (n, 3)."""
     robot = robot_of(estimator)
@@ -20,7 +20,7 @@ def coasting_run(
     sensors = sensors_of(robot, truth, seed)[between(0.0, LIFT_AT)]
     window = between(at, at + length)
     for k in range(window.start, window.stop):
-        sensors[k] = replace(sensors[k], **{n: np.full_like(getattr(sensors[k], n), x) for n, x in spoil.items()})
+        sensors[k] = replace(sensors[k], **{n: np.full_like(getattr(sensors[k], n), x) for n, x in corrupt.items()})
     states = run(estimator, sensors)
     for state in states:
         assert np.isfinite(state.q).all()

@@ -128,10 +128,10 @@ def _turn(part: ET.Element) -> None:
 
 
 def test_an_impossible_inertia_is_taken_from_the_other_side(changed: Callable[[Change], Proposal]) -> None:
-    def spoil(tree: ET.Element) -> None:
+    def corrupt(tree: ET.Element) -> None:
         find(tree, "link[@name='right_knee_link']/inertial/inertia").set("ixx", "0.9")
 
-    proposal = changed(spoil)
+    proposal = changed(corrupt)
     (text,) = findings(proposal, "right_knee_link")
     assert text.startswith("wrong: impossible inertia") and "the mirror image of link 'left_knee_link' taken" in text
     assert proposal.robot is not None

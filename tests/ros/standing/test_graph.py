@@ -161,7 +161,7 @@ def test_malformed_joint_commands(eyes: Eyes, undisturbed: None, g1: RobotModel,
 
 
 def _trajectory(g1: RobotModel, start: np.ndarray, how: str) -> JointTrajectory:
-    """From the present posture to itself, spoilt in one way at the knee."""
+    """From the present posture to itself, corrupted in one way at the knee."""
     knee = g1.joint_index("left_knee_joint")
     positions, times = np.array([start, start]), np.array([0.0, 1.0])
     if how == "limit":

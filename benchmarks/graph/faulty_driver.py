@@ -1,4 +1,4 @@
-"""A bridge with messages that are spoilt on command: ``/spoil`` takes ``TOPIC KIND COUNT``."""
+"""A driver whose messages are corrupted on command: ``/corrupt`` takes ``TOPIC KIND COUNT``."""
 
 from array import array
 from collections.abc import Callable
@@ -18,7 +18,7 @@ SHIFT = NANOSECONDS  # how far an old or future stamp is off [ns]
 TICK = NANOSECONDS // 1000  # between two messages of a sensor [ns]
 HOUR = 3600 * NANOSECONDS  # how far ``/clock`` jumps [ns]
 
-Spoil = Callable[[Any, int], Any]
+Corruption = Callable[[Any, int], Any]
 
 
 def stamp_field(message: Any) -> Any:
@@ -26,27 +26,27 @@ def stamp_field(message: Any) -> Any:
     return message.clock if hasattr(message, "clock") else message.header.stamp
 
 
-def _stamped(change: Callable[[int, int], int]) -> Spoil:
-    """Another stamp, from that of now and that of the first spoilt message [ns]."""
+def _stamped(change: Callable[[int, int], int]) -> Corruption:
+    """Another stamp, from that of now and that of the first corrupted message [ns]."""
 
-    def spoil(message: Any, began: int) -> Any:
+    def corrupt(message: Any, began: int) -> Any:
         field = stamp_field(message)
         set_stamp(field, max(change(stamp_ns(field), began), 0))
         return message
 
-    return spoil
+    return corrupt
 
 
-def _joints(change: Callable[[list[Any]], list[Any]], name: Callable[[list[str]], list[str]]) -> Spoil:
+def _joints(change: Callable[[list[Any]], list[Any]], name: Callable[[list[str]], list[str]]) -> Corruption:
     """Other joints: their names, and their numbers in the same order."""
 
-    def spoil(message: Any, began: int) -> Any:
+    def corrupt(message: Any, began: int) -> Any:
         message.name = name(list(message.name))
         for field in ("position", "velocity", "effort"):
             setattr(message, field, array("d", change(list(getattr(message, field)))))
         return message
 
-    return spoil
+    return corrupt
 
 
 def _unnormalised(message: Any, began: int) -> Any:
@@ -55,13 +55,13 @@ def _unnormalised(message: Any, began: int) -> Any:
     return message
 
 
-SPOILS: dict[str, Spoil] = {
+CORRUPTIONS: dict[str, Corruption] = {
     "silent": lambda message, began: None,
     "repeated": _stamped(lambda now, began: began),
     "backward": _stamped(lambda now, began: 2 * began - now),
     "old": _stamped(lambda now, began: now - SHIFT),
     "future": _stamped(lambda now, began: now + SHIFT),
-    "leaping": _stamped(lambda now, began: now + SHIFT * ((now - began) // TICK % 2)),
+    "jumping": _stamped(lambda now, began: now + SHIFT * ((now - began) // TICK % 2)),
     "hour_back": _stamped(lambda now, began: now - HOUR),
     "hour_ahead": _stamped(lambda now, began: now + HOUR),
     "reordered": _joints(lambda values: values[::-1], lambda names: names[::-1]),
@@ -71,61 +71,61 @@ SPOILS: dict[str, Spoil] = {
     "unnormalised": _unnormalised,
 }
 
-SPOIL = "spoil"  # topic of the commands
+CORRUPT = "corrupt"  # topic of the commands
 
 
-class SpoiltPublisher:
-    """Publisher that spoils messages on request before it passes them on."""
+class CorruptingPublisher:
+    """Publisher that corrupts messages on request before it publishes them."""
 
     def __init__(self, publisher: Any, kind: type) -> None:
         self._publisher, self._kind = publisher, kind
-        self._spoil, self._left = "", 0
+        self._corruption, self._left = "", 0
         self._began: int | None = None
 
-    def spoil(self, spoil: str, count: int) -> None:
-        """Spoil so many messages from now on; see ``SPOILS``."""
-        self._spoil, self._left, self._began = spoil, count, None
+    def corrupt(self, corruption: str, count: int) -> None:
+        """Corrupt so many messages from now on; see ``CORRUPTIONS``."""
+        self._corruption, self._left, self._began = corruption, count, None
 
     def get_subscription_count(self) -> int:
-        """Of the other one."""
+        """Of the wrapped publisher."""
         return int(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
         """Publish a message or its bytes."""
         if self._left:
             self._left -= 1
-            message = self._spoilt(message)
+            message = self._corrupted(message)
         if message is not None:
             self._publisher.publish(message)
 
-    def _spoilt(self, message: Any) -> Any:
+    def _corrupted(self, message: Any) -> Any:
         raw = isinstance(message, bytes)
         decoded = deserialize_message(message, self._kind) if raw else message
         if self._began is None:
             self._began = stamp_ns(stamp_field(decoded))
-        spoilt = SPOILS[self._spoil](decoded, self._began)
-        return serialize_message(spoilt) if raw and spoilt is not None else spoilt
+        corrupted = CORRUPTIONS[self._corruption](decoded, self._began)
+        return serialize_message(corrupted) if raw and corrupted is not None else corrupted
 
 
-class SpoiltBridge(RobotDriver):
-    """``RobotDriver`` whose publishers can spoil messages."""
+class FaultyDriver(RobotDriver):
+    """``RobotDriver`` whose publishers can corrupt messages."""
 
     def __init__(self, **kwargs: Any) -> None:
-        self._spoilt: dict[str, SpoiltPublisher] = {}
+        self._corrupting: dict[str, CorruptingPublisher] = {}
         super().__init__(**kwargs)
 
     def configure(self) -> None:
         super().configure()
-        self.listen(String, SPOIL, self._on_spoil, EVENT)
+        self.listen(String, CORRUPT, self._on_corrupt, EVENT)
 
     def announce(self, kind: type, topic: str, qos: Any) -> Any:
-        self._spoilt[topic] = SpoiltPublisher(super().announce(kind, topic, qos), kind)
-        return self._spoilt[topic]
+        self._corrupting[topic] = CorruptingPublisher(super().announce(kind, topic, qos), kind)
+        return self._corrupting[topic]
 
-    def _on_spoil(self, message: String) -> None:
-        topic, spoil, count = message.data.split()
-        self._spoilt[topic].spoil(spoil, int(count))
+    def _on_corrupt(self, message: String) -> None:
+        topic, corruption, count = message.data.split()
+        self._corrupting[topic].corrupt(corruption, int(count))
 
 
 if __name__ == "__main__":
-    program(SpoiltBridge, loop=run_plant)()
+    program(FaultyDriver, loop=run_plant)()

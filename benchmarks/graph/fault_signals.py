@@ -1,19 +1,19 @@
-"""Signals that prod a process of the graph: SIGUSR1 collects garbage, SIGUSR2 has its next callback raise."""
+"""Signals that inject faults into a process: SIGUSR1 collects garbage, SIGUSR2 has its next callback raise."""
 
 import gc
 import signal
 from typing import Any
 
 
-class Prodded(RuntimeError):
+class InjectedError(RuntimeError):
     """Raised by a callback on SIGUSR2."""
 
 
 def _raise(*arguments: Any) -> None:
-    raise Prodded("this callback raises on SIGUSR2")
+    raise InjectedError("this callback raises on SIGUSR2")
 
 
-def listen(owner: type, callback: str) -> None:
+def install(owner: type, callback: str) -> None:
     """Install the handlers of the two signals; ``callback`` of the class ``owner`` raises."""
 
     def collect(number: int, frame: object) -> None:
