@@ -16,7 +16,7 @@ from models.nodes.qos import EVENT, LATCHED, SENSOR, command
 from models.robot_model import RobotModel
 from models.status import NodeStatus
 from tests.ros.conftest import StatusTopic
-from tests.ros.test_supervisor_node import World
+from tests.ros.nodes.test_supervisor_node import World
 
 pytestmark = pytest.mark.ros
 

@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter
 from controllers.balance.tuning import RAMP_TIME
 from controllers.nodes.balance_controller import BalanceControllerNode
 from models.robot_model import RobotModel
-from tests.ros.test_control_nodes import Controlled
+from tests.ros.nodes.test_control_nodes import Controlled
 
 pytestmark = pytest.mark.ros
 

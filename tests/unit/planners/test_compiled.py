@@ -11,7 +11,7 @@ from models.numerics import compiled
 from models.numerics.compiled import KernelCacheLocator, source_hash
 from planners.gait import swing
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from bridge.cli import app
 from models.errors import ConfigError
 from models.types import CommandReply
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 RUNNER = CliRunner()
 
 

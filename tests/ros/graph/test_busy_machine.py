@@ -2,7 +2,7 @@
 
 The issue's hour, with the histogram of the real-time factor printed:
 
-    POISE_BUSY_SECONDS=3600 .venv/bin/python -m pytest -q -s -m slow tests/ros/test_busy_machine.py -k one
+    POISE_BUSY_SECONDS=3600 .venv/bin/python -m pytest -q -s -m slow tests/ros/graph/test_busy_machine.py -k one
 """
 
 import multiprocessing

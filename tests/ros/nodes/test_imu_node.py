@@ -17,7 +17,7 @@ from models.nodes.imu import COLUMNS, OrientedImuCodec
 from models.nodes.messages import ImuCodec
 from models.nodes.qos import SENSOR
 from tests.ros.delivery import deliver
-from tests.ros.test_imu_log import table
+from tests.ros.nodes.test_imu_log import table
 
 pytestmark = pytest.mark.ros
 

@@ -103,7 +103,7 @@ def test_motions_start_below_the_head_or_where_they_have_it(talos: RobotModel) -
     played.head.command(0.6, 0.1)
     played.run(0.3)
     moved, velocity, acceleration = played.head.step(played.posture, played.zero, played.zero, DT)
-    from tests.unit.test_upper_body import reference
+    from tests.unit.controllers.test_upper_body import reference
 
     tracked = structs.replace(
         reference(talos, 0.0), posture=moved, posture_velocity=velocity, posture_acceleration=acceleration
@@ -121,7 +121,7 @@ def test_motions_start_below_the_head_or_where_they_have_it(talos: RobotModel) -
 def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: RobotModel) -> None:
     played = Played(talos)
     pan = played.head.joints[0]
-    from tests.unit.test_upper_body import reference
+    from tests.unit.controllers.test_upper_body import reference
 
     tracked = reference(talos, 0.0)
     played.head.command(0.5, 0.1)
@@ -140,7 +140,7 @@ def test_one_motion_after_another_takes_the_head_over_without_a_jump(talos: Robo
 
 
 def test_a_motion_right_after_the_first_command_starts_from_the_posture_as_it_is(talos: RobotModel) -> None:
-    from tests.unit.test_upper_body import reference
+    from tests.unit.controllers.test_upper_body import reference
 
     head, tracked = Head(talos), reference(talos, 0.0)
     tracked.posture[head.joints] = 0.3, 0.1

@@ -245,7 +245,7 @@ def test_the_floor_is_not_taken_for_an_obstacle(robot: RobotModel) -> None:
 
 
 def test_a_release_within_the_stop_is_refused() -> None:
-    path = Path(__file__).resolve().parents[2] / "controllers" / "config" / "obstacle_stop.yaml"
+    path = Path(__file__).resolve().parents[3] / "controllers" / "config" / "obstacle_stop.yaml"
     data = yaml.safe_load(path.read_text())
     for change, culprit in (({"release_distance": 0.41}, "release_distance 0.41"), ({"speed": 1.0}, "speed")):
         with pytest.raises(ConfigError, match=culprit):
