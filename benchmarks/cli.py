@@ -31,8 +31,7 @@ ResultsPath = Annotated[
 @contextmanager
 def open_sweep(workers: int, scheduler: str, results: Path | None) -> Iterator[Sweep]:
     """Executor (this machine, or a dask ``scheduler``) and optional file of finished cases, closed with the context."""
-    from benchmarks.core.executors import make_executor
-    from benchmarks.core.harness import Sweep
+    from benchmarks.core.harness import Sweep, make_executor
     from benchmarks.core.results import ResultsFile
 
     with ExitStack() as stack:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.closed_loop import ClosedLoop
+from bridge.plants.mujoco import step_world
 from bridge.plants.world import MujocoWorld, Place
 from models.errors import ConfigError
 from models.robot_model import RobotModel
@@ -59,7 +60,7 @@ class SharedWorld:
         loops = self.loops.values()
         for loop in loops:
             loop.before_physics()
-        self.world.step([loop.plant for loop in loops])
+        step_world(self.world, [loop.plant for loop in loops])
         for loop in loops:
             loop.after_physics()
 

@@ -139,7 +139,7 @@ class Benchmark(ABC):
 
     def plots(self, report: Report, folder: Path) -> list[Path]:
         """Draw the report into a folder, by default every figure over its bound; returns the files written."""
-        from bridge.plots import new_figure
+        from bridge.analysis.plots import new_figure
 
         bounds = {name: bound for name, bound in self.bounds(report).items() if name in report.figures}
         limits = {name: bound.least if math.isinf(bound.most) else bound.most for name, bound in bounds.items()}

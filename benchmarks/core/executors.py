@@ -10,7 +10,6 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from multiprocessing import get_context
 from operator import attrgetter
 from typing import Any
@@ -132,14 +131,3 @@ class ProcessPool(Executor):
                 deaths = 0 if len(left) < before else deaths + 1
                 if deaths >= DEATHS_ALLOWED:
                     raise PoiseError(f"worker processes died {deaths} times in a row, {len(left)} cases are left")
-
-
-def make_executor(workers: int, scheduler: str = "") -> Executor:
-    """Measures on a dask scheduler, or this machine; with one worker, in this process. ``PoiseError`` without dask."""
-    if not scheduler:
-        return InProcess() if workers <= 1 else ProcessPool(workers)
-    if find_spec("distributed") is None:
-        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
-    from benchmarks.core.dask_executor import DaskWorkers
-
-    return DaskWorkers(scheduler)

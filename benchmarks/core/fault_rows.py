@@ -8,7 +8,7 @@ from pydantic.dataclasses import dataclass as schema
 from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved
 from benchmarks.core.harness import Case, Report
 from benchmarks.core.results import NOT_RUN
-from bridge.plots import new_figure
+from bridge.analysis.plots import new_figure
 from models.config import STRICT, Positive
 
 

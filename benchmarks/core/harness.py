@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,10 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.core.executors import Case as Case
-from benchmarks.core.executors import Done, Executor, InProcess, make_executor
+from benchmarks.core.executors import Done, Executor, InProcess, ProcessPool
 from benchmarks.core.provenance import configuration, difference, revision, source_state, usable_cores, versions
 from benchmarks.core.results import NOT_RUN, ResultsFile, case_key, line_of, plain, with_nan, with_null
-from models.errors import ConfigError, WorkersError
+from models.errors import ConfigError, PoiseError, WorkersError
 
 __all__ = ["Case"]  # re-exported for the benchmarks
 
@@ -201,3 +202,14 @@ def print_report(report: Report, console: Console) -> None:
     for note in report.notes:
         console.print(note, markup=False, soft_wrap=True)
     console.print("[green]passed[/green]" if report.passed else "[red]not passed[/red]")
+
+
+def make_executor(workers: int, scheduler: str = "") -> Executor:
+    """Measures on a dask scheduler, or this machine; with one worker, in this process. ``PoiseError`` without dask."""
+    if not scheduler:
+        return InProcess() if workers <= 1 else ProcessPool(workers)
+    if find_spec("distributed") is None:
+        raise PoiseError(f"--scheduler {scheduler}: needs dask: pip install 'poise[bench]'")
+    from benchmarks.core.dask_executor import DaskWorkers
+
+    return DaskWorkers(scheduler)

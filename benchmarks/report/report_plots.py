@@ -20,7 +20,7 @@ from benchmarks.faults.faults import config as fault_config
 from benchmarks.speed.loop import draw_stages
 from benchmarks.stability.estimate import WALK, drift
 from benchmarks.stability.walk_cases import walk_config
-from bridge.plots import new_figure
+from bridge.analysis.plots import new_figure
 from models.types import Vector
 
 Reports = Mapping[tuple[str, str], Report]  # reports by bench and robot

@@ -17,7 +17,7 @@ from benchmarks.report.report_plots import MAP, Reports, colour, look, robots_of
 from benchmarks.stability import push, push_map
 from benchmarks.stability.push import draw_rings
 from benchmarks.stability.terrain import TerrainConfig
-from bridge.plots import new_figure
+from bridge.analysis.plots import new_figure
 
 CONFIDENCE = 0.95  # of the two-sided intervals [-]
 

@@ -22,8 +22,8 @@ from benchmarks.core.machine import Machine, advice, read_machine
 from benchmarks.core.timed_run import MICRO, QUANTILES, Spread, percentiles_of, spread
 from benchmarks.graph import pingpong
 from benchmarks.graph.graph_run import Run, latency_config, run_graphs
+from bridge.analysis.plots import new_figure
 from bridge.driver.probes import ARRIVED, COMMANDED, ESTIMATED, LEFT, PLANNED, RIGHT, SOLVED, STAMP, LatencyProbe, cost
-from bridge.plots import new_figure
 from bridge.ros.environment import free_domain
 from models.constants import NANOSECONDS
 from models.errors import PoiseError

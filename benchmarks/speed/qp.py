@@ -24,8 +24,8 @@ from benchmarks.core.harness import Case, LoadMeter, Options, Report, percentile
 from benchmarks.core.loops import advance, demand, start_walk
 from benchmarks.core.timed_run import collector_off
 from benchmarks.stability.exercise import exercise_config, push_forces
+from bridge.analysis.plots import new_figure
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP
 from controllers.qp.solve import INFINITE, TOLERANCE, QPSolver, backends, solver_options, to_qpsolvers

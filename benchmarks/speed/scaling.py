@@ -18,8 +18,8 @@ from benchmarks.core.executors import ProcessPool
 from benchmarks.core.harness import Case, LoadMeter, Options, Report, Sweep, run_cases
 from benchmarks.core.results import encode_nonfinite
 from benchmarks.stability.terrain import walk
+from bridge.analysis.plots import new_figure
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from models.config import STRICT, Count, Positive
 
 HOUR = 3600.0  # [s]

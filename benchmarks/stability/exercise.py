@@ -11,8 +11,8 @@ from benchmarks.core.benchmark import settings
 from benchmarks.core.loops import demand, keep_upright
 from benchmarks.stability.push import stance
 from benchmarks.stability.push_bounds import ankle_bound
+from bridge.analysis.stability import distance_along
 from bridge.closed_loop import ClosedLoop
-from bridge.stability import distance_along
 from models.config import STRICT, Count, Positive
 from models.types import Mode, Vector
 

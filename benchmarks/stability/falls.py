@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from benchmarks.core.harness import Case, Report
+from bridge.analysis.plots import COLOURS, new_figure
+from bridge.analysis.stability import balance
 from bridge.closed_loop import ClosedLoop
 from bridge.loop.log import LoopLog
-from bridge.plots import COLOURS, new_figure
-from bridge.stability import balance
 from models.constants import GRAVITY
 from models.heading import heading, turned
 from models.robot_model import RobotModel

@@ -18,9 +18,9 @@ from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.core.loops import Search, largest
 from benchmarks.stability.falls import FAILED, PASSED
 from benchmarks.stability.push_bounds import ankle_bound, torque_bound
+from bridge.analysis.plots import new_figure
+from bridge.analysis.stability import Balance, balance, distance_along
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
-from bridge.stability import Balance, balance, distance_along
 from controllers.balance.controller import BalanceController
 from models.config import STRICT, Count, Positive
 from models.robot_model import RobotModel

@@ -12,8 +12,8 @@ from benchmarks.core.benchmark import Benchmark, Bound, at_least, saved, setting
 from benchmarks.core.contender import ContenderLoop
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures, last_moments
+from bridge.analysis.plots import new_figure
 from bridge.closed_loop import ClosedLoop
-from bridge.plots import new_figure
 from models.config import STRICT, NonNegative, Positive, Share
 from models.heading import heading
 from models.robot_model import RobotModel

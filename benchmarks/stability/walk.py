@@ -11,7 +11,7 @@ from benchmarks.core.benchmark import Benchmark, Bound, at_least, at_most, saved
 from benchmarks.core.harness import Case, Options, Report, chosen
 from benchmarks.stability.falls import FAILED, PASSED, draw_failures
 from benchmarks.stability.walk_cases import measure, robot_walk, speed_error, walk_config
-from bridge.plots import new_figure
+from bridge.analysis.plots import new_figure
 
 CONTESTED = ("steady", "top")  # kinds of cases that only command velocities
 

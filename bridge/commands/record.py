@@ -105,7 +105,7 @@ def plot(
 ) -> None:
     """Draw a recording: CoM, DCM and ZMP, torques, footsteps, modes and timing."""
     need_ros()
-    from bridge.plots import plot_record
+    from bridge.analysis.plots import plot_record
     from bridge.record.run_file import read_run
 
     with report_errors():
@@ -196,7 +196,7 @@ def black_box(
     robot: Annotated[str, typer.Option(help="Robot profile, by name or path; the one it names by default.")] = "",
 ) -> None:
     """Draw what a black box holds of the last seconds before a fault, and say why it was written."""
-    from bridge.plots import plot_black_box
+    from bridge.analysis.plots import plot_black_box
     from controllers.recording.black_box_file import BlackBoxRecord
     from models.robot_model import RobotModel
 

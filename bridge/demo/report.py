@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from bridge.analysis.stability import Stability, analyse, stability_figures
 from bridge.demo.stage import PUSH, STOP, WALK, WAVE, DemoConfig
 from bridge.record.recording import Recording, sole_middle
 from bridge.record.render import DONE
-from bridge.stability import Stability, analyse, stability_figures
 from models.constants import GRAVITY
 from models.heading import heading, turned
 from models.robot_model import RobotModel

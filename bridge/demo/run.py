@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from bridge.analysis.plots import plot_run, plot_walk
+from bridge.analysis.stability import stability_figures
 from bridge.demo.report import Check, judge, judge_speed, judge_walk, print_report, write_report
 from bridge.demo.stage import WALK, DemoConfig, SquareWalk, Stage
 from bridge.launch.graph import Graph
-from bridge.plots import plot_run, plot_walk
 from bridge.record.recording import Recording
 from bridge.record.render import render_filmstrip
-from bridge.stability import stability_figures
 from models.config import default_config
 from models.errors import PoiseError
 from models.nodes import topics

@@ -1,22 +1,22 @@
 """Several simulated robots in one world and one process, as ``run_plant`` drives them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
+from bridge.driver.drivers import Drivers
+from bridge.driver.run_loop import Paced
+from bridge.plants.config import DriverConfig
+from bridge.plants.mujoco import step_world
 from bridge.plants.world import MujocoWorld, Place
 from models.errors import ConfigError
 from models.nodes import topics
 from models.nodes.cdr import NANOSECONDS
 from models.nodes.messages import set_stamp
 from models.nodes.qos import STATE
-
-if TYPE_CHECKING:
-    from bridge.nodes.robot_driver import RobotDriver
+from models.robot_model import RobotModel
 
 #: Parameters that must be the same for every driver of a world
 SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate", "real_time")
@@ -25,6 +25,28 @@ SHARED = ("lockstep", "speed", "terrain", "slow_rate", "rate", "real_time")
 def robot_name(node: Any) -> str:
     """Name of a driver's robot in the world: its namespace."""
     return str(node.get_namespace()).strip("/")
+
+
+class DrivenRobot(Paced, Protocol):
+    """Driver node of one robot in the world."""
+
+    config: DriverConfig
+    drivers: Drivers
+    active: bool
+    paused: bool
+    tick: int
+    slow_ticks: int
+
+    @property
+    def model(self) -> RobotModel:
+        """Its robot."""
+
+    @property
+    def simulation(self) -> Any:
+        """Its plant."""
+
+    def after_physics(self) -> None:
+        """Last part of a tick."""
 
 
 class DriverWorld:
@@ -39,7 +61,7 @@ class DriverWorld:
     """
 
     def __init__(self) -> None:
-        self.drivers: list[RobotDriver] = []
+        self.drivers: list[DrivenRobot] = []
         self.tick = 1
         self._world: MujocoWorld | None = None
 
@@ -87,7 +109,7 @@ class DriverWorld:
         return len(self.drivers)
 
     @property
-    def _moving(self) -> list[RobotDriver]:
+    def _moving(self) -> list[DrivenRobot]:
         return [driver for driver in self.drivers if driver.active]
 
     @property
@@ -125,7 +147,7 @@ class DriverWorld:
         moving = self._moving
         for driver in moving:
             driver.drivers.act()
-        self.world.step([driver.simulation for driver in moving])
+        step_world(self.world, [driver.simulation for driver in moving])
         for driver in moving:
             driver.after_physics()
         self.tick += 1

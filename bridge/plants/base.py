@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -17,10 +17,6 @@ from models.errors import ConfigError, PoiseError
 from models.robot_model import RobotModel
 from models.scan import Scan
 from models.types import JointCommand, RobotState, SensorData, Vector
-
-if TYPE_CHECKING:
-    from bridge.plants.world import Obstacle
-
 
 GROUP = "poise.plants"  #: Entry points of installed plants
 BUILT_IN: Mapping[str, str] = {"mujoco": "bridge.plants.mujoco:MujocoPlant"}  #: Plants of this package, by name
@@ -50,12 +46,26 @@ class Plant(Protocol):
         """Release the torque and the connection; otherwise the robot may keep its last command."""
 
 
+class Obstacle(Protocol):
+    """The box of a terrain that has one."""
+
+    @property
+    def centre(self) -> Vector | None:
+        """Middle of the box in W (3,) [m]; None for a terrain without one."""
+
+    def place(self, x: float, y: float) -> None:
+        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box."""
+
+    def remove(self) -> None:
+        """Move the box out of the way."""
+
+
 @runtime_checkable
 class SimulatedPlant(Plant, Protocol):
     """A plant with a world that can be reset, disturbed and inspected.
 
     Time advances with ``step`` only. Only the driver, the closed loop and scores use these methods; no law does.
-    ``faults`` injects faults into sensors and drives; ``obstacle`` is the box of a terrain that has one.
+    ``faults`` injects faults into sensors and drives.
     """
 
     faults: FaultProxy

@@ -1,5 +1,7 @@
 """The simulated robot: MuJoCo as a plant."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +49,7 @@ class MujocoPlant(SimulatedPlant):
     errors of the tick.
 
     ``reset`` puts the robot in its 'stand' posture with the soles on the floor and holds its base with a weld until
-    ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``MujocoWorld.step``
+    ``release``. In a world of several robots each has a plant. ``step`` advances this robot alone, ``step_world``
     several together.
 
     ``sensor_noise`` is True for the noise of the profile, False for exact values, or a factor; ``sensor_errors`` and
@@ -197,7 +199,7 @@ class MujocoPlant(SimulatedPlant):
 
     def step(self) -> None:
         """Advance this robot by one tick; others in its world stand still meanwhile."""
-        self.world.step((self,))
+        step_world(self.world, (self,))
 
     def before_step(self) -> None:
         """For the world: prepare the physics of a tick."""
@@ -270,3 +272,27 @@ class MujocoPlant(SimulatedPlant):
                 ContactState(active=bool(right[2] > 0.0), wrench=right),
             ),
         )
+
+
+def step_world(world: MujocoWorld, plants: Sequence[MujocoPlant]) -> None:
+    """Advance robots of a world by one tick; those not given stand still."""
+    data = world.data
+    for plant in plants:
+        plant.before_step()
+    still, kept = [], []
+    if len(plants) < len(world.robots):
+        still = [mj for mj in world.robots.values() if not any(mj is plant.mujoco for plant in plants)]
+        kept = [(data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()) for mj in still]
+    for substep in range(world.substeps):
+        if substep:
+            for plant in plants:
+                plant.drive()
+        # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
+        mujoco.mj_step2(world.model, data)
+        for mj, (qpos, qvel) in zip(still, kept, strict=True):
+            data.qpos[mj.qpos], data.qvel[mj.qvel] = qpos, qvel
+        for plant in plants:
+            plant.clamp_again()
+        mujoco.mj_step1(world.model, data)
+    for plant in plants:
+        plant.after_step()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -17,10 +16,6 @@ from models.mujoco_spec import OBSTACLE, parked
 from models.robot_model import RobotModel
 from models.terrain import FLAT, Ground, Terrain, terrain_named
 from models.types import Vector
-
-if TYPE_CHECKING:
-    from bridge.plants.mujoco import MujocoPlant
-
 
 SPACING = 1.5  #: Distance along y of robots without a place [m]
 STEP_MAX = 0.001  #: Longest physics step; a longer tick is divided into equal steps [s]
@@ -40,7 +35,7 @@ class Place:
             raise ConfigError(f"place: ({self.x}, {self.y}) m, {self.heading} rad is not finite")
 
 
-class Obstacle:
+class Box:
     """The box of a terrain that has one, which may be placed in the robot's path with effect from the next step."""
 
     def __init__(self, terrain: Terrain, ground: Ground, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -108,7 +103,7 @@ class MujocoWorld:
         self.model = next(iter(built.values())).model
         self.data = mujoco.MjData(self.model)
         self.ground = Ground(terrain)
-        self.obstacle = Obstacle(terrain, self.ground, self.model, self.data)
+        self.obstacle = Box(terrain, self.ground, self.model, self.data)
         for number, mj in enumerate(built.values()):
             self.data.qpos[mj.qpos.start] = SPACING * 100.0 * number  # apart, until each is reset to its place
         for name in robots:
@@ -158,29 +153,6 @@ class MujocoWorld:
         roots = self.model.body_rootid[self.model.geom_bodyid[self.data.contact.geom]]  # (ncon, 2)
         met = set(roots[(roots == base).any(axis=1)].ravel().tolist())
         return next((each for each, mj in self.robots.items() if each != name and mj.base_body in met), "")
-
-    def step(self, plants: Sequence[MujocoPlant]) -> None:
-        """Advance robots by one tick; those not given stand still."""
-        data = self.data
-        for plant in plants:
-            plant.before_step()
-        still, kept = [], []
-        if len(plants) < len(self.robots):
-            still = [mj for mj in self.robots.values() if not any(mj is plant.mujoco for plant in plants)]
-            kept = [(data.qpos[mj.qpos].copy(), data.qvel[mj.qvel].copy()) for mj in still]
-        for substep in range(self.substeps):
-            if substep:
-                for plant in plants:
-                    plant.drive()
-            # Split in two, so that kinematics and contacts belong to the new configuration when this returns.
-            mujoco.mj_step2(self.model, data)
-            for mj, (qpos, qvel) in zip(still, kept, strict=True):
-                data.qpos[mj.qpos], data.qvel[mj.qvel] = qpos, qvel
-            for plant in plants:
-                plant.clamp_again()
-            mujoco.mj_step1(self.model, data)
-        for plant in plants:
-            plant.after_step()
 
 
 def physics_step(period: float) -> float:

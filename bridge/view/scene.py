@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from bridge.stability import LOADED_FRACTION, Balance, balance, support_polygon
+from bridge.analysis.stability import LOADED_FRACTION, Balance, balance, support_polygon
 from bridge.view.listener import Snapshot, ViewConfig
 from models.constants import GRAVITY
 from models.heading import heading

@@ -1,9 +1,12 @@
-"""Imports point left only: models <- planners <- controllers <- bridge <- benchmarks."""
+"""Imports point left only, models <- planners <- controllers <- bridge <- benchmarks; no circles, no large folders."""
 
 import ast
 import subprocess
 import sys
 import textwrap
+from collections import Counter
+from contextlib import nullcontext
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -16,6 +19,7 @@ MAY_IMPORT = {
     "benchmarks": {"models", "planners", "controllers", "bridge", "benchmarks"},
 }
 MUJOCO_FILES = ("models/mujoco_model.py", "models/mujoco_spec.py")
+FILES_MAX = 25  #: Python files of a folder
 ROS_SUFFIXES = ("_msgs", "_srvs", "_interfaces")
 
 
@@ -79,6 +83,65 @@ def test_imports_point_left(root: Path) -> None:
         for line in violations(file.relative_to(root).as_posix(), file.read_text(encoding="utf-8"))
     ]
     assert not found, "\n".join(found)
+
+
+def _module(path: Path) -> str:
+    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+
+
+def import_graph(sources: dict[Path, str]) -> dict[Path, set[Path]]:
+    """The files that each file imports, at any depth of its code and for types alone too; paths as in ``sources``."""
+    paths = {_module(path): path for path in sources}
+    graph: dict[Path, set[Path]] = {}
+    for path, source in sources.items():
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Import):
+                names.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                deep = {f"{node.module}.{alias.name}" for alias in node.names}
+                names |= {name if name in paths else node.module for name in deep}
+        graph[path] = {paths[name] for name in names if name in paths} - {path}
+    return graph
+
+
+def folder_graph(graph: dict[Path, set[Path]]) -> dict[Path, set[Path]]:
+    """The folders that each folder imports from."""
+    folders: dict[Path, set[Path]] = {}
+    for path, imported in graph.items():
+        folders.setdefault(path.parent, set()).update({each.parent for each in imported} - {path.parent})
+    return folders
+
+
+def test_imports_have_no_circle(root: Path) -> None:
+    files = [file for package in MAY_IMPORT for file in (root / package).rglob("*.py")]
+    graph = import_graph({file.relative_to(root): file.read_text(encoding="utf-8") for file in files})
+    assert sum(map(len, graph.values())) > 500
+    TopologicalSorter(graph).prepare()
+    TopologicalSorter(folder_graph(graph)).prepare()
+
+
+@pytest.mark.parametrize(
+    ("source", "files", "folders"),
+    [
+        ("from models.b.two import g", True, True),
+        ("def f():\n    import models.b.two", True, True),
+        ("from models.b import three", False, True),
+        ("from models.a import four", False, False),
+    ],
+)
+def test_a_circle_is_found(source: str, files: bool, folders: bool) -> None:
+    texts = {"a/one": source, "a/four": "", "b/two": "from models.a import one", "b/three": "", "a/__init__": ""}
+    graph = import_graph({Path(f"models/{name}.py"): text for name, text in texts.items()})
+    for edges, circle in ((graph, files), (folder_graph(graph), folders)):
+        with pytest.raises(CycleError) if circle else nullcontext():
+            TopologicalSorter(edges).prepare()
+
+
+def test_folders_are_small(root: Path) -> None:
+    files = [file for folder in (*MAY_IMPORT, "tests") for file in (root / folder).rglob("*.py")]
+    large = {folder: n for folder, n in Counter(file.parent for file in files).items() if n > FILES_MAX}
+    assert not large
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from unittest.mock import patch
 import pytest
 
 from benchmarks.core import executors, harness
-from benchmarks.core.executors import Executor, InProcess, ProcessPool, make_executor
-from benchmarks.core.harness import Options, Sweep, run_cases
+from benchmarks.core.executors import Executor, InProcess, ProcessPool
+from benchmarks.core.harness import Options, Sweep, make_executor, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import PoiseError, WorkersError
 from models.numerics.threads import THREAD_VARIABLES
@@ -118,7 +118,7 @@ def test_a_worker_of_another_revision_is_refused(tmp_path: Path) -> None:
 
 
 def test_without_dask_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "find_spec", lambda name: None)
+    monkeypatch.setattr(harness, "find_spec", lambda name: None)
     assert isinstance(make_executor(2), ProcessPool)
     assert isinstance(make_executor(1), InProcess)
     with pytest.raises(PoiseError, match="needs dask"):

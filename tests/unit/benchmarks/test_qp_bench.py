@@ -24,7 +24,7 @@ from benchmarks.speed.qp import (
     through_qpsolvers,
     write,
 )
-from bridge.plots import new_figure
+from bridge.analysis.plots import new_figure
 from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP
 from models.errors import ConfigError

@@ -12,8 +12,8 @@ from threading import Thread
 
 import pytest
 
-from benchmarks.core.executors import InProcess, make_executor
-from benchmarks.core.harness import Case, Options, Sweep, run_cases
+from benchmarks.core.executors import InProcess
+from benchmarks.core.harness import Case, Options, Sweep, make_executor, run_cases
 from benchmarks.core.results import ResultsFile, read_lines
 from models.errors import WorkersError
 from tests.dask_cluster import PATIENCE, Cluster
@@ -30,7 +30,7 @@ import json
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.core.executors import make_executor
+from benchmarks.core.harness import make_executor
 from benchmarks.core.harness import Options, Sweep, run_cases
 from tests.dask_cluster import Cluster
 from tests.ros.cable import HERE, two_machines

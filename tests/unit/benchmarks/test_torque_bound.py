@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.stability.push_bounds import ankle_bound, static_force, static_torques, torque_bound
-from bridge.stability import distance_along, support_polygon
+from bridge.analysis.stability import distance_along, support_polygon
 from models.constants import GRAVITY
 from models.errors import PoiseError
 from models.robot_model import RobotModel

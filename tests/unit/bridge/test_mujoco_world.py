@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from bridge.plants.mujoco import MujocoPlant
+from bridge.plants.mujoco import MujocoPlant, step_world
 from bridge.plants.scanner import LaserScanner
 from bridge.plants.world import SPACING, MujocoWorld, Place
 from bridge.shared_world import SharedWorld
@@ -63,7 +63,7 @@ def test_each_robot_has_the_dynamics_that_it_has_alone(g1: RobotModel, talos: Ro
 def test_they_begin_in_their_places_and_are_held_there(pair: MujocoWorld) -> None:
     first, second = _plants(pair)
     for _ in range(300):
-        pair.step((first, second))
+        step_world(pair, (first, second))
     for plant, place in ((first, Place()), (second, Place(1.0, 2.0, 0.5))):
         soles = pair.data.site_xpos[list(plant.mujoco.sole_sites)].mean(axis=0)
         np.testing.assert_allclose(soles, [place.x, place.y, 0.0], atol=0.01)
@@ -88,7 +88,7 @@ def test_one_moves_while_the_other_stands_still(pair: MujocoWorld) -> None:
     np.testing.assert_array_equal(second.truth.q, before.q)
     np.testing.assert_array_equal(second.truth.v, before.v)
     for _ in range(200):
-        pair.step((first, second))
+        step_world(pair, (first, second))
     assert second.truth.q[2] < before.q[2] - 0.005  # let go without torque: it sinks, but no faster for the wait
     sunk = second.truth.q[2]
     second.reset()
@@ -105,7 +105,7 @@ def test_torques_pushes_and_noise_are_of_one_robot(g1: RobotModel) -> None:
     first.close()
     assert world.data.ctrl[second.mujoco.actuator].all() and not world.data.ctrl[first.mujoco.actuator].any()
     first.push((0.0, 40.0, 0.0), 0.05)
-    world.step((first, second))
+    step_world(world, (first, second))
     assert world.data.xfrc_applied[first.mujoco.base_body, 1] == 40.0
     assert not world.data.xfrc_applied[second.mujoco.own_bodies].any()
     np.testing.assert_array_equal(first.noise.bias, second.noise.bias)  # of the seed, and both have the same
@@ -123,7 +123,7 @@ def test_robots_push_each_other(g1: RobotModel) -> None:
     world.data.qvel[first.mujoco.qvel.start + 1] = 2.0  # [m/s] to the left
     met = False
     for _ in range(250):
-        world.step((first, second))
+        step_world(world, (first, second))
         met |= bool(world.touching("a"))
     assert met and world.touching("a") in ("", "b")
     mujoco.mj_subtreeVel(world.model, world.data)

@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 import models
+from bridge.analysis.stability import GRAVITY, LEAST_HEIGHT, analyse, balance, stability_figures
 from bridge.record.recording import Recording
 from bridge.record.render import draw, frame_times, render_filmstrip
-from bridge.stability import GRAVITY, LEAST_HEIGHT, analyse, balance, stability_figures
 from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import ContactState, RobotState

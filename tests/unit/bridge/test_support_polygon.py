@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.stability import distance_along, margin, support_polygon
+from bridge.analysis.stability import distance_along, margin, support_polygon
 
 LEFT = np.array([[0.12, 0.13], [-0.05, 0.13], [-0.05, 0.08], [0.12, 0.08]])
 RIGHT = LEFT * [1.0, -1.0]

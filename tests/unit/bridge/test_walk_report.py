@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from bridge.analysis.plots import footsteps, plot_walk
 from bridge.demo.report import judge_walk
 from bridge.demo.stage import DemoConfig
-from bridge.plots import footsteps, plot_walk
 from bridge.record.recording import Recording
 from models.config import default_config
 from models.constants import GRAVITY

@@ -13,10 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from bridge.analysis.stability import Stability, analyse
 from bridge.record.mcap_log import EVENTS
 from bridge.record.recording import Recording
 from bridge.record.render import DONE
-from bridge.stability import Stability, analyse
 from controllers.recording.black_box_file import BlackBoxRecord
 from models.constants import GRAVITY, NANOSECONDS
 from models.errors import PoiseError

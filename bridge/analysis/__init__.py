@@ -1,0 +1,1 @@
+"""Balance and walk from a recording, and their plots."""
