@@ -6,6 +6,7 @@ not be run has ``bench``, ``robot``, ``error``, ``trace`` and ``revision``. A la
 replaces an earlier one.
 """
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -186,7 +187,7 @@ def command_of(part: Part, listed: Listed, robot: str) -> str:
     words = ["poise", "bench", listed.command, "--robot", robot, "--seeds", str(part.seeds)]
     if listed.command != listed.name:
         words += ["--mode", listed.info.mode]
-    return " ".join([*words, *(f"--{listed.info.choice} {each}" for each in part.scenarios)])
+    return " ".join([*words, *(f"--{listed.info.choice} {shlex.quote(each)}" for each in part.scenarios)])
 
 
 def run_suite(

@@ -148,7 +148,7 @@ def test_a_benchmark_without_scenarios_refuses_one(asked: object) -> None:
 
 
 def test_words_in_brackets_are_printed_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.core.executors.find_spec", lambda name: None)
+    monkeypatch.setattr("benchmarks.core.harness.find_spec", lambda name: None)
     result = RUNNER.invoke(app, ["bench", "stand", "--scheduler", "tcp://127.0.0.1:1"])
     assert result.exit_code == 2 and "pip install 'poise[bench]'" in result.output
 
