@@ -133,13 +133,13 @@ def calibrate(robot: str, way: str, seed: int) -> Case:
     left = _left(loop, way)
     reasons += [f"{name} {value:.3f}" for name, value in left.items() if not value <= config.share]
     clean = _stand(model, seed, None, None)
-    corrupted = _stand(model, seed, errors, None)
+    uncalibrated = _stand(model, seed, errors, None)
     mended = _stand(model, seed, errors, loop.calibration)
     for name in QUANTITIES:
         limit = config.factor * clean[name] + getattr(config, f"{name}_slack")
         if not mended[name] <= limit:
             reasons.append(f"{name} {mended[name]:.4g}, more than {limit:.4g}")
-    stood = {"clean": clean, "uncalibrated": corrupted, "calibrated": mended}
+    stood = {"clean": clean, "uncalibrated": uncalibrated, "calibrated": mended}
     scores = {f"{name}_{how}": scores[name] for how, scores in stood.items() for name in QUANTITIES}
     return {**left, **scores, "reason": "; ".join(reasons), "ok": not reasons}
 

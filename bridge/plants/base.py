@@ -54,10 +54,10 @@ class Obstacle(Protocol):
         """Middle of the box in W (3,) [m]; None for a terrain without one."""
 
     def place(self, x: float, y: float) -> None:
-        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box."""
+        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box, for NaN or infinity."""
 
     def remove(self) -> None:
-        """Move the box out of the way."""
+        """Move the box out of the way; no effect for a terrain without one."""
 
 
 @runtime_checkable

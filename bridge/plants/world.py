@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from bridge.plants.base import Obstacle
 from models.errors import CommandError, ConfigError
 from models.mujoco_model import MujocoModel, build_mujoco_world, pin_to_mujoco
 from models.mujoco_spec import OBSTACLE, parked
@@ -35,7 +36,7 @@ class Place:
             raise ConfigError(f"place: ({self.x}, {self.y}) m, {self.heading} rad is not finite")
 
 
-class Box:
+class Box(Obstacle):
     """The box of a terrain that has one, which may be placed in the robot's path with effect from the next step."""
 
     def __init__(self, terrain: Terrain, ground: Ground, model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -43,7 +44,6 @@ class Box:
         self._mocap = -1 if terrain.obstacle is None else int(model.body(OBSTACLE).mocapid[0])
 
     def place(self, x: float, y: float) -> None:
-        """Place the box on the ground at a point of W [m]; ``CommandError`` without a box, for NaN or infinity."""
         if self._terrain.obstacle is None:
             raise CommandError("obstacle: this terrain has none; start with the terrain 'box' or 'wall'")
         if not (math.isfinite(x) and math.isfinite(y)):
@@ -53,11 +53,9 @@ class Box:
 
     @property
     def centre(self) -> Vector | None:
-        """Middle of the box in W (3,) [m]; None for a terrain without one."""
         return None if self._mocap < 0 else np.array(self._data.mocap_pos[self._mocap])
 
     def remove(self) -> None:
-        """Move the box out of the way; no effect for a terrain without one."""
         if self._terrain.obstacle is not None:
             self._data.mocap_pos[self._mocap] = parked(self._terrain.obstacle)
 

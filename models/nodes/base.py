@@ -198,7 +198,7 @@ class PoiseNode(LifecycleNode):
         if count >= due and now - self._last_report.get(source, -LOG_PERIOD) >= LOG_PERIOD:
             self._last_report[source] = now
             due = 10 * count
-            named = f"{source}: {error}" if " refused: " in str(error) else f"{source} refused: {error}"
+            named = f"{source}: {error}" if " refused" in str(error) else f"{source} refused: {error}"
             text = named + (f" ({count} times)" if count > 1 else "")
             self.get_logger().warning(text)
             status = DiagnosticStatus(level=DiagnosticStatus.WARN, name=self.get_fully_qualified_name(), message=text)

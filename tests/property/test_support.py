@@ -43,11 +43,11 @@ def test_distance_to_a_square(x: float, y: float, margin: float) -> None:
     np.testing.assert_allclose(np.hypot(out[2], out[3]), 1.0, atol=1e-9)
 
 
-def command(dcm: tuple[float, float], expected: tuple[float, float], **changes: float) -> tuple[np.ndarray, float]:
+def command(dcm: tuple[float, float], desired: tuple[float, float], **changes: float) -> tuple[np.ndarray, float]:
     hull, n = hull_of(SQUARE)
     settings = {"margin": 0.0, "momentum_margin": 0.1, "momentum_gain": 2.0, "momentum_reach_max": 0.5} | changes
     out = np.zeros(2)
-    inside = cmp_command(hull, n, np.array(dcm), np.array(expected), *settings.values(), out)
+    inside = cmp_command(hull, n, np.array(dcm), np.array(desired), *settings.values(), out)
     return out, inside
 
 

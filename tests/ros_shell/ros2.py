@@ -207,14 +207,14 @@ class Shell:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
         times: list[float] = []
 
-        def received(message: Any) -> None:
+        def receive(message: Any) -> None:
             times.append(time.monotonic())
             if verb == "echo":
                 print(f"{text_of(message)}---", flush=True)
             elif len(times) % 100 == 0:
                 print(f"average rate: {(len(times) - 1) / (times[-1] - times[0]):.3f}", flush=True)
 
-        self._node.create_subscription(kind_of(publishers[0].topic_type), name, received, qos)
+        self._node.create_subscription(kind_of(publishers[0].topic_type), name, receive, qos)
         while not (once and times):
             self._rclpy.spin_once(self._node, timeout_sec=0.1)
 

@@ -92,10 +92,10 @@ def test_a_killed_launcher_takes_its_processes_along(up: subprocess.Popen[bytes]
 def test_wrong_robot_is_refused_by_name(tmp_path: Path) -> None:
     with (
         pytest.raises(PoiseError, match="refused to configure"),
-        Graph("no_such_node", domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None),
+        Graph("unknown_robot", domain_id=free_domain(), log=tmp_path / "log", say=lambda text: None),
     ):
         pass
-    assert "no_such_node" in (tmp_path / "log").read_text(encoding="utf-8")
+    assert "unknown_robot" in (tmp_path / "log").read_text(encoding="utf-8")
 
 
 def test_parameters_for_unknown_nodes_are_refused() -> None:

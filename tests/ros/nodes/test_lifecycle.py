@@ -58,7 +58,7 @@ class Failing(PoiseNode):
         super().__init__("failing", **kwargs)
 
     def configure(self) -> None:
-        self.listen(String, "words", lambda message: None, EVENT)
+        self.listen(String, "input", lambda message: None, EVENT)
         self.announce(String, "output", EVENT)
         raise self.error
 

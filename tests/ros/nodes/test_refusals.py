@@ -48,6 +48,15 @@ def test_a_cause_is_reported_once_then_at_its_tenth_time(bench: Any, monkeypatch
     assert node.counters["refused cmd_vel"] == 27
 
 
+def test_a_reason_that_says_refused_gets_no_second_prefix(bench: Any) -> None:
+    reported: list[str] = []
+    bench.world.create_subscription(DiagnosticStatus, topics.REFUSALS, lambda m: reported.append(m.message), REFUSALS)
+    node = bench.add(Refuser)
+    node.refuse("mode/stand", "mode 'stand' refused from 'damp': the robot has fallen")
+    bench.wait(lambda: reported)
+    assert reported == ["mode/stand: mode 'stand' refused from 'damp': the robot has fallen"]
+
+
 def test_a_warning_in_the_diagnostics_names_its_reason(bench: Any) -> None:
     messages: list[str] = []
 

@@ -64,8 +64,8 @@ def pair() -> tuple[Law, Law, Head]:
 
 def moved(law: LawState, into: LawState) -> None:
     """The state of one law through its file into another one."""
-    data, text = describe(law, law.capture(law.memory()))
-    restore(into, data, json.loads(json.dumps(text)))
+    data, description = describe(law, law.capture(law.memory()))
+    restore(into, data, json.loads(json.dumps(description)))
 
 
 def test_everything_is_put_back_and_what_is_shared_stays_one_object() -> None:
@@ -112,12 +112,12 @@ def test_what_cannot_be_put_back_is_named() -> None:
     with pytest.raises(PoiseError, match=r"list_iterator'.* cannot be put back"):
         moved(state, LawState(again))
     for content, name in ((Foreign("true"), "posix:system"), (Unknown(), "os:system")):
-        data, text = describe(state, Captured(state.memory(), pickle.dumps({".head": (("goal", content),)}), []))
+        data, description = describe(state, Captured(state.memory(), pickle.dumps({".head": (("goal", content),)}), []))
         with pytest.raises(PoiseError, match=f"'{name}', which is not known"):
-            restore(LawState(again), data, text)
-    text["arrays"] = text["arrays"][1:]
+            restore(LawState(again), data, description)
+    description["arrays"] = description["arrays"][1:]
     with pytest.raises(PoiseError, match="another version"):
-        restore(LawState(again), data, text)
+        restore(LawState(again), data, description)
 
 
 def test_active_rows_of_a_solver_move(g1: RobotModel) -> None:
