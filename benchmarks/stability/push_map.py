@@ -156,7 +156,7 @@ def prepare(trial: Trial) -> ClosedLoop:
         return loop
     loop.set_velocity(config.walk_speed, 0.0, 0.0)
     loop.run(config.walk_time)
-    stride = 2.0 * loop.gait.config.period
+    stride = 2.0 * loop.gait.state.pace.period
     end, was = loop.t + 2.0 * stride, True
     while True:  # until the left foot lifts
         lift_off = loop.gait.view.swinging and loop.gait.stance == 1

@@ -102,6 +102,7 @@ class SteppingConfig:
     """Gains that differ while the robot steps; in between they are linear in the share of the gait."""
 
     com_weight_height: NonNegative  #: ``com.weight_height`` [-]
+    com_weight_height_slow: NonNegative  #: The same of a slow gait that nothing disturbs [-]
     momentum_weight_vertical: NonNegative  #: ``angular_momentum.weight_vertical`` [-]
     base_weight: NonNegative  #: ``base_orientation.weight`` [-]
     contact_stiffness: NonNegative  #: ``contact.stiffness`` [1/s^2]

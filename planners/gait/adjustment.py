@@ -26,6 +26,7 @@ from planners.gait.footsteps import (
     rotated,
 )
 from planners.gait.measurement import Measurement
+from planners.gait.pace import Pace
 from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.swing import SwingShape, SwingState
 
@@ -170,6 +171,7 @@ class Walk(Struct, frozen=True):
     foot: int  #: The swing foot (0 left, 1 right)
     liftoff: Foothold  #: Of the swing foot before the step
     command: CommandState  #: Velocity or route, and the end of the walk
+    pace: Pace  #: Of this and the coming steps
     omega: float  #: Of the pendulum [1/s]
     urgent: bool = False
 
@@ -219,7 +221,7 @@ class StepPlanner:
         law, reach = self._adjustment, config.reach
         boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
         cop = config.adjustment.cop_share * soles.half
-        model = StepModel(config.timing.single, config.timing.double, soles.centres, SwingLeg(shape, lever))
+        model = StepModel(soles.centres, SwingLeg(shape, lever))
         self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
         speed = config.swing.speed_max
         self._setup = unbox(_Setup(model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal))
@@ -228,13 +230,15 @@ class StepPlanner:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
         poses = self._coming(walk)
         x, y, yaw = poses[1].tolist()
-        offset = _nominal_offset(self._setup, poses, walk.foot, walk.command.steps_left is not None, walk.omega)
+        ends = walk.command.steps_left is not None
+        offset = _nominal_offset(self._setup, poses, walk.foot, ends, walk.omega, walk.pace)
         return Foothold(x, y, yaw, walk.stance.z), np.array(offset)
 
     def start_of_single(self, walk: Walk) -> Vector:
         """DCM at which the coming single support begins (2,) [m]."""
         ends, liftoff = walk.command.steps_left is not None, walk.liftoff.pose
-        return np.array(_start_of_single(self._setup, self._coming(walk), walk.foot, ends, walk.omega, liftoff))
+        poses, pace = self._coming(walk), walk.pace
+        return np.array(_start_of_single(self._setup, poses, walk.foot, ends, walk.omega, pace, liftoff))
 
     def adjust(
         self, walk: Walk, measured: Measurement, elapsed: float, planned: float, target: Foothold, swing: SwingState
@@ -249,12 +253,12 @@ class StepPlanner:
         soonest = max(single_min, elapsed + config.swing.freeze)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         step = _Underway(walk.foot, walk.urgent, ends, omega, elapsed, planned, soonest, latest)
-        motion = swing.motion, swing.floor, swing.duration, (target.x, target.y)
+        motion = swing.motion, swing.floor, swing.clearance, swing.duration, (target.x, target.y)
         body = measured.com, measured.com_velocity
-        _assemble_step(self._setup, poses, step, measured.dcm(omega), motion, body)
-        z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * config.timing.single))
+        _assemble_step(self._setup, poses, step, walk.pace, measured.dcm(omega), motion, body)
+        z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * walk.pace.single))
         end = np.empty(2)
-        x, y = _foothold_of(self._setup, poses, walk.foot, omega, z, end)
+        x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
         return Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega, end, solved
 
     def _coming(self, walk: Walk) -> Matrix:
@@ -263,7 +267,7 @@ class StepPlanner:
         if command.route.steps:
             steps = command.route.ahead(walk.stance, count, self._limits)
             return np.array([walk.stance.pose, *(step.pose for step in steps)])
-        period, steps_left = self._config.period, command.steps_left
+        period, steps_left = walk.pace.period, command.steps_left
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
 
 
@@ -274,14 +278,14 @@ def _reach_boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
 
 
 @njit(cache=True)
-def _nominal_offset(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float) -> Point:
+def _nominal_offset(setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace) -> Point:
     """``previewed_offset`` of the coming footholds."""
-    return previewed_offset(poses, foot, ends, omega, setup.record.model)
+    return previewed_offset(poses, foot, ends, omega, pace, setup.record.model)
 
 
 @njit(cache=True)
 def _start_of_single(
-    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, liftoff: Pose
+    setup: Unboxed[_Setup], poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, liftoff: Pose
 ) -> Point:
     """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``, ``liftoff`` of the swing foot."""
     model = setup.record.model
@@ -289,15 +293,21 @@ def _start_of_single(
     x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
-    offset = previewed_offset(poses, foot, ends, omega, model)
-    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, model)
-    decay = math.exp(-omega * model.single)
+    offset = previewed_offset(poses, foot, ends, omega, pace, model)
+    swing = swing_allowance(omega, (last[0] - first[0], last[1] - first[1]), yaw, pace, model)
+    decay = math.exp(-omega * pace.single)
     return x + decay * (last[0] + offset[0] - x) + swing[0], y + decay * (last[1] + offset[1] - y) + swing[1]
 
 
 @njit(cache=True)
 def _assemble_step(
-    setup: Unboxed[_Setup], poses: Matrix, step: _Underway, measured: Vector, swing: SwingMotion, body: Body
+    setup: Unboxed[_Setup],
+    poses: Matrix,
+    step: _Underway,
+    pace: Pace,
+    measured: Vector,
+    swing: SwingMotion,
+    body: Body,
 ) -> None:
     """Assemble the QP of a step under way, in the stance frame, and its nominal step.
 
@@ -306,7 +316,7 @@ def _assemble_step(
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
     foot, urgent, ends, omega, elapsed, planned, soonest, latest = step
-    offset = previewed_offset(poses, foot, ends, omega, model)
+    offset = previewed_offset(poses, foot, ends, omega, pace, model)
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
     stance_centre, centre = model.centres[1 - foot], model.centres[foot]
@@ -331,9 +341,9 @@ def _assemble_step(
         omega,
         planned,
         nominal.step,
-        model.single,
+        pace.single,
         end,
-        offset_coupling(omega, model),
+        offset_coupling(omega, pace, model),
         lower,
         upper,
         soonest,
@@ -346,11 +356,13 @@ def _assemble_step(
 
 
 @njit(cache=True)
-def _foothold_of(setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, step: Vector, end: Vector) -> Point:
+def _foothold_of(
+    setup: Unboxed[_Setup], poses: Matrix, foot: int, omega: float, pace: Pace, step: Vector, end: Vector
+) -> Point:
     """Foothold x, y in W [m] of a solution ``step`` of the QP; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    stance_centre, coupling = model.centres[1 - foot], offset_coupling(omega, model)
+    stance_centre, coupling = model.centres[1 - foot], offset_coupling(omega, pace, model)
     point, way = point_at(x, y, yaw, stance_centre[0], stance_centre[1]), rotated(yaw, step[0], step[1])
     more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))
     for i in range(2):

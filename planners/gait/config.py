@@ -17,14 +17,42 @@ JOINTS_V = 6  #: Index of the first joint in a velocity: the base's twist comes 
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class StrideConfig:
+    """How the robot steps at one pace."""
+
+    single: Positive  #: Nominal single support [s]
+    double: Positive  #: Double support between two steps [s]
+    crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
+    clearance: Positive  #: Height of the sole at mid-swing [m]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class PaceConfig:
+    """How speed and disturbances change the gait, between ``slow`` and ``fast``; the law is in ``pace.py``."""
+
+    forward: Positive  #: Speed along at which the gait is fast [m/s]
+    lateral: Positive  #: Speed sideways at which it is [m/s]
+    turn: Positive  #: Turning speed at which it is [rad/s]
+    slow_share: Annotated[float, Field(ge=0.0, lt=1.0)]  #: Share of these speeds up to which it is slow [-]
+    calm: NonNegative  #: Largest DCM error of an undisturbed walk [m]
+    alarm: Positive  #: DCM error from which the gait is as fast as it can be [m]
+    calm_time: Positive  #: Time constant with which it returns to the pace of its speed [s]
+    slow: StrideConfig
+    fast: StrideConfig
+
+    def between(self, share: float, name: str) -> float:
+        """A value of the stride at a share of the fast gait."""
+        slow, fast = float(getattr(self.slow, name)), float(getattr(self.fast, name))
+        return slow + share * (fast - slow)
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class TimingConfig:
     """When feet lift and land [s]."""
 
-    single: Positive  #: Nominal single support
     single_min: Positive  #: Shortest single support
     single_urgent: Positive  #: Shortest single support when the DCM is far from its reference
     single_max: Positive  #: Longest single support
-    double: Positive  #: Double support between two steps
     start: Positive  #: First shift of the weight, from standing
     finish: Positive  #: Return of the weight to the middle after the last step
     adjust_period: Positive  #: Between two step adjustments
@@ -61,7 +89,6 @@ class VelocityConfig:
 class SwingConfig:
     """Swing foot."""
 
-    clearance: Positive  #: Height of the sole at mid-swing [m]
     apex: Share  #: Share of the swing at which it is reached [-]
     landing_velocity: NonNegative  #: Downward speed of the sole at the planned touchdown [m/s]
     late_velocity: Positive  #: Downward speed of a foot that is late [m/s]
@@ -97,6 +124,7 @@ class AdjustmentConfig:
 class RouteConfig:
     """Footsteps to a pose, and lists of footsteps."""
 
+    pace: Share  #: Share of the fast gait with which they are taken [-]
     forward: Positive  #: Speed along [m/s]
     lateral: Positive  #: Speed sideways [m/s]
     turn: Positive  #: Turning speed [rad/s]
@@ -146,7 +174,7 @@ class LiftConfig:
     down_time: Positive  #: With load on both feet, it counts as put down after this time [s]
 
 
-Part = TypeVar("Part", TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
+Part = TypeVar("Part", StrideConfig, PaceConfig, TimingConfig, ReachConfig, VelocityConfig, SwingConfig, RouteConfig)
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -154,7 +182,6 @@ class GaitConfig:
     """The gait."""
 
     leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
-    crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead
@@ -173,6 +200,7 @@ class GaitConfig:
     astride_max: Positive  #: Distance beyond which it does not come to rest [m]; greater than ``astride``
     anchor_time: Positive  #: Time constant with which planted footholds follow the soles that bear load [s]
     anchor_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]
+    pace: PaceConfig
     timing: TimingConfig
     reach: ReachConfig
     velocity: VelocityConfig
@@ -185,13 +213,16 @@ class GaitConfig:
 
     @property
     def period(self) -> float:
-        """Nominal time of a step [s]."""
-        return self.timing.single + self.timing.double
+        """Nominal time of a step of a route [s]."""
+        return self.pace.between(self.route.pace, "single") + self.pace.between(self.route.pace, "double")
 
     def __post_init__(self) -> None:
         timing, reach = self.timing, self.reach
-        if not timing.single_min <= timing.single <= timing.single_max:
-            raise ValueError("timing: single_min <= single <= single_max does not hold")
+        for stride in (self.pace.slow, self.pace.fast):
+            if not timing.single_min <= stride.single <= timing.single_max:
+                raise ValueError("timing: single_min <= single of a pace <= single_max does not hold")
+        if self.pace.alarm <= self.pace.calm:
+            raise ValueError("pace.alarm, a DCM error, must be greater than calm")
         if not reach.width_min <= reach.width <= reach.width_max:
             raise ValueError("reach: width_min <= width <= width_max does not hold")
         if reach.width_urgent < reach.width_max or timing.single_urgent > timing.single_min:
@@ -232,15 +263,21 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
     return replace(
         config,
         leg=leg,
-        crouch=config.crouch * length,
-        timing=_times(
-            config.timing, time, "single", "single_min", "single_urgent", "single_max", "double", "start", "finish"
+        pace=replace(
+            _times(config.pace, time, "forward", "lateral"),
+            slow=_stride(config.pace.slow, length, time),
+            fast=_stride(config.pace.fast, length, time),
         ),
+        timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
         reach=_times(config.reach, length, "forward", "backward"),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
-        swing=_times(_times(config.swing, length, "clearance", "rise_max"), time, "speed_max", "late_velocity"),
+        swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
         route=_times(config.route, time, "forward", "lateral"),
     )
+
+
+def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
+    return _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
 
 
 def _times(part: Part, factor: float, *names: str) -> Part:

@@ -22,14 +22,13 @@ from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed
 from models.types import Matrix, Vector
 from planners.gait.footsteps import Point, point_at
+from planners.gait.pace import Pace
 from planners.gait.reaction import Body, SwingLeg, SwingMotion, cmp_offset, rest_of_swing, swing_slope, whole_swing
 
 
 class StepModel(NamedTuple):
     """Constants of a step, for compiled code."""
 
-    single: float  # nominal single support T_s [s]
-    double: float  # double support T_d [s]
     centres: Matrix  # middle of each sole in the frame of the sole (2, 2) [m]
     leg: SwingLeg
 
@@ -70,13 +69,13 @@ def touchdown_offset(
 
 
 @register_jitable
-def swing_allowance(omega: float, way: Point, yaw: float, step: StepModel) -> Point:
+def swing_allowance(omega: float, way: Point, yaw: float, pace: Pace, step: StepModel) -> Point:
     """DCM that the coming swing will use up, in W [m]; see ``whole_swing``."""
-    return whole_swing(omega, step.single, step.single + step.double, way, yaw, step.leg)
+    return whole_swing(omega, pace, way, yaw, step.leg)
 
 
 @register_jitable
-def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: StepModel) -> Point:
+def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: Pace, step: StepModel) -> Point:
     """DCM offset at the coming touchdown from the next ZMP point, in W [m]; ``foot`` swings first.
 
     ``poses`` are the stance and the coming footholds (1 + steps, 3); with ``ends``, the last step ends the walk.
@@ -88,16 +87,16 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, step: S
         points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]
-        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], step)
+        swings[i, 0], swings[i, 1] = swing_allowance(omega, way, poses[0, 2], pace, step)
     final = 0.5 * (points[count - 1] + points[count - 2]) if ends else points[count - 1]
-    return touchdown_offset(points, swings, omega, step.single, step.double, final)
+    return touchdown_offset(points, swings, omega, pace.single, pace.double, final)
 
 
 @register_jitable
-def offset_coupling(omega: float, step: StepModel) -> float:
+def offset_coupling(omega: float, pace: Pace, step: StepModel) -> float:
     """Change of the DCM offset at touchdown per change of the foothold [-]; see ``touchdown_offset``."""
-    fade = math.exp(-omega * step.double)
-    return transfer_share(omega, step.double) - 1.0 + fade * swing_slope(omega, step.single, step.leg.lever)
+    fade = math.exp(-omega * pace.double)
+    return transfer_share(omega, pace.double) - 1.0 + fade * swing_slope(omega, pace.single, step.leg.lever)
 
 
 @register_jitable

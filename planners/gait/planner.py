@@ -20,6 +20,7 @@ from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
+from planners.gait.pace import pace_at, share_of, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.route import Footstep, Route
@@ -170,6 +171,7 @@ class GaitPlanner:
         swinging = 1 - gait.stance if gait.phase is GaitPhase.SINGLE else None
         self._follow_soles(swinging, dt)
         gait.command = self._commands.advance(gait.command, gait.phase.stepping, dt)
+        self._set_pace(dt)
         cmp_offset = None
         match gait.phase:
             case GaitPhase.STAND:
@@ -232,7 +234,7 @@ class GaitPlanner:
             self._lift()
 
     def _in_double(self) -> None:
-        gait, duration = self.state, self.config.timing.double
+        gait, duration = self.state, self.state.step.double
         elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
         gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
         bears = gait.measured.active[1 - gait.stance]  # after a wide step the body drags the rear foot off the floor
@@ -274,7 +276,8 @@ class GaitPlanner:
         """DCM reference of the rest of the swing, and present CMP minus CoP (2,) [m]."""
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
-        swing = gait.swing.motion, gait.swing.floor, gait.swing.duration, (target.x, target.y)
+        foot = gait.swing
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, (target.x, target.y)
         point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
         single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
         return gait.dcm.in_single(point, out[0], out[1]), out[2]
@@ -293,16 +296,16 @@ class GaitPlanner:
         return self._plan.start_of_single(self._walk(self.state.soles.holds[1 - self.state.stance]))
 
     def _walk(self, liftoff: Foothold) -> Walk:
-        gait, stance = self.state, self.stance
-        return Walk(self.footholds[stance], 1 - stance, liftoff, gait.command, self._omega(), gait.step.urgent)
+        gait, stance, hold = self.state, self.stance, self.footholds[self.stance]
+        return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, self._omega(), gait.step.urgent)
 
     def _lift(self) -> None:
         """The swing foot leaves the floor at its measured place."""
         self._enter(GaitPhase.SINGLE)
-        gait, foot, single = self.state, 1 - self.state.stance, self.config.timing.single
+        gait, foot, single = self.state, 1 - self.state.stance, self.state.pace.single
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
-        gait.swing = self._swing.lift(pose, single, gait.soles.tilts[foot], gait.swing.trips)
+        gait.swing = self._swing.lift(pose, gait.pace.clearance, single, gait.soles.tilts[foot], gait.swing.trips)
         gait.step = structs.replace(gait.step, time=single, liftoff=sole, next_adjustment=0.0, urgent=self._far_off())
         nominal, _ = self._plan.nominal(self._walk(sole))
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
@@ -336,6 +339,7 @@ class GaitPlanner:
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
         gait.soles = self._soles.landed(gait.soles, foot, gait.measured)
         gait.stance = foot
+        gait.step = structs.replace(gait.step, double=gait.pace.double)
         command = self._commands.landed(gait.command, gait.soles.holds)
         if command.over and (self.must_step or self._soles.astride(gait.soles.holds, self.config.astride_max)):
             command = command.counted(1)  # not recovered yet, or in no stance to come to rest in
@@ -391,6 +395,7 @@ class GaitPlanner:
             phase=GaitPhase.STAND,
             elapsed=0.0,
             settled=0.0,
+            urgency=0.0,
             recovering=False,
             rest=None,
         )
@@ -431,10 +436,21 @@ class GaitPlanner:
     def _omega(self) -> float:
         return math.sqrt(GRAVITY / max(self.state.body.height, COM_HEIGHT_MIN))
 
+    def _dcm_error(self) -> float:
+        """Distance of the DCM from its reference [m]."""
+        error = self.state.measured.dcm(self._omega()) - self.state.dcm.dcm
+        return math.hypot(*error.tolist())
+
     def _far_off(self) -> bool:
         """Whether the DCM is so far from its reference that the step is urgent."""
-        error = self.state.measured.dcm(self._omega()) - self.state.dcm.dcm
-        return math.hypot(*error.tolist()) > self.config.adjustment.urgent
+        return self._dcm_error() > self.config.adjustment.urgent
+
+    def _set_pace(self, dt: float) -> None:
+        """Pace of the commanded velocity and of the present disturbance."""
+        gait, config = self.state, self.config.pace
+        gait.urgency = urgency_after(gait.urgency, self._dcm_error(), dt, config)
+        share = self.config.route.pace if gait.command.route.steps else share_of(gait.command.velocity, config)
+        gait.pace = pace_at(max(share, gait.urgency), config)
 
     @property
     def must_step(self) -> bool:
@@ -451,16 +467,17 @@ class GaitPlanner:
         robot = RobotState(
             0.0, model.standing_configuration(), np.zeros(model.nv), np.zeros(model.nj), (contact, contact)
         )
-        measured = self._sensors.measure(robot)
+        measured, pace = self._sensors.measure(robot), pace_at(0.0, self.config.pace)
         at_rest = GaitState(
             measured,
             np.zeros(2),
             self._soles.planted(measured),
             self._footing.whole(),
-            StepState(self.config.timing.single, np.zeros(2)),
+            StepState(pace.single, pace.double, np.zeros(2)),
             DcmState.at_rest(measured.com[:2]),
             BodyState(self._builder.standing_height),
             self._airborne.on_floor,
+            pace,
         )
         self.state = at_rest.copy()
         velocity = (self.config.velocity.forward, 0.0, 0.0)

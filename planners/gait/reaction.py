@@ -36,11 +36,12 @@ from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import leg_length
 from planners.gait.footsteps import Point
+from planners.gait.pace import Pace
 from planners.gait.swing import YAW, SwingShape, Z
 
-#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], time from lift-off to
-#: touchdown [s], and target in W [m]
-SwingMotion = tuple[Matrix, float, float, Point]
+#: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], clearance [m], time
+#: from lift-off to touchdown [s], and target in W [m]
+SwingMotion = tuple[Matrix, float, float, float, Point]
 Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 
 # Gauss-Legendre on [0, 1]
@@ -116,23 +117,23 @@ def _allowance(
 
 
 @register_jitable
-def whole_swing(omega: float, duration: float, period: float, way: Point, yaw: float, leg: SwingLeg) -> Point:
+def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg) -> Point:
     """``d`` at the lift-off of a step of a steady walk, in W [m]; ``way`` is the foot's displacement [m]."""
     shape, lever = leg
     c, s = math.cos(yaw), math.sin(yaw)
     foot = np.zeros(14)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
-    foot[11], foot[12], foot[13] = shape.clearance, 0.0, -shape.landing_velocity
-    drift = 0.5 * foot[9] / period
-    ahead = 0.5 * (drift * duration - foot[9])  # as far behind at lift-off as ahead at touchdown
-    x, y = _allowance(omega, duration, shape.apex * duration, foot, ahead, drift, lever)
+    foot[11], foot[12], foot[13] = pace.clearance, 0.0, -shape.landing_velocity
+    drift = 0.5 * foot[9] / (pace.single + pace.double)
+    ahead = 0.5 * (drift * pace.single - foot[9])  # as far behind at lift-off as ahead at touchdown
+    x, y = _allowance(omega, pace.single, shape.apex * pace.single, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
 
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
     """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
-    (motion, floor, duration, target), (com, com_velocity), (shape, lever) = swing, body, leg
+    (motion, floor, clearance, duration, target), (com, com_velocity), (shape, lever) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shape.apex) * duration
     if rise <= shape.freeze:
@@ -144,7 +145,7 @@ def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg
         foot[k], foot[3 + k], foot[6 + k] = c * x + s * y, c * y - s * x, motion[k, Z]
     way_x, way_y = target[0] - place[0], target[1] - place[1]
     foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
-    foot[11], foot[12], foot[13] = floor + shape.clearance, floor, -shape.landing_velocity
+    foot[11], foot[12], foot[13] = floor + clearance, floor, -shape.landing_velocity
     ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
     drift = c * com_velocity[0] + s * com_velocity[1]
     x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)

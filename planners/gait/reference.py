@@ -43,7 +43,7 @@ class ReferenceBuilder:
         if state.phase is GaitPhase.STAND and state.rest is not None:
             height = state.rest.height
         else:
-            height = self.standing_height - (0.0 if state.phase.resting else config.crouch)
+            height = self.standing_height - (0.0 if state.phase.resting else state.pace.crouch)
             com, leg, yaw = state.measured.com, config.leg, mean_heading(left.yaw, right.yaw)
             lean, places = config.lean_urgent if state.step.urgent else 0.5, ((left.x, left.y), (right.x, right.y))
             reach = height_in_reach(places, self.under, swinging, com, lean, yaw, leg, self.standing_height)
@@ -85,6 +85,7 @@ class ReferenceBuilder:
             heading_rate=0.5 * float(state.swing.velocity[3]) if single else 0.0,
             cmp_offset=cmp_offset,
             sole_areas=state.footing.areas,
+            stiffness=state.pace.share,
         )
 
     def build_airborne(self, airborne: AirborneState, state: RobotState, measured: Measurement) -> Reference:

@@ -64,8 +64,8 @@ def plan_to_pose(
 
 def touchdown_times(count: int, config: GaitConfig) -> list[float]:
     """Touchdowns of an undisturbed walk, t_k = t_start + k t_single + (k - 1) t_double, from its start [s]."""
-    timing = config.timing
-    return [timing.start + timing.single + k * config.period for k in range(count)]
+    first = config.timing.start + config.pace.between(config.route.pace, "single")
+    return [first + k * config.period for k in range(count)]
 
 
 def _steps(goal: Foothold, soles: Sequence[Foothold], config: GaitConfig, foot: int) -> Iterator[Footstep]:

@@ -17,6 +17,7 @@ from planners.gait.dcm import DcmState
 from planners.gait.footing import FootingState
 from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
 from planners.gait.measurement import Measurement
+from planners.gait.pace import Pace
 from planners.gait.swing import AT_REST, SwingState
 
 TIMES = 5  #: Touchdown times that the capturability margin tries
@@ -63,6 +64,7 @@ class StepState(Struct, frozen=True):
     """The single support under way, or the last one."""
 
     time: float  #: Planned touchdown, from lift-off [s]
+    double: float  #: Duration of the double support after the last touchdown [s]
     touchdown: Vector  #: DCM of the reference at the touchdown, in W (2,) [m]
     liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  #: Foothold that the swing foot left
     next_adjustment: float = 0.0  #: Since lift-off [s]
@@ -90,6 +92,8 @@ class GaitState:
     dcm: DcmState
     body: BodyState
     airborne: AirborneState
+    pace: Pace
+    urgency: float = 0.0  #: Part of the pace that disturbances require [-]
     command: CommandState = NO_COMMAND
     swing: SwingState = AT_REST
     phase: GaitPhase = GaitPhase.STAND
@@ -137,8 +141,8 @@ def coming_steps(view: GaitView, config: GaitConfig) -> list[Foothold]:
     if command.route.left:
         ahead = command.route.ahead(holds[gait.stance], config.preview, limits_of(config.reach))
         return [*taken, *ahead[len(taken) :]]
-    count = config.preview - len(taken)
-    return taken + preview_footholds(first, foot, command.velocity, config.period, config.reach, max(count, 1), left)
+    count, period = max(config.preview - len(taken), 1), gait.pace.period
+    return taken + preview_footholds(first, foot, command.velocity, period, config.reach, count, left)
 
 
 def capture_margin(view: GaitView, config: GaitConfig) -> float:

@@ -22,7 +22,6 @@ class SwingShape(NamedTuple):
     """Fields of ``SwingConfig`` that the reaction of the swing leg depends on."""
 
     apex: float
-    clearance: float
     landing_velocity: float
     freeze: float
 
@@ -51,6 +50,7 @@ class SwingState(Struct, frozen=True):
 
     motion: Matrix  # position, velocity and acceleration: x, y, z [m] and yaw [rad] in W (3, 4)
     floor: float  # height at lift-off [m]
+    clearance: float  # height of the apex above lift-off or target, whichever is higher [m]
     duration: float  # from lift-off to the planned touchdown [s]
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
     trips: int = 0  # detected so far
@@ -78,7 +78,7 @@ class SwingState(Struct, frozen=True):
         return structs.replace(self, motion=motion)
 
 
-AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, np.zeros(2))
+AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, np.zeros(2))
 
 
 class SwingFoot:
@@ -95,15 +95,15 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self.shape = SwingShape(config.apex, config.clearance, config.landing_velocity, config.freeze)
+        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze)
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
 
-    def lift(self, pose: Vector, duration: float, tilt: Vector, trips: int = 0) -> SwingState:
-        """Start from rest at a pose x, y, z, yaw (4,), for a swing of this duration [s], on a slope (2,) [-]."""
+    def lift(self, pose: Vector, clearance: float, duration: float, tilt: Vector, trips: int = 0) -> SwingState:
+        """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration."""
         motion = np.zeros((3, 4))
         motion[0] = pose
-        return SwingState(motion, float(pose[Z]), duration, tilt, trips)
+        return SwingState(motion, float(pose[Z]), clearance, duration, tilt, trips)
 
     def detect_trip(
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
@@ -112,16 +112,18 @@ class SwingFoot:
         motion = swing.motion.copy()
         track = (x, y), swing.place or (x, y), swing.speed, swing.rising_until
         tripped, rising_until, speed = _return_tripped(self._limits, motion, track, elapsed, duration, dt)
-        trips = swing.trips + tripped
-        return SwingState(motion, swing.floor, swing.duration, swing.tilt, trips, rising_until, (x, y), speed)
+        return structs.replace(
+            swing, motion=motion, trips=swing.trips + tripped, rising_until=rising_until, place=(x, y), speed=speed
+        )
 
     def step(
         self, swing: SwingState, target: Vector, slope: Vector, elapsed: float, duration: float, dt: float
     ) -> SwingState:
         """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s]."""
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
-        _advance(self._limits, motion, tilt, target, slope, swing.floor, rising_until, elapsed, duration, dt)
-        return SwingState(motion, swing.floor, duration, tilt, swing.trips, rising_until, swing.place, swing.speed)
+        heights = swing.floor, swing.clearance
+        _advance(self._limits, motion, tilt, target, slope, heights, rising_until, elapsed, duration, dt)
+        return structs.replace(swing, motion=motion, duration=duration, tilt=tilt)
 
 
 @njit(cache=True)
@@ -155,14 +157,17 @@ def _advance(
     tilt: Vector,
     target: Vector,
     slope: Vector,
-    floor: float,
+    heights: Point,
     rising_until: float,
     elapsed: float,
     duration: float,
     dt: float,
 ) -> None:
-    """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``."""
-    limits = constants.record
+    """One tick of the motion (3, 4) and the slope (2,) of the sole: ``SwingFoot.step``.
+
+    ``heights`` are those at lift-off, in W, and of the apex above it [m].
+    """
+    limits, (floor, clearance) = constants.record, heights
     shape, share = limits.shape, min(dt / limits.tilt_time, 1.0)
     for i in range(2):
         tilt[i] += share * (slope[i] - tilt[i])
@@ -180,7 +185,7 @@ def _advance(
     apex = max(shape.apex * duration, rising_until) - (elapsed - dt)
     height, sink, height_left = target[Z], -shape.landing_velocity, left
     if apex > shape.freeze or rising:
-        height, sink, height_left = max(floor, height) + shape.clearance, 0.0, max(apex, shape.freeze)
+        height, sink, height_left = max(floor, height) + clearance, 0.0, max(apex, shape.freeze)
     # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
     steady = max(left, shape.freeze)
     for i in range(4):

@@ -111,9 +111,9 @@ class GaitTopics:
     def _plan(stamp: int, view: GaitView, config: GaitConfig) -> Any:
         """Coming footsteps with the times of their touchdown."""
         gait = view.state
-        wait = gait.step.time if view.swinging else config.period
+        wait = gait.step.time if view.swinging else gait.pace.period
         t = stamp + round(max(wait - gait.elapsed, 0.0) * NANOSECONDS)
-        period = round(config.period * NANOSECONDS)
+        period = round(gait.pace.period * NANOSECONDS)
         feet = (1 - gait.stance, gait.stance)
         steps = [Footstep(feet[i % 2], hold) for i, hold in enumerate(coming_steps(view, config))]
         return path_from_steps(stamp, steps, [t + i * period for i in range(len(steps))])

@@ -1,0 +1,58 @@
+r"""Pace: duration, height and stiffness of the steps over the speed, and over what disturbs the walk.
+
+A walk that nothing disturbs steps as its speed needs: slow long steps cost little, at high speed quick short ones are
+within reach. A disturbed one takes the quick steps of high speed at any speed, because the DCM runs away from its
+reference by ``exp(omega T)`` in a step. Both are one number, the ``share`` of the fast gait,
+
+.. math:: s = \max\left(S\left(\frac{|v| - s_0}{1 - s_0}\right), u\right)
+
+``|v|`` is the norm of the velocity in parts of that at which the gait is fast, ``s_0`` its ``slow_share``, ``S`` the
+smooth step and ``u`` the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, which fades with the time
+constant ``calm_time``.
+"""
+
+import math
+from typing import NamedTuple
+
+from models.types import Velocity
+from planners.gait.config import PaceConfig
+
+
+class Pace(NamedTuple):
+    """How the robot steps now."""
+
+    single: float  #: Nominal single support [s]
+    double: float  #: Double support between two steps [s]
+    crouch: float  #: The CoM is below that of standing by this [m]
+    clearance: float  #: Height of the sole at mid-swing [m]
+    share: float  #: Of the fast gait, from 0 to 1 [-]
+
+    @property
+    def period(self) -> float:
+        """Nominal time of a step [s]."""
+        return self.single + self.double
+
+
+def pace_at(share: float, config: PaceConfig) -> Pace:
+    """The pace at a share of the fast gait."""
+    names = ("single", "double", "crouch", "clearance")
+    single, double, crouch, clearance = (config.between(share, name) for name in names)
+    return Pace(single, double, crouch, clearance, share)
+
+
+def share_of(velocity: Velocity, config: PaceConfig) -> float:
+    """Share of the fast gait that a velocity needs [-]."""
+    forward, left, turn = velocity
+    speed = math.hypot(forward / config.forward, left / config.lateral, turn / config.turn)
+    return _smooth_step((speed - config.slow_share) / (1.0 - config.slow_share))
+
+
+def urgency_after(urgency: float, error: float, dt: float, config: PaceConfig) -> float:
+    """Urgency [-] one tick of ``dt`` [s] later, at a DCM error [m]."""
+    present = _smooth_step((error - config.calm) / (config.alarm - config.calm))
+    return max(present, urgency - urgency * min(dt / config.calm_time, 1.0))
+
+
+def _smooth_step(u: float) -> float:
+    u = min(max(u, 0.0), 1.0)
+    return u * u * (3.0 - 2.0 * u)
