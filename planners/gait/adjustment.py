@@ -27,10 +27,21 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
+from planners.gait.regions import (
+    NOWHERE,
+    URGENT_REGIONS,
+    Passage,
+    Region,
+    corner_between,
+    missed,
+    region_boxes,
+    region_limits,
+)
 from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
-from planners.gait.swing import SwingShape, SwingState
+from planners.gait.swing import SwingShape, SwingState, Via
 
-Box = tuple[Point, Point]  #: Least and largest of two coordinates [m]
+_UNSOLVED = 1e6  #: Value of a QP without a solution [-]
+_PASSING = 1.5  #: Speed at a corner over the mean speed of the rest of the way [-]
 
 
 class StepProblem(NamedTuple):
@@ -49,7 +60,8 @@ class StepProblem(NamedTuple):
     soonest: float  #: Least touchdown time [s]
     latest: float  #: Largest touchdown time [s]
     cop: Vector  #: Largest CoP offset to either side (2,) [m]
-    place: Vector  #: Of the swing foot now (2,) [m]
+    place: Vector  #: From where the swing foot goes straight to the foothold: now, or a corner that it rounds (2,) [m]
+    leaves: float  #: When it leaves ``place``, from the start of the single support [s]
     speed: float  #: Largest mean speed of the swing foot along each axis; infinite without a limit [m/s]
 
 
@@ -115,26 +127,28 @@ class StepAdjustment:
         """Adjust the step; ``ending`` selects the weights of a walk that ends."""
         p = problem
         _assemble(p, self.ending if ending else self.going_on, self.qp)
-        z, solved = self.minimum(p.step, math.exp(p.omega * p.time))
+        z, solved, _ = self.minimum(p.step, math.exp(p.omega * p.time))
         decay, ahead = math.exp(-p.omega * p.elapsed), math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
         offset = decay * z[2] * p.dcm - ahead * z[3:] - z[:2]
         return AdjustedStep(z[:2], math.log(z[2]) / p.omega, offset, z[3:], solved)
 
-    def minimum(self, step: Vector, tau: float) -> tuple[Vector, bool]:
-        r"""Solution of ``qp`` (5,) and True; without one the nominal :math:`(u, \tau, 0)` in its bounds and False."""
+    def minimum(self, step: Vector, tau: float) -> tuple[Vector, bool, float]:
+        r"""Solution of ``qp`` (5,), True and its value; without one the nominal :math:`(u, \tau, 0)` in its bounds."""
         hessian, gradient, rows, lower, upper = self.qp
-        z, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
+        z, value, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, self._sense)
         if flag == 1 and math.isfinite(sum(z.tolist())):
-            return z, True
-        return np.clip(np.array([*step, tau, 0.0, 0.0]), lower[:5], upper[:5]), False
+            return z, True, value
+        return np.clip(np.array([*step, tau, 0.0, 0.0]), lower[:5], upper[:5]), False, _UNSOLVED
 
 
 @njit(cache=True)
-def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> None:
+def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> float:
+    """Fill the QP; returns what its objective lacks of that of ``StepAdjustment``."""
     hessian, gradient, rows, lower, upper = out
     hessian[:, :], gradient[:], rows[:, :] = 0.0, 0.0, 0.0
     ahead = math.exp(p.omega * max(p.planned - p.elapsed, 0.0)) - 1.0
     decay = math.exp(-p.omega * p.elapsed)
+    lacking = 0.5 * weights.time * math.exp(2.0 * p.omega * p.time)
     for i in range(2):
         # b_i - coupling (u_i - nominal u_i) - nominal b_i = row . (u_i, tau, delta_i) - goal
         index = (i, 2, 3 + i)
@@ -144,6 +158,7 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> None:
             gradient[index[a]] -= weights.offset * row[a] * goal
             for b in range(3):
                 hessian[index[a], index[b]] += weights.offset * row[a] * row[b]
+        lacking += 0.5 * (weights.offset * goal * goal + weights.position * p.step[i] ** 2)
         hessian[i, i] += weights.position
         gradient[i] -= weights.position * p.step[i]
         hessian[3 + i, 3 + i] += weights.cop
@@ -159,9 +174,10 @@ def _assemble(p: StepProblem, weights: Weights, out: StepQP) -> None:
         # T = planned + (tau - tau_0) / (omega tau_0)
         at = min(max(p.planned, p.soonest), p.latest)
         rows[:, 2] = -p.speed / (p.omega * math.exp(p.omega * at))
-        way = p.speed * (at - p.elapsed - 1.0 / p.omega)
+        way = p.speed * (at - p.leaves - 1.0 / p.omega)
         for i in range(2):
             upper[5 + 2 * i], upper[6 + 2 * i] = way + p.place[i], way - p.place[i]
+    return lacking
 
 
 class Walk(Struct, frozen=True):
@@ -176,11 +192,24 @@ class Walk(Struct, frozen=True):
     urgent: bool = False
 
 
+class PlannedStep(Struct, frozen=True):
+    """A step under way."""
+
+    hold: Foothold
+    time: float  #: Touchdown since lift-off [s]
+    end: Vector  #: DCM reference then, in W (2,) [m]
+    solved: bool = True  #: By the QP; otherwise this is the nominal step inside the bounds
+    region: Region = Region.OWN
+    via: Via | None = None  #: Corner that the foot passes on its way
+    cost: float = 0.0  #: Objective of the QP [-]
+
+
 class _Underway(NamedTuple):
     """A step under way; times since its lift-off [s], as in ``StepProblem``."""
 
     foot: int  #: The swing foot
-    urgent: bool  #: Chooses the reach
+    region: int  #: A ``Region``
+    kept: bool  #: The foot is on its way there: what it no longer reaches in time does not exclude the region
     ends: bool  #: The walk ends with the previewed steps: chooses the weights
     omega: float
     elapsed: float
@@ -195,6 +224,8 @@ class _Nominal(NamedTuple):
     step: Vector  #: Nominal ZMP point in the stance frame, from the ZMP point of the stance
     shift: Vector  #: From a foothold to its ZMP point, less the ZMP point of the stance
     offset: Vector  #: DCM offset at the nominal touchdown, in W
+    dcm: Vector  #: ``StepProblem.dcm``
+    place: Vector  #: Of the swing foot, likewise
 
 
 class _Setup(NamedTuple):
@@ -203,9 +234,9 @@ class _Setup(NamedTuple):
     model: StepModel
     going_on: Weights
     ending: Weights
-    reach: NDArray[np.float64]  #: Least and largest foothold, ordinary and urgent, of each foot (2, 2, 2, 2) [m]
+    passage: Passage
     cop: Matrix  #: Largest CoP offset in each sole (2, 2) [m]
-    speed: float  #: Of the swing foot [m/s]
+    half: Matrix  #: Half size of each sole (2, 2) [m]
     qp: StepQP
     nominal: _Nominal
 
@@ -219,12 +250,15 @@ class StepPlanner:
         self._limits = limits_of(config.reach)
         self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
-        boxes = [_reach_boxes(reach, widest) for widest in (reach.width_max, reach.width_urgent)]
+        boxes, corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.beside)
+        speed, quickest = config.swing.speed_max, config.timing.single_urgent
         cop = config.adjustment.cop_share * soles.half
         model = StepModel(soles.centres, SwingLeg(shape, lever))
-        self._nominal = _Nominal(np.zeros(2), np.zeros(2), np.zeros(2))
-        speed = config.swing.speed_max
-        self._setup = unbox(_Setup(model, law.going_on, law.ending, np.array(boxes), cop, speed, law.qp, self._nominal))
+        self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
+        passage = Passage(corner, boxes, speed, quickest)
+        self._setup = unbox(
+            _Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal)
+        )
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""
@@ -241,25 +275,42 @@ class StepPlanner:
         return np.array(_start_of_single(self._setup, poses, walk.foot, ends, walk.omega, pace, liftoff))
 
     def adjust(
-        self, walk: Walk, measured: Measurement, elapsed: float, planned: float, target: Foothold, swing: SwingState
-    ) -> tuple[Foothold, float, Vector, bool]:
-        """Foothold, touchdown time since lift-off [s], DCM reference then (2,) [m], and whether the QP was solved.
+        self, walk: Walk, measured: Measurement, elapsed: float, step: PlannedStep, swing: SwingState
+    ) -> PlannedStep:
+        """The best step, ``elapsed`` [s] after its lift-off; ``step`` is the last plan, at lift-off the nominal one.
 
-        ``elapsed`` is the time since lift-off [s]; ``planned`` [s] and ``target`` are touchdown time and foothold of
-        the last adjustment, at lift-off the nominal ones.
+        Of an urgent step, every region is tried. Another one than that of the last plan must be better by
+        ``adjustment.switch``.
         """
-        config, poses, omega = self._config, self._coming(walk), walk.omega
+        config, poses, omega, dcm = self._config, self._coming(walk), walk.omega, measured.dcm(walk.omega)
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         soonest = max(single_min, elapsed + config.swing.freeze)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
-        step = _Underway(walk.foot, walk.urgent, ends, omega, elapsed, planned, soonest, latest)
-        motion = swing.motion, swing.floor, swing.clearance, swing.duration, (target.x, target.y)
-        body = measured.com, measured.com_velocity
-        _assemble_step(self._setup, poses, step, walk.pace, measured.dcm(omega), motion, body)
-        z, solved = self._adjustment.minimum(self._nominal.step, math.exp(omega * walk.pace.single))
+        motion = swing.motion, swing.floor, swing.clearance, swing.duration, (step.hold.x, step.hold.y)
+        body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
+        own = Region.URGENT if walk.urgent else Region.OWN
+        last, best, least = step.region if step.region.crossing else own, None, math.inf
+        for region in URGENT_REGIONS if walk.urgent or last.crossing else (own,):
+            kept, corner = region is last, NOWHERE
+            at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest)
+            for _ in range(2):  # straight, then round the stance foot where it is in the way
+                lacking = _assemble_step(self._setup, poses, at, walk.pace, dcm, motion, body, corner)
+                z, solved, value = self._adjustment.minimum(self._nominal.step, nominal_tau)
+                blocked, missed = _judge(self._setup, at, z)
+                if math.isnan(blocked[0]) or not math.isnan(corner[0]):
+                    break
+                corner = blocked
+            cost = value + lacking + config.adjustment.capture * missed**2
+            cost += 0.0 if kept else config.adjustment.switch
+            if best is None or cost < least:
+                best, least = (region, z, solved, corner), cost
+        assert best is not None
+        region, z, solved, corner = best
         end = np.empty(2)
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
-        return Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega, end, solved
+        hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
+        via = None if math.isnan(corner[0]) else _passing(walk.stance.moved(*corner), swing, hold, elapsed, time)
+        return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _coming(self, walk: Walk) -> Matrix:
         """The present stance and the coming footholds, each x, y [m] and heading [rad] in W (1 + steps, 3)."""
@@ -271,10 +322,14 @@ class StepPlanner:
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
 
 
-def _reach_boxes(reach: ReachConfig, widest: float) -> tuple[Box, Box]:
-    """Reach of the left and of the right foot in the frame of the other one [m]: corners of a box."""
-    ahead, back, narrowest = reach.forward, reach.backward, reach.width_min
-    return ((-back, narrowest), (ahead, widest)), ((-back, -widest), (ahead, -narrowest))
+def _passing(corner: Point, swing: SwingState, hold: Foothold, elapsed: float, time: float) -> Via:
+    """When and how fast a foot on its way to a foothold passes a corner in W (2,) [m]."""
+    (x, y), (from_x, from_y) = corner, swing.position[:2].tolist()
+    before, after = math.hypot(x - from_x, y - from_y), math.hypot(hold.x - x, hold.y - y)
+    left, way = max(time - elapsed, 1e-3), max(before + after, 1e-6)
+    along_x, along_y = hold.x - from_x, hold.y - from_y
+    speed = _PASSING * way / left / max(math.hypot(along_x, along_y), 1e-6)
+    return Via(x, y, (speed * along_x, speed * along_y), elapsed + left * before / way)
 
 
 @njit(cache=True)
@@ -308,33 +363,39 @@ def _assemble_step(
     measured: Vector,
     swing: SwingMotion,
     body: Body,
-) -> None:
-    """Assemble the QP of a step under way, in the stance frame, and its nominal step.
+    corner: Point,
+) -> float:
+    """Assemble the QP of a step under way, in the stance frame, and its nominal step; returns ``_assemble``.
 
-    ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m].
+    ``poses`` are those of ``previewed_offset``, ``measured`` is the DCM in W (2,) [m]; ``corner`` is that of
+    ``corner_between``.
     """
     fixed, nominal = setup.record, setup.record.nominal
     model, motion = fixed.model, swing[0]
-    foot, urgent, ends, omega, elapsed, planned, soonest, latest = step
+    foot, region, kept, ends, omega, elapsed, planned, soonest, latest = step
     offset = previewed_offset(poses, foot, ends, omega, pace, model)
     swing_shift = rest_of_swing(omega, planned - elapsed, swing, body, model.leg)
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
+    swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
+    rounds, crossing, speed = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.speed
+    away = max(abs(corner[0] - swing_place[0]), abs(corner[1] - swing_place[1])) if rounds else 0.0
     stance_centre, centre = model.centres[1 - foot], model.centres[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     hold, zmp = relative_to(x, y, yaw, poses[1, 0], poses[1, 1]), relative_to(x, y, yaw, landing[0], landing[1])
-    swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     turned = rotated(-yaw, offset[0], offset[1])
     free = rotated(-yaw, measured[0] - point[0] - swing_shift[0], measured[1] - point[1] - swing_shift[1])
-    reach = fixed.reach[1 if urgent else 0, foot]
+    reach = fixed.passage.reach[region, foot]
     dcm_free, end, lower, upper, place = np.empty(2), np.empty(2), np.empty(2), np.empty(2), np.empty(2)
     for i in range(2):
         shift = zmp[i] - hold[i] - stance_centre[i]
         nominal.step[i], nominal.shift[i], nominal.offset[i] = hold[i] + shift, shift, offset[i]
         dcm_free[i], end[i] = free[i], turned[i]
         lower[i], upper[i] = reach[0, i] + shift, reach[1, i] + shift
+        at = corner[i] if rounds else swing_place[i]
         # A foot that is still out of reach may stay in line with its place.
-        place[i] = min(max(swing_place[i], reach[0, i]), reach[1, i]) + shift
+        place[i] = (min(max(at, reach[0, i]), reach[1, i]) if kept or not crossing else at) + shift
+        nominal.dcm[i], nominal.place[i] = free[i], swing_place[i] + shift
     problem = StepProblem(
         dcm_free,
         elapsed,
@@ -350,9 +411,23 @@ def _assemble_step(
         latest,
         fixed.cop[1 - foot],
         place,
-        fixed.speed,
+        elapsed + away / speed,
+        speed,
     )
-    _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
+    return _assemble(problem, fixed.ending if ends else fixed.going_on, fixed.qp)
+
+
+@njit(cache=True)
+def _judge(setup: Unboxed[_Setup], step: _Underway, z: Vector) -> tuple[Point, float]:
+    """The corner that the straight way to a solution cuts, and how far the next step misses the DCM then [m]."""
+    fixed, foot, omega = setup.record, step.foot, step.omega
+    nominal, stance = fixed.nominal, 1 - step.foot
+    place, target = nominal.place - nominal.shift, z[:2] - nominal.shift
+    corner = corner_between(foot, (place[0], place[1]), (target[0], target[1]), fixed.passage.corner)
+    ahead = math.exp(omega * max(step.planned - step.elapsed, 0.0)) - 1.0
+    dcm = math.exp(-omega * step.elapsed) * z[2] * nominal.dcm - ahead * z[3:] - z[:2]
+    away = -z[:2]
+    return corner, missed((dcm[0], dcm[1]), (away[0], away[1]), stance, fixed.half[foot], omega, fixed.passage)
 
 
 @njit(cache=True)

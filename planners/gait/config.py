@@ -67,6 +67,9 @@ class ReachConfig:
     width_min: Positive  #: Least lateral distance of the soles [m]
     width_max: Positive  #: Largest lateral distance of the soles [m]
     width_urgent: Positive  #: The same for an urgent step [m]
+    cross: NonNegative  #: How far a crossing foot may land beyond the stance foot [m]
+    cross_ahead: Positive  #: Least distance ahead of the stance foot, or behind it, of a foot that crosses [m]
+    beside: Positive  #: Lateral distance from which a foot may pass the stance foot [m]
     forward: Positive  #: Largest step ahead of the stance foot [m]
     backward: Positive  #: Largest step behind the stance foot [m]
     turn_out: Positive  #: Largest turn of a sole outwards from the stance sole [rad]
@@ -118,6 +121,8 @@ class AdjustmentConfig:
     cop: Positive  #: Weight of the CoP offset over the rest of the step [1/m^2]
     cop_share: NonNegative  #: Share of the sole that the CoP offset may use [-]
     urgent: Positive  #: Distance of the DCM from its reference at which steps are as quick as they can be [m]
+    capture: NonNegative  #: Weight of how far the next step would miss the DCM, by which regions are ranked [1/m^2]
+    switch: NonNegative  #: Advantage of the objective for which a foot under way turns to another region [-]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)

@@ -12,17 +12,18 @@ from models.errors import CommandError
 from models.numerics.unboxed import Unboxed, unbox
 from models.robot_model import RobotModel
 from models.types import ContactState, Reference, RobotState, Vector
-from planners.gait.adjustment import StepPlanner, Walk
+from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
 from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import Footing
-from planners.gait.footsteps import Feet, Foothold, clamped, limits_of, replaced, wrap
+from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
 from planners.gait.pace import pace_at, share_of, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
+from planners.gait.regions import Region, region_limits
 from planners.gait.route import Footstep, Route
 from planners.gait.state import BodyState, GaitPhase, GaitState, GaitView, Rest, StepState
 from planners.gait.swing import SwingFoot
@@ -56,8 +57,7 @@ class GaitPlanner:
         self._builder = ReferenceBuilder(model, config)
         self._airborne = AirborneDetector(model, config.lift)
         self._footing = Footing(model, config.footing)
-        self._limits = limits_of(config.reach)
-        self._limits_urgent = self._limits._replace(width_max=config.reach.width_urgent)
+        self._regions = region_limits(config.reach)
         self.state = self._warm_up()
 
     @property
@@ -204,8 +204,12 @@ class GaitPlanner:
         if swinging is None:  # the next lift-off sets them
             return
         gait.swing = gait.swing.shifted(x, y)
+        step = gait.step
         gait.step = structs.replace(
-            gait.step, liftoff=gait.step.liftoff.shifted(x, y), touchdown=gait.step.touchdown + shift
+            step,
+            liftoff=step.liftoff.shifted(x, y),
+            touchdown=step.touchdown + shift,
+            via=None if step.via is None else step.via.shifted(x, y),
         )
 
     def _in_stand(self, dt: float) -> None:
@@ -266,7 +270,8 @@ class GaitPlanner:
             swing = self._swing.detect_trip(swing, sole.x, sole.y, elapsed, gait.step.time, dt)
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
-        gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, gait.step.time - lead, dt)
+        duration = gait.step.time - lead
+        gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, duration, dt, gait.step.via)
         gait.dcm, cmp_offset = self._single_support()
         if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
             self._land(foot)
@@ -306,7 +311,9 @@ class GaitPlanner:
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
         gait.swing = self._swing.lift(pose, gait.pace.clearance, single, gait.soles.tilts[foot], gait.swing.trips)
-        gait.step = structs.replace(gait.step, time=single, liftoff=sole, next_adjustment=0.0, urgent=self._far_off())
+        gait.step = structs.replace(
+            gait.step, time=single, liftoff=sole, next_adjustment=0.0, urgent=self._far_off(), region=Region.OWN, via=None
+        )
         nominal, _ = self._plan.nominal(self._walk(sole))
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
         self._adjust(0.0)
@@ -315,17 +322,23 @@ class GaitPlanner:
         """Foothold and time, from the measured DCM."""
         gait, foot = self.state, 1 - self.state.stance
         gait.step = step = structs.replace(gait.step, urgent=gait.step.urgent or self._far_off())
-        target, time, touchdown, solved = self._plan.adjust(
-            self._walk(step.liftoff), gait.measured, elapsed, step.time, gait.soles.holds[foot], gait.swing
+        last = PlannedStep(gait.soles.holds[foot], step.time, step.touchdown, region=step.region)
+        plan = self._plan.adjust(self._walk(step.liftoff), gait.measured, elapsed, last, gait.swing)
+        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, plan.hold))
+        gait.step = structs.replace(
+            step,
+            time=plan.time,
+            touchdown=plan.end,
+            region=plan.region,
+            via=plan.via,
+            unsolved=step.unsolved + (not plan.solved),
         )
-        gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, target))
-        gait.step = structs.replace(step, time=time, touchdown=touchdown, unsolved=step.unsolved + (not solved))
 
     def _shift_late_target(self) -> None:
         """Move the target of a late foot with the DCM, so that it lands as planned relative to it."""
         gait, foot, holds = self.state, 1 - self.state.stance, self.state.soles.holds
         target, run = holds[foot], gait.measured.dcm(self._omega()) - gait.step.touchdown
-        limits = self._limits_urgent if gait.step.urgent else self._limits
+        limits = self._regions[gait.step.region]
         x, y = target.x + float(run[0]), target.y + float(run[1])
         shifted = clamped(holds[gait.stance], foot, x, y, target.yaw, limits)
         touchdown = gait.step.touchdown + np.array([shifted.x - target.x, shifted.y - target.y])

@@ -18,7 +18,8 @@ from planners.gait.footing import FootingState
 from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
-from planners.gait.swing import AT_REST, SwingState
+from planners.gait.regions import Region
+from planners.gait.swing import AT_REST, SwingState, Via
 
 TIMES = 5  #: Touchdown times that the capturability margin tries
 
@@ -69,6 +70,8 @@ class StepState(Struct, frozen=True):
     liftoff: Foothold = Foothold(0.0, 0.0, 0.0)  #: Foothold that the swing foot left
     next_adjustment: float = 0.0  #: Since lift-off [s]
     urgent: bool = False  #: The DCM was so far from its reference that the step is as quick as possible
+    region: Region = Region.OWN  #: Of the foothold
+    via: Via | None = None  #: Corner that the swing foot passes on its way there
     unsolved: int = 0  #: Step adjustments without a solution, which kept to the nominal step
 
 

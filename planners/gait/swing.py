@@ -18,6 +18,22 @@ from planners.gait.footsteps import Point
 X, Y, Z, YAW = range(4)
 
 
+class Via(NamedTuple):
+    """Corner that a swing foot passes on its way, in W."""
+
+    x: float  #: [m]
+    y: float  #: [m]
+    velocity: Point  #: There [m/s]
+    time: float  #: Since lift-off [s]
+
+    def shifted(self, x: float, y: float) -> Via:
+        """Moved in W [m]."""
+        return self._replace(x=self.x + x, y=self.y + y)
+
+
+NO_VIA = Via(0.0, 0.0, (0.0, 0.0), -math.inf)
+
+
 class SwingShape(NamedTuple):
     """Fields of ``SwingConfig`` that the reaction of the swing leg depends on."""
 
@@ -87,7 +103,8 @@ class SwingFoot:
     Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left:
     the target and the time may move, and the reference stays smooth to its acceleration. The height goes likewise to
     the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
-    at ``late_velocity``, at most ``depth_max``, and follows its target.
+    at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first go
+    to a corner, ``via``, and through it.
 
     A foot that stays behind its reference and hardly moves has tripped, over the edge of a tile for instance. The
     harder it is pushed on, the faster friction holds it. Its reference returns to the measured place, and on the way
@@ -117,12 +134,20 @@ class SwingFoot:
         )
 
     def step(
-        self, swing: SwingState, target: Vector, slope: Vector, elapsed: float, duration: float, dt: float
+        self,
+        swing: SwingState,
+        target: Vector,
+        slope: Vector,
+        elapsed: float,
+        duration: float,
+        dt: float,
+        via: Via | None = None,
     ) -> SwingState:
         """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s]."""
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
-        _advance(self._limits, motion, tilt, target, slope, heights, rising_until, elapsed, duration, dt)
+        limits, passing = self._limits, via or NO_VIA
+        _advance(limits, motion, tilt, target, slope, heights, rising_until, passing, elapsed, duration, dt)
         return structs.replace(swing, motion=motion, duration=duration, tilt=tilt)
 
 
@@ -159,6 +184,7 @@ def _advance(
     slope: Vector,
     heights: Point,
     rising_until: float,
+    via: Via,
     elapsed: float,
     duration: float,
     dt: float,
@@ -188,9 +214,13 @@ def _advance(
         height, sink, height_left = max(floor, height) + clearance, 0.0, max(apex, shape.freeze)
     # A quintic over the last moments would turn every millimetre into a jerk: it is stretched instead.
     steady = max(left, shape.freeze)
+    corner, passing = (via.x, via.y), via.time - elapsed + dt
     for i in range(4):
         if rising and i < Z:
             continue
-        end = (height, sink, 0.0) if i == Z else (target[i], 0.0, 0.0)
-        time = height_left if i == Z else steady
+        end, time = (target[i], 0.0, 0.0), steady
+        if i == Z:
+            end, time = (height, sink, 0.0), height_left
+        elif i < Z and passing > 0.0:
+            end, time = (corner[i], via.velocity[i], 0.0), max(passing, shape.freeze)
         motion[0, i], motion[1, i], motion[2, i] = quintic_step(motion[0, i], motion[1, i], motion[2, i], end, time, dt)
