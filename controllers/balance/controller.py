@@ -131,6 +131,7 @@ class BalanceController:
             terms.com_velocity,
             posture.tree,
             posture.frames,
+            self.whole_body.builder.edges,
             np.array([foot.corners for foot in model.feet]),
             *(np.zeros(shape) for shape in ((8,), (2, 3, 3), (2, 3), (3, 3), (3,), (3,))),
             *(np.zeros(shape) for shape in ((3,), (3, 3), (3, 3), (2,), (2,), (3,))),

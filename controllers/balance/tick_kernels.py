@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from controllers.balance.posture_reference import posture_reference
 from controllers.balance.support import cmp_command, convex_hull
+from controllers.qp.contacts import Edges
 from controllers.qp.terms import follow_pose
 from controllers.whole_body.config import CoMGains, DcmFeedback
 from models.constants import COM_HEIGHT_MIN, GRAVITY
@@ -27,6 +28,7 @@ class BalanceArrays(NamedTuple):
     com_velocity: Array  #: Its velocity (3,)
     tree: KinematicTree  #: See ``posture_reference``
     frames: TreeFrames  #: See ``posture_reference``
+    edges: Edges  #: Soles that stand on an edge
     corners: Array  #: Of the areas that bear, in the sole frames (2, 4, 3)
     gains: Array  #: Of ``feedback_gains``, then the largest shift of the CMP [m] (8,)
     rotations: Array  #: Of the footholds (2, 3, 3)
@@ -78,7 +80,9 @@ def standing_reference(
         if not fresh:
             for i in range(3):
                 velocity[i] = (arrays.posture_com[i] - before[i]) / dt
-    _move_footholds(arrays, fresh or wrench_left[2] > least_load, fresh or wrench_right[2] > least_load, share)
+    flat_left, flat_right = not arrays.edges.free[0].any(), not arrays.edges.free[1].any()
+    follow_left, follow_right = flat_left and wrench_left[2] > least_load, flat_right and wrench_right[2] > least_load
+    _move_footholds(arrays, fresh or follow_left, fresh or follow_right, share)
     _place_reference(arrays, velocity, reference)
     reference[0, 2] -= _drop(arrays, leg)
     height = reference[0, 2] - arrays.anchor[2]
@@ -90,7 +94,7 @@ def standing_reference(
 
 @njit(cache=True)
 def _move_footholds(arrays: BalanceArrays, loaded_left: bool, loaded_right: bool, share: float) -> None:
-    """Move the footholds with the loaded soles, and the anchor to their middle, level, at their mean heading.
+    """Move the footholds with the loaded soles that lie flat, and the anchor to their middle, level, at their mean heading.
 
     Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].

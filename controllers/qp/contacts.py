@@ -14,7 +14,11 @@ foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, s
                wrenches share the base wrench ``b`` up to k - 1 free internal wrenches ``phi``:
                ``w_i = X_i^-T (b/k + phi_i)`` with ``phi_k = -(phi_1 + ... + phi_k-1)``.
 
-``z`` is ordered: joints outside of the contact chains, coordinates of the chains, ``phi``.
+A sole on its edge turns freely about it: ``J_i a + drift_i = a_i* + e_i s_i`` with the twist ``e_i`` of that rotation and
+one more unknown ``s_i``, which takes part like a joint between the ground and the sole. That there is no moment about the
+edge is a row of the wrench cone.
+
+``z`` is ordered: joints outside of the contact chains, coordinates of the chains and edges, ``phi``.
 """
 
 from collections.abc import Sequence
@@ -44,13 +48,25 @@ class Reduction(NamedTuple):
     offsets: Array  #: p of all contacts (contacts, 6)
 
 
-def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int) -> Reduction:
-    """Memory for some active contacts; ``chains`` are velocity indices of the joints from base to contact."""
+class Edges(NamedTuple):
+    """Contacts that turn about an edge, or about a corner with both axes free."""
+
+    free: NDArray[np.bool_]  #: Whether a contact turns freely about its x and about its y axis (contacts, 2)
+    pivots: Array  #: Point of each contact that is held, in its frame; zero where the contact is flat (contacts, 2) [m]
+
+
+def make_reduction(
+    contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int, turns: int = 0
+) -> Reduction:
+    """Memory for some active contacts, which turn freely about ``turns`` axes altogether.
+
+    ``chains`` are velocity indices of the joints from base to contact.
+    """
     active = np.flatnonzero(contacts)
     joints = sorted({joint for contact in active for joint in chains[contact]})
     core = np.array([*range(6), *joints], dtype=np.int64)
     free = 6 * max(len(active) - 1, 0)
-    na, count = nv - 6 - free, len(chains)
+    na, count = nv - 6 - free + turns, len(chains)
     nz = na + free
     return Reduction(
         active.astype(np.int64),
@@ -78,6 +94,7 @@ def eliminate(
     rotations: Array,
     positions: Array,
     gains: ContactGains,
+    edges: Edges,
     desired: Array,
     reduction: Reduction,
 ) -> None:
@@ -87,29 +104,50 @@ def eliminate(
     acceleration of each contact in its frame (contacts, 6).
     """
     for contact in range(desired.shape[0]):
-        hold_contact(
-            terms.poses[contact], terms.twists[contact], rotations[contact], positions[contact], gains, desired[contact]
-        )
+        pose, twist, out = terms.poses[contact], terms.twists[contact], desired[contact]
+        hold_contact(pose, twist, rotations[contact], positions[contact], gains, edges.pivots[contact], out)
     inverses = np.empty((reduction.active.shape[0], 6, 6))
-    _reduce_accelerations(terms, desired, inverses, reduction)
+    _reduce_accelerations(terms, desired, edges, inverses, reduction)
     _reduce_wrenches(terms, gains.wrench_scale, inverses, reduction)
 
 
 @njit(cache=True, forceinline=True)
-def hold_contact(pose: Array, twist: Array, rotation: Array, position: Array, gains: ContactGains, out: Array) -> None:
-    """Bounded acceleration that returns a contact to its desired pose, in its frame (6,) [m/s^2, rad/s^2]."""
+def hold_contact(
+    pose: Array, twist: Array, rotation: Array, position: Array, gains: ContactGains, pivot: Array, out: Array
+) -> None:
+    """Bounded acceleration that returns a contact to its desired pose, in its frame (6,) [m/s^2, rad/s^2].
+
+    The feedback is of the ``pivot`` (2,) [m], and moved to the contact's origin: ``a = a_p + p x alpha - w x (w x p)``.
+    """
     pose_error(pose, rotation, position, out)
+    px, py = pivot
+    wx, wy, wz = twist[3], twist[4], twist[5]
+    held = px != 0.0 or py != 0.0
+    vx, vy, vz = twist[0], twist[1], twist[2]
+    if held:
+        for i in range(3):  # e_p = e + R' R_d p - p
+            for k in range(3):
+                out[i] += pose[k, i] * (rotation[k, 0] * px + rotation[k, 1] * py)
+        out[0], out[1] = out[0] - px, out[1] - py
+        vx, vy, vz = vx - wz * py, vy + wz * px, vz + wx * py - wy * px
     for i in range(6):
-        limit = gains.largest[i]
-        out[i] = min(max(gains.stiffness[i] * out[i] - gains.damping[i] * twist[i], -limit), limit)
+        limit, rate = gains.largest[i], (vx, vy, vz, wx, wy, wz)[i]
+        out[i] = min(max(gains.stiffness[i] * out[i] - gains.damping[i] * rate, -limit), limit)
+    if held:
+        along, square = wx * px + wy * py, wx * wx + wy * wy + wz * wz
+        out[0] += py * out[5] - (along * wx - square * px)
+        out[1] += -px * out[5] - (along * wy - square * py)
+        out[2] += px * out[4] - py * out[3] - along * wz
 
 
 @njit(cache=True, forceinline=True)
-def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, reduction: Reduction) -> None:
+def _reduce_accelerations(
+    terms: Dynamics, desired: Array, edges: Edges, inverses: Array, reduction: Reduction
+) -> None:
     """Fill ``a = N z + a0``, and ``X_i^-1`` of each active contact (k, 6, 6)."""
     basis, start, upper = reduction.basis, reduction.start, reduction.upper
     joints, count = reduction.core[6:], reduction.active.shape[0]
-    nu, n = upper.shape[0], joints.shape[0]
+    nu, used = upper.shape[0], joints.shape[0]
     basis[:, :] = 0.0
     start[:] = 0.0
     for i in range(nu):
@@ -126,7 +164,9 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, redu
             for c in range(nu):
                 basis[i, c] = right[i, c]
         return
-    reach = np.zeros((count, 6, n))  # X^-1 J, columns of the joints
+    rows = 6 * (count - 1)
+    n = basis.shape[1] - nu + rows  # joints, then free rotations
+    reach = np.zeros((count, 6, n))  # X^-1 J, columns of the joints; then -X^-1 e
     target = np.zeros((count, 6))  # X^-1 (a* - drift)
     for k in range(count):
         contact, inverse = reduction.active[k], inverses[k]
@@ -138,9 +178,14 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, redu
                 if value == 0.0:
                     continue
                 target[k, i] += value * (desired[contact, m] - terms.drifts[contact, m])
-                for j in range(n):
+                for j in range(joints.shape[0]):
                     reach[k, i, j] += value * jacobian[m, joints[j]]
-    rows = 6 * (count - 1)
+        for axis in range(2):
+            if edges.free[contact, axis]:
+                lever = edges.pivots[contact, 0] if axis == 1 else -edges.pivots[contact, 1]
+                for i in range(6):
+                    reach[k, i, used] = -(lever * inverse[i, 2] + inverse[i, 3 + axis])
+                used += 1
     free, offset = np.eye(n)[:, : n - rows].copy(), np.zeros(n)
     if count > 1:
         closure, right_side = np.empty((rows, n)), np.empty(rows)
@@ -150,7 +195,7 @@ def _reduce_accelerations(terms: Dynamics, desired: Array, inverses: Array, redu
                 for j in range(n):
                     closure[6 * (k - 1) + i, j] = reach[0, i, j] - reach[k, i, j]
         _null_space(closure, right_side, free, offset, PIVOT_FLOOR)
-    for j in range(n):
+    for j in range(joints.shape[0]):
         start[joints[j]] = offset[j]
         for c in range(n - rows):
             basis[joints[j], nu + c] = free[j, c]

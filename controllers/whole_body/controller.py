@@ -159,14 +159,15 @@ class WholeBodyController:
         self.areas[:] = self._full_areas if areas is None else areas
         for contact, area in enumerate(self.areas):
             self._cones.set_area(contact, area)
+        self.builder.set_edges(self.areas)
         return True
 
     def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
         """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""
         self._contacts = contacts, load
         self._cones.set_load(load)
-        for foot in self._feet:
-            foot.active = not contacts[foot.foot]
+        for foot, free in zip(self._feet, self.builder.edges.free, strict=True):
+            foot.release(None if not contacts[foot.foot] else free)
         shares = [share if contact else 0.0 for share, contact in zip(load, contacts, strict=True)]
         total = max(sum(shares), 1e-6)  # no division by zero without a contact
         for target, share, area in zip(self.wrench_target, shares, self.areas.tolist(), strict=True):

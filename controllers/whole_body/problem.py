@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.qp.active_set import QP
-from controllers.qp.contacts import ContactGains, Reduction, eliminate, make_reduction, reduce_row
+from controllers.qp.contacts import ContactGains, Edges, Reduction, eliminate, make_reduction, reduce_row
 from controllers.qp.terms import ModelTerms, Terms
 from controllers.whole_body.limits import BodyLimits, LimitArrays, LimitRows, RowLimit, Rows, limit_rows
 from controllers.whole_body.tasks import BodyArrays, BodyTasks, Desired, Task, body_rows
@@ -48,6 +48,7 @@ class _Setup(NamedTuple):
     limits: LimitArrays
     stack: Stack
     contacts: ContactGains
+    edges: Edges
     contact_acceleration: Array
     regularisation: float
     setpoint: Setpoint
@@ -82,7 +83,7 @@ class QPBuilder:
     Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
     integrated to the setpoint [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
-    6); ``stack.wrench_target`` is set from outside. Raises ``ConfigError`` when two tasks or limits share a name, or a
+    6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises ``ConfigError`` when two tasks or limits share a name, or a
     contact has fewer than six joints between it and the base.
     """
 
@@ -125,13 +126,18 @@ class QPBuilder:
         tasks.posture.write_into(tasks.posture.jacobian, stack.posture_target, stack.posture_weight)
         self.contact_acceleration = np.zeros((count, 6))
         setpoint = Setpoint(np.array(model.q_lower), np.array(model.q_upper), lookahead)
-        shared = stack, contacts, self.contact_acceleration, regularisation, setpoint
+        self.edges = Edges(np.zeros((count, 2), dtype=bool), np.zeros((count, 2)))
+        self._turns = (0,) * count
+        shared = stack, contacts, self.edges, self.contact_acceleration, regularisation, setpoint
         self._setup = unbox(_Setup(tasks.arrays, limits.arrays, *shared))
         chains = [foot.joint_ids_v for foot in model.feet]
-        self._modes = {
-            active: _make_mode(make_reduction(active, chains, nv), limits, extra_limits)
-            for active in product((False, True), repeat=count)
-        }
+        self._modes: dict[tuple[tuple[bool, ...], tuple[int, ...]], _Mode] = {}
+        for active, turns in product(product((False, True), repeat=count), product(range(3), repeat=count)):
+            used = tuple(turn if bears else 0 for turn, bears in zip(turns, active, strict=True))
+            if (active, used) not in self._modes:
+                reduction = make_reduction(active, chains, nv, sum(used))
+                self._modes[active, used] = _make_mode(reduction, limits, extra_limits)
+            self._modes[active, turns] = self._modes[active, used]
         self._active: _Mode
         self._terms: Unboxed[ModelTerms]
         self._shape = (3, nj)
@@ -139,7 +145,14 @@ class QPBuilder:
     @property
     def problems(self) -> list[QP]:
         """The QP of every set of active contacts."""
-        return [mode.qp for mode in self._modes.values()]
+        return [mode.qp for mode in {id(mode): mode for mode in self._modes.values()}.values()]
+
+    def set_edges(self, areas: Matrix) -> None:
+        """Contacts whose bearing rectangle (contacts, 4) [m] has no width turn about that line."""
+        free, pivots = self.edges
+        np.equal(areas[:, 2::-2], areas[:, 3::-2], out=free)
+        np.multiply(areas[:, ::2], free[:, ::-1], out=pivots)
+        self._turns = tuple(free.sum(axis=1).tolist())
 
     def build(self, terms: Terms, reference: Reference) -> QP:
         """Fill this tick's QP, in arrays that the next call with the same contacts overwrites."""
@@ -149,7 +162,7 @@ class QPBuilder:
                 task.weight_in_force[:] = task.weight
             else:
                 task.weight_in_force[:] = 0.0
-        self._active = mode = self._modes[reference.contacts]
+        self._active = mode = self._modes[reference.contacts, self._turns]
         self._terms, tasks = terms.unboxed, self._tasks
         _build(
             terms.unboxed,
@@ -207,7 +220,8 @@ def _build(model: Unboxed[ModelTerms], setup: Unboxed[_Setup], mode: Unboxed[_Mo
     terms, shared, arrays, references = model.record, setup.record, mode.record, Desired(*desired)
     dynamics, reduction, held = terms.dynamics, arrays.reduction, shared.contact_acceleration
     body_rows(shared.tasks, terms, references)
-    eliminate(dynamics, references.sole_rotations, references.sole_positions, shared.contacts, held, reduction)
+    soles = references.sole_rotations, references.sole_positions
+    eliminate(dynamics, *soles, shared.contacts, shared.edges, held, reduction)
     _assemble_cost(shared.stack, reduction, shared.regularisation, arrays.hessian, arrays.gradient)
     limit_rows(shared.limits, dynamics, reduction, arrays.rows)
 

@@ -258,12 +258,20 @@ class FootTask(GainTask):
         a^* = R^T a_{ref} + k_p \begin{bmatrix} R^T (p_{ref} - p) \\ \log(R^T R_{ref}) \end{bmatrix}
         + k_d (R^T v_{ref} - v)
 
-    Inactive while the foot is planned to bear load: the contact rows hold it.
+    While the foot is planned to bear load, the contact rows hold it: the task acts about the axes that they leave free.
     """
 
     def __init__(self, foot: int, kp: Vector, kd: Vector, weight: Vector, nv: int) -> None:
-        super().__init__(("left_foot", "right_foot")[foot], kp, kd, weight, nv)
-        self.foot = foot
+        super().__init__(("left_foot", "right_foot")[foot], kp, kd, weight.copy(), nv)
+        self.foot, self._full = foot, weight
+
+    def release(self, free: Flags | None) -> None:
+        """Act about those of the x and y axes that are free (2,); in every row when None, for a foot in the air."""
+        self.weight[:] = self._full
+        if free is not None:
+            self.weight[:3] = self.weight[5] = 0.0
+            self.weight[3:5] *= free
+        self.active = bool(self.weight.any())
 
     def update(self, terms: Terms, reference: Reference) -> None:
         """Jacobian of the sole; error is position and rotation vector in the sole frame [m, rad]."""

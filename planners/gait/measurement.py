@@ -60,29 +60,47 @@ class BodyMotion(NamedTuple):
     twists: Matrix  # of the soles, each in its frame, linear part first (2, 6) [m/s, rad/s]
 
 
+class Ground(NamedTuple):
+    """What a measurement knows of the ground."""
+
+    areas: Matrix  # rectangle of each sole that bears; one without width is an edge on which the sole stands (2, 4) [m]
+    slope: Vector  # expected (2,) [-]
+
+
 class GaitMeasurement:
-    """Evaluates robot states."""
+    """Evaluates robot states.
+
+    A sole on its edge is measured by that edge: its place is where it would lie flat, on the expected slope.
+    """
 
     def __init__(self, model: RobotModel) -> None:
         self._model, self._data = model, model.data()
         self._weight = model.mass * GRAVITY
         self._motion = BodyMotion(np.zeros(3), np.zeros(3), np.zeros((2, 4, 4)), np.zeros((2, 6)))
         self._unboxed = unbox(self._motion)
+        self._whole = Ground(np.array([foot.rectangle for foot in model.feet]), np.zeros(2))
 
     def measure(
-        self, state: RobotState, last: Measurement | None = None, motion: Unboxed[BodyMotion] | None = None
+        self,
+        state: RobotState,
+        last: Measurement | None = None,
+        motion: Unboxed[BodyMotion] | None = None,
+        ground: Ground | None = None,
     ) -> Measurement:
         """Evaluate a state; ``last`` has the centres of pressure of soles without load.
 
-        ``motion`` is CoM and soles of this same ``state``, computed from it when None.
+        ``motion`` is CoM and soles of this same ``state``, computed from it when None; ``ground`` that of the last
+        tick, with whole soles when None.
         """
+        areas, slope = ground or self._whole
         if motion is None:
             self._move(state)
             motion = self._unboxed
         body, tilts, turning = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 2))
         cops = np.zeros((2, 2)) if last is None else last.cops.copy()
         left, right = state.contacts
-        first, second, loads = _measure(motion, left.wrench, right.wrench, self._weight, body, tilts, turning, cops)
+        wrenches = left.wrench, right.wrench
+        first, second, loads = _measure(motion, *wrenches, self._weight, areas, slope, body, tilts, turning, cops)
         return Measurement(
             com=body[0],
             com_velocity=body[1],
@@ -109,6 +127,8 @@ def _measure(
     left: Vector,
     right: Vector,
     weight: float,
+    areas: Matrix,
+    slope: Vector,
     body: Matrix,
     tilts: Matrix,
     turning: Matrix,
@@ -119,6 +139,7 @@ def _measure(
     Fills the fields ``tilts``, ``turning`` and ``cops`` of ``Measurement``, and CoM and its velocity ``body`` (2, 3).
     """
     com, velocity, poses, twists = motion.record
+    pivots = np.zeros((2, 2))
     for i in range(3):
         body[0, i], body[1, i] = com[i], velocity[i]
     for foot in range(2):
@@ -127,11 +148,25 @@ def _measure(
         for i in range(2):
             tilts[foot, i] = -pose[i, 2] / upright
             turning[foot, i] = twists[foot, 3 + i]
+            if areas[foot, 2 * i] == areas[foot, 2 * i + 1]:
+                pivots[foot, i] = areas[foot, 2 * i]
+        if pivots[foot, 0] != 0.0 or pivots[foot, 1] != 0.0:
+            tilts[foot] = slope
         if wrench[2] / weight > _LOADED:
             cops[foot, 0], cops[foot, 1] = -wrench[4] / wrench[2], wrench[3] / wrench[2]
-    return _place(poses[0]), _place(poses[1]), (left[2] / weight, right[2] / weight)
+    return _place(poses[0], pivots[0]), _place(poses[1], pivots[1]), (left[2] / weight, right[2] / weight)
 
 
 @register_jitable
-def _place(pose: Matrix) -> Place:
-    return pose[0, 3], pose[1, 3], math.atan2(pose[1, 0], pose[0, 0]), pose[2, 3]
+def _place(pose: Matrix, pivot: Vector) -> Place:
+    """Place of a sole that lies level on its pivot (2,) [m]."""
+    yaw, (px, py) = math.atan2(pose[1, 0], pose[0, 0]), pivot
+    if px == 0.0 and py == 0.0:
+        return pose[0, 3], pose[1, 3], yaw, pose[2, 3]
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (
+        pose[0, 3] + pose[0, 0] * px + pose[0, 1] * py - (c * px - s * py),
+        pose[1, 3] + pose[1, 0] * px + pose[1, 1] * py - (s * px + c * py),
+        yaw,
+        pose[2, 3] + pose[2, 0] * px + pose[2, 1] * py,
+    )

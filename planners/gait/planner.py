@@ -19,7 +19,7 @@ from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
-from planners.gait.measurement import BodyMotion, GaitMeasurement, Measurement, filtered_dcm_rate
+from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import pace_at, share_of, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
@@ -156,7 +156,9 @@ class GaitPlanner:
         """
         gait = self.state
         before = gait.measured
-        gait.measured = measured = self._sensors.measure(state, before, motion)
+        gait.measured = measured = self._sensors.measure(
+            state, before, motion, Ground(gait.footing.areas, gait.soles.slope)
+        )
         share = min(dt / self.config.push_filter, 1.0)
         states = before.com, before.com_velocity, measured.com, measured.com_velocity
         rate, gait.dcm_rate = gait.dcm_rate, np.empty(2)
@@ -188,7 +190,9 @@ class GaitPlanner:
             cmp_offset = None
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single_support()
-        gait.footing = self._footing.update(gait.footing, measured, swinging, dt, urgent=gait.step.urgent)
+        gait.footing = self._footing.update(
+            gait.footing, measured, swinging, gait.soles.slope, dt, urgent=gait.step.urgent
+        )
         loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
             return structs.replace(rest.standing, sole_areas=gait.footing.areas)

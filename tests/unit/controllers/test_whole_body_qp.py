@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 import quadprog
 from msgspec import structs
+from scipy.linalg import null_space
 
 from controllers.balance.controller import BalanceController
 from controllers.qp.active_set import QP, kkt_residual
@@ -37,7 +38,7 @@ def moving_state(model: RobotModel, seed: int, speed: float = 0.2) -> RobotState
 
 
 def prepare(
-    model: RobotModel, state: RobotState, contacts: tuple[bool, bool], **solver: Any
+    model: RobotModel, state: RobotState, contacts: tuple[bool, bool], areas: np.ndarray | None = None, **solver: Any
 ) -> tuple[WholeBodyController, Reference]:
     config = default_config(WholeBodyConfig, "controllers", "whole_body")
     config = replace(config, solver=replace(config.solver, **solver)) if solver else config
@@ -45,7 +46,7 @@ def prepare(
     balance.reset(state)
     balance.step(state, 1e-3)
     balance.whole_body.com_task.override = np.array([0.5, -0.3, 0.2])
-    reference = structs.replace(balance.reference, contacts=contacts)
+    reference = structs.replace(balance.reference, contacts=contacts, sole_areas=areas)
     balance.whole_body.step(state, reference)
     return balance.whole_body, reference
 
@@ -82,6 +83,80 @@ def test_solution_obeys_physics(model: RobotModel, contacts: tuple[bool, bool], 
             assert controller.wrenches[foot, 2] > 0.0
 
 
+def edge_areas(model: RobotModel, left: str, right: str) -> np.ndarray:
+    """What bears of each sole: 'flat', an edge ('toe', 'heel', 'left', 'right') or a corner ('toe left')."""
+    areas = np.array([foot.rectangle for foot in model.feet])
+    for area, names in zip(areas, (left, right), strict=True):
+        for name in names.split():
+            if name != "flat":
+                low, high = {"toe": (0, 1), "heel": (1, 0), "left": (2, 3), "right": (3, 2)}[name]
+                area[low] = area[high]
+    return areas
+
+
+def held_directions(area: np.ndarray) -> np.ndarray:
+    """Rows (k, 6) of the acceleration of a sole's origin that stay the same when it turns about its edges."""
+    x_min, x_max, y_min, y_max = area
+    turns = []
+    if x_min == x_max:
+        turns.append([0.0, 0.0, x_min, 0.0, 1.0, 0.0])
+    if y_min == y_max:
+        turns.append([0.0, 0.0, -y_min, 1.0, 0.0, 0.0])
+    return null_space(np.array(turns).reshape(-1, 6)).T if turns else np.eye(6)
+
+
+EDGES = [
+    ((True, False), "toe", "flat"),
+    ((False, True), "flat", "left"),
+    ((True, True), "heel", "flat"),
+    ((True, True), "toe", "right"),
+    ((True, True), "left", "heel right"),
+    ((True, False), "toe left", "toe"),
+]
+
+
+@pytest.mark.parametrize(("contacts", "left", "right"), EDGES)
+def test_a_sole_on_its_edge_turns_about_it_without_a_moment(
+    model: RobotModel, contacts: tuple[bool, bool], left: str, right: str
+) -> None:
+    areas = edge_areas(model, left, right)
+    state = moving_state(model, 4, 0.4)
+    controller, reference = prepare(model, state, contacts, areas)
+    assert controller.solution.status is SolveStatus.OPTIMAL
+    data, contact = model.data(), controller.config.contact
+    pin.forwardKinematics(model.pin, data, state.q, state.v, controller.acceleration)
+    for foot in np.flatnonzero(contacts):
+        x_min, x_max, y_min, y_max = areas[foot]
+        free = np.array([y_min == y_max, x_min == x_max, False])
+        pivot = np.array([x_min * free[1], y_min * free[0], 0.0])
+        force, moment = controller.wrenches[foot, :3], controller.wrenches[foot, 3:]
+        np.testing.assert_allclose((moment - np.cross(pivot, force))[free], 0.0, atol=1e-6)
+        assert force[2] > 0.0
+        frame_id = model.feet[foot].frame_id
+        pose = pin.updateFramePlacement(model.pin, data, frame_id)
+        velocity = pin.getFrameVelocity(model.pin, data, frame_id, pin.LOCAL)
+        acceleration = pin.getFrameClassicalAcceleration(model.pin, data, frame_id, pin.LOCAL)
+        rate, held = velocity.angular, pin.SE3(reference.sole_rotations[foot], reference.sole_positions[foot])
+        at_pivot = acceleration.linear + np.cross(acceleration.angular, pivot) + np.cross(rate, np.cross(rate, pivot))
+        error = pose.rotation.T @ (held.act(pivot) - pose.act(pivot))
+        expected = contact.stiffness * error - contact.damping * (velocity.linear + np.cross(rate, pivot))
+        np.testing.assert_allclose(at_pivot, expected, atol=1e-7)
+        turned = contact.stiffness * pin.log3(pose.rotation.T @ held.rotation) - contact.damping * rate
+        np.testing.assert_allclose(acceleration.angular[~free], turned[~free], atol=1e-7)
+        assert (abs(acceleration.angular - turned)[free] > 1e-3).all()
+
+
+@pytest.mark.parametrize(("contacts", "left", "right"), EDGES[:-1])  # quadprog fails on the rows of a corner
+@pytest.mark.parametrize("speed", [0.1, 0.4])
+def test_the_reduced_problem_with_edges_equals_the_full_one(
+    model: RobotModel, contacts: tuple[bool, bool], left: str, right: str, speed: float
+) -> None:
+    state = moving_state(model, 5, speed)
+    controller, reference = prepare(model, state, contacts, edge_areas(model, left, right), regularisation=1e-11)
+    assert controller.solution.status is SolveStatus.OPTIMAL
+    np.testing.assert_allclose(controller.torque, full_solution(controller, reference, state, model), atol=5e-4)
+
+
 def full_solution(
     controller: WholeBodyController, reference: Reference, state: RobotState, model: RobotModel
 ) -> np.ndarray:
@@ -113,10 +188,11 @@ def full_solution(
         gradient[span] -= weight * controller.wrench_target[foot]
         base[:, span] = -sole.jacobian[:, :6].T
         torque_rows[:, span] = -sole.jacobian[:, 6:].T
-        row = np.zeros((6, n))
-        row[:, :nv] = sole.jacobian
+        held = held_directions(controller.areas[foot])
+        row = np.zeros((len(held), n))
+        row[:, :nv] = held @ sole.jacobian
         equalities.append(row)
-        right.append(builder.contact_acceleration[foot] - sole.drift)
+        right.append(held @ (builder.contact_acceleration[foot] - sole.drift))
         cone = np.zeros((17, n))
         cone[:, span] = cones.matrix[foot]
         inequalities += [cone, -cone]

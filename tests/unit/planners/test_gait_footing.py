@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec import structs
 
 from models.config import default_config
 from models.robot_model import RobotModel
@@ -39,7 +40,7 @@ class Watched:
         return self.state.areas
 
     def update(self, seen: Measurement, swinging: int | None = None, *, urgent: bool = False) -> None:
-        self.state = self._law.update(self.state, seen, swinging, DT, urgent=urgent)
+        self.state = self._law.update(self.state, seen, swinging, np.zeros(2), DT, urgent=urgent)
 
 
 def measured(turning: tuple[float, float], cop: tuple[float, float], load: float = 0.6) -> Measurement:
@@ -111,12 +112,36 @@ def test_a_sole_that_comes_to_rest_turned_has_found_ground(footing: Watched) -> 
     np.testing.assert_array_equal(footing.areas, whole)
 
 
-def test_a_sole_that_tipped_over_its_rim_and_falls_back_is_whole(footing: Watched) -> None:
+def test_a_sole_that_tipped_over_its_rim_bears_on_it_until_it_lies_flat(footing: Watched) -> None:
     whole = footing.areas.copy()
     rim = (0.0, whole[0, 3])
-    tipped = turn(footing, measured((-TURN, 0.0), rim), 3 * WHILE)
-    np.testing.assert_array_equal(tipped, whole[0])
-    np.testing.assert_array_equal(turn(footing, measured((TURN, 0.0), rim), 3 * WHILE), whole[0])
+    tipped = turn(footing, measured((-TURN, 0.0), rim), round(1.2 * CONFIG.tipped / TURN / DT))
+    np.testing.assert_array_equal(tipped, [*whole[0, :2], whole[0, 3], whole[0, 3]])
+    np.testing.assert_array_equal(footing.areas[1], whole[1])
+    back = turn(footing, measured((TURN, 0.0), rim), round(0.5 * CONFIG.tipped / TURN / DT))
+    np.testing.assert_array_equal(back, tipped)
+    flat = turn(footing, measured((TURN, 0.0), rim), round(0.3 * CONFIG.tipped / TURN / DT))
+    np.testing.assert_array_equal(flat, whole[0])
+
+
+def test_a_sole_that_tipped_over_its_rim_is_whole_once_its_cop_leaves_the_rim(footing: Watched) -> None:
+    whole = footing.areas.copy()
+    turn(footing, measured((-TURN, 0.0), (0.0, whole[0, 3])), 2 * WHILE)
+    footing.update(measured((0.0, 0.0), (0.0, whole[0, 3] - 1.5 * CONFIG.rim)))
+    np.testing.assert_array_equal(footing.areas, whole)
+
+
+@pytest.mark.parametrize(("tilt", "cop", "edge"), [((0.1, 0.0), -0.05, -0.05), ((-0.1, 0.0), 0.12, 0.12)])
+def test_a_foot_that_lands_on_its_heel_or_toe_bears_on_it(
+    footing: Watched, tilt: tuple[float, float], cop: float, edge: float
+) -> None:
+    """Turned by a quarter: its toe points along y of W, to which it rises."""
+    sole, cops = Foothold(0.0, 0.0, 0.5 * np.pi), (cop, 0.0)
+    seen = structs.replace(measured((0.0, 0.0), cops), soles=(sole, sole), tilts=np.array([tilt[::-1], (0.0, 0.0)]))
+    for urgent in (False, True):
+        footing.update(seen, 0)
+        footing.update(seen, urgent=urgent)
+        np.testing.assert_array_equal(footing.areas[0, :2], edge)
 
 
 def test_a_sole_that_rolls_as_it_lands_is_whole(footing: Watched) -> None:
