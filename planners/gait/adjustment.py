@@ -250,7 +250,7 @@ class StepPlanner:
         self._limits = limits_of(config.reach)
         self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
-        boxes, corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.beside)
+        boxes, corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
         speed, quickest = config.swing.speed_max, config.timing.single_urgent
         cop = config.adjustment.cop_share * soles.half
         model = StepModel(soles.centres, SwingLeg(shape, lever))

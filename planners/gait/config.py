@@ -69,7 +69,6 @@ class ReachConfig:
     width_urgent: Positive  #: The same for an urgent step [m]
     cross: NonNegative  #: How far a crossing foot may land beyond the stance foot [m]
     cross_ahead: Positive  #: Least distance ahead of the stance foot, or behind it, of a foot that crosses [m]
-    beside: Positive  #: Lateral distance from which a foot may pass the stance foot [m]
     forward: Positive  #: Largest step ahead of the stance foot [m]
     backward: Positive  #: Largest step behind the stance foot [m]
     turn_out: Positive  #: Largest turn of a sole outwards from the stance sole [rad]
