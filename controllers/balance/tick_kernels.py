@@ -94,9 +94,9 @@ def standing_reference(
 
 @njit(cache=True)
 def _move_footholds(arrays: BalanceArrays, loaded_left: bool, loaded_right: bool, share: float) -> None:
-    """Move the footholds with the loaded soles that lie flat, and the anchor to their middle, level, at their mean heading.
+    """Move the footholds with the loaded soles that lie flat, and the anchor to their middle, at their mean heading.
 
-    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
+    The anchor is level: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
