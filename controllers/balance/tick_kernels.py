@@ -67,9 +67,9 @@ def standing_reference(
     """Footholds, and the references that a posture (nj,) means on them.
 
     ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick. Footholds follow
-    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no longer than ``leg`` [m], as in
-    'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out: ``reference`` (9, 3), in W: CoM,
-    its velocity, rotation of base and torso; then DCM and CoM height above the soles.
+    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no
+    longer than ``leg`` [m], as in 'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out:
+    ``reference`` (9, 3), in W: CoM, its velocity, rotation of base and torso; then DCM and CoM height above the soles.
     """
     arrays, velocity = balance.record, np.zeros(3)
     if moving:
@@ -98,7 +98,7 @@ def standing_reference(
 def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
     """Move the footholds with their soles, and the anchor to their middle, level, at their mean heading.
 
-    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
+    The anchor is level: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
