@@ -132,7 +132,8 @@ class WholeBodyConfig:
     limits: LimitConfig
     solver: SolverConfig
     stepping: SteppingConfig  #: What differs while the robot steps
-    lookahead_s: NonNegative  #: Integration time from accelerations to the drivers' setpoints [s]
+    #: Least integration time from accelerations to the drivers' setpoints; a longer measured delay replaces it [s]
+    lookahead_s: NonNegative
     tasks: dict[str, PointTask]  #: Further tasks by name
 
 

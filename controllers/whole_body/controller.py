@@ -47,8 +47,8 @@ class WholeBodyController:
     with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
     its foothold.
 
-    The setpoint integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
-    opposes only what happens after the measurement.
+    The setpoint integrates the acceleration over a look-ahead from the measured state, which is the delay of the
+    commands (``set_lookahead``): the drivers' stiffness opposes only what was not planned meanwhile.
 
     Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
 
@@ -130,6 +130,7 @@ class WholeBodyController:
         """Discard the last command and the failure count; ``joints`` are the measured positions (nj,) [rad]."""
         self._failures = 0
         self._last = None
+        self.set_lookahead(0.0)
         self.solver.reset()
         self._joints = joints
         self.torque = np.zeros(self.model.nj)
@@ -149,6 +150,10 @@ class WholeBodyController:
         self.torque = command[2]
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
+
+    def set_lookahead(self, time: float) -> None:
+        """Integrate the setpoints over a time [s], at least ``lookahead_s``."""
+        self.builder.lookahead[0] = max(time, self.config.lookahead_s)
 
     def set_support_areas(self, areas: Matrix | None) -> bool:
         """Set the parts of the soles that count as support (2, 4) [m], whole if None; returns whether they changed."""
