@@ -1,5 +1,6 @@
 """Whole-body controller: terms, tasks, limits, QP, solution, driver setpoints, with a documented fallback."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -78,7 +79,7 @@ class WholeBodyController:
         self.com_task, self._feet = body.com, body.feet
         contact, solver = config.contact, config.solver
         self._cones = cones = WrenchConeLimit(
-            [min(contact.friction, foot.friction) for foot in model.feet],
+            [contact.friction] * len(model.feet),
             contact.sole_margin,
             contact.force_min * self._weight,
             contact.force_max * self._weight,
@@ -115,6 +116,9 @@ class WholeBodyController:
         self._full_areas: Matrix = np.array([foot.rectangle for foot in model.feet])
         self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
+        self._known = min(foot.friction for foot in model.feet)  # while the state has no estimate
+        self.friction = contact.friction  #: Coefficient of the cones [-]
+        self._set_friction(math.inf)
         self.set_support_areas(None)
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((len(model.feet), 6))
@@ -137,6 +141,7 @@ class WholeBodyController:
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
         """One tick from the estimated state; ``terms`` must have been updated with it (the balance law does)."""
+        self._set_friction(state.friction)
         self.set_support_areas(reference.sole_areas)
         if (reference.contacts, reference.load) != self._contacts:
             self._change_contacts(reference.contacts, reference.load)
@@ -166,6 +171,15 @@ class WholeBodyController:
             self._cones.set_area(contact, area)
         self.builder.set_edges(self.areas)
         return True
+
+    def _set_friction(self, estimate: float) -> None:
+        """Set the coefficient of the cones to the configured share of an estimated one [-], in steps of its grain."""
+        contact = self.config.contact
+        steps = contact.friction_share * min(estimate, self._known) / contact.friction_grain
+        friction = min(max(math.floor(steps), 1) * contact.friction_grain, contact.friction)
+        if friction != self.friction:
+            self.friction, self._areas_key = friction, None
+            self._cones.set_friction(friction)
 
     def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
         """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""

@@ -431,3 +431,16 @@ def test_setpoints_are_where_the_joints_are_when_the_command_arrives(model: Robo
     assert late.tau == pytest.approx(command.tau)
     controller.set_lookahead(0.0)
     assert controller.step(state, reference)[0].q == pytest.approx(command.q)
+
+
+def test_the_cones_follow_the_estimated_friction(model: RobotModel) -> None:
+    state = moving_state(model, 1)
+    controller, reference = prepare(model, state, (True, False))
+    known = controller.friction
+    controller.step(structs.replace(state, friction=0.2), reference)
+    share = controller.config.contact.friction_share
+    assert controller.friction == pytest.approx(0.2 * share, abs=controller.config.contact.friction_grain)
+    x, y, normal = controller.wrenches[0, :3]
+    assert max(abs(x), abs(y)) <= controller.friction / np.sqrt(2.0) * normal + 1e-6
+    controller.step(state, reference)  # without an estimate
+    assert controller.friction == known
