@@ -355,6 +355,8 @@ class GaitPlanner:
         gait = self.state
         gait.steps += 1
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
+        missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
+        gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
         gait.soles = self._soles.landed(gait.soles, foot, gait.measured)
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
