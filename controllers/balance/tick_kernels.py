@@ -66,8 +66,8 @@ def standing_reference(
 ) -> None:
     """Footholds, and the references that a posture (nj,) means on them.
 
-    ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick; soles bear load
-    from ``least_load`` [N] on; ``share`` is as in ``_move_footholds``. Legs are no longer than ``leg`` [m], as in
+    ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick. Footholds follow
+    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no longer than ``leg`` [m], as in
     'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out: ``reference`` (9, 3), in W: CoM,
     its velocity, rotation of base and torso; then DCM and CoM height above the soles.
     """
@@ -80,9 +80,11 @@ def standing_reference(
         if not fresh:
             for i in range(3):
                 velocity[i] = (arrays.posture_com[i] - before[i]) / dt
-    flat_left, flat_right = not arrays.edges.free[0].any(), not arrays.edges.free[1].any()
-    follow_left, follow_right = flat_left and wrench_left[2] > least_load, flat_right and wrench_right[2] > least_load
-    _move_footholds(arrays, fresh or follow_left, fresh or follow_right, share)
+    follow_left, follow_right = share == 1.0, share == 1.0
+    if share < 1.0:
+        follow_left = not arrays.edges.free[0].any() and wrench_left[2] > least_load
+        follow_right = not arrays.edges.free[1].any() and wrench_right[2] > least_load
+    _move_footholds(arrays, follow_left, follow_right, share)
     _place_reference(arrays, velocity, reference)
     reference[0, 2] -= _drop(arrays, leg)
     height = reference[0, 2] - arrays.anchor[2]
@@ -93,16 +95,16 @@ def standing_reference(
 
 
 @njit(cache=True)
-def _move_footholds(arrays: BalanceArrays, loaded_left: bool, loaded_right: bool, share: float) -> None:
-    """Move the footholds with the loaded soles that lie flat, and the anchor to their middle, level, at their mean heading.
+def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
+    """Move the footholds with their soles, and the anchor to their middle, level, at their mean heading.
 
     Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation
-    if loaded_left:
+    if left:
         follow_pose(rotations[0], positions[0], arrays.poses[0], share)
-    if loaded_right:
+    if right:
         follow_pose(rotations[1], positions[1], arrays.poses[1], share)
     for i in range(3):
         arrays.anchor[i] = 0.5 * (positions[0, i] + positions[1, i])

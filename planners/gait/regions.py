@@ -70,10 +70,14 @@ def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Poi
     """The corner that the straight way of a foot would cut, in the stance frame [m]; NaN without one.
 
     The area to keep out of is ``|x| < corner[0]``, less to the foot's own side than ``corner[1]``. A foot that is
-    inside already goes straight.
+    inside already leaves it ahead or behind before it goes farther across.
     """
     side = 1.0 if foot == LEFT else -1.0
     first, last = side * place[1] - corner[1], side * target[1] - corner[1]
+    if first < 0.0 and last < 0.0:
+        if abs(place[0]) >= corner[0] or last >= first:
+            return NOWHERE
+        return math.copysign(corner[0], target[0]), place[1]
     if first * last >= 0.0:
         return NOWHERE
     x = place[0] + (target[0] - place[0]) * first / (first - last)

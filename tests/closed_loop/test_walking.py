@@ -73,7 +73,7 @@ def test_a_push_beyond_the_ankles_is_caught_by_steps(direction: tuple[float, flo
     loop.run(0.3)
     force = loop.robot.mass * 0.6 / 0.1  # N: 0.6 m/s in 0.1 s
     loop.apply_push((force * direction[0], force * direction[1], 0.0), 0.1)
-    loop.run(3.0)
+    loop.run(4.0)
     assert not loop.fallen
     assert 1 <= loop.gait.steps <= 6
     assert not loop.gait.walking  # back to a standstill
@@ -120,7 +120,7 @@ def test_pushed_in_mode_stand_it_steps_and_is_back_in_its_stance(degrees: float,
     force = loop.robot.mass * 0.6 / 0.1  # [N] 0.6 m/s in 0.1 s
     angle = math.radians(degrees)
     loop.apply_push((force * math.cos(angle), force * math.sin(angle), 0.0), 0.1)
-    loop.run(4.0)
+    loop.run(5.0)
     assert not loop.fallen, loop.fall_reason
     assert loop.mode is Mode.STAND
     assert loop.gait.steps >= 1 and loop.gait.settled

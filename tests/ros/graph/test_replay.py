@@ -43,7 +43,7 @@ def recorded(g1: RobotModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert loop.command("wave").accepted
         loop.run(0.5)
         loop.command("stop")
-        loop.run(2.0)
+        loop.run(2.5)
         assert loop.mode is Mode.STAND and not loop.fallen
         assert list(path.parent.glob("*.mcap")) == []  # not before it is complete
     assert [each.name for each in path.parent.iterdir()] == ["run.mcap"]
