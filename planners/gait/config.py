@@ -25,6 +25,11 @@ class StrideConfig:
     crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
     clearance: Positive  #: Height of the sole at mid-swing [m]
 
+    @property
+    def period(self) -> float:
+        """Time of a step [s]."""
+        return self.single + self.double
+
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PaceConfig:
@@ -37,6 +42,7 @@ class PaceConfig:
     calm: NonNegative  #: Largest DCM error of an undisturbed walk [m]
     alarm: Positive  #: DCM error from which the gait is as fast as it can be [m]
     calm_time: Positive  #: Time constant with which it returns to the pace of its speed [s]
+    friction_share: Positive  #: Share of the ground's coefficient of friction that the steps may need [-]
     slow: StrideConfig
     fast: StrideConfig
 
