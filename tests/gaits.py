@@ -1,9 +1,17 @@
 """Gaits of the tests, brought to where something is to happen."""
 
+import numpy as np
+from msgspec import structs
+
 from models.robot_model import RobotModel
-from planners.gait.config import GaitConfig
+from planners.gait.adjustment import StepPlanner
+from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.contact import Soles
+from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.planner import GaitPlanner
+from planners.gait.reaction import leg_lever
 from planners.gait.state import GaitPhase
+from planners.gait.swing import SwingFoot
 from tests.support import standing
 
 DT = 0.002
@@ -29,3 +37,19 @@ def in_single_support(model: RobotModel, config: GaitConfig | None = None, *, st
     while planner.phase is not GaitPhase.SINGLE:
         planner.step(standing(model), DT)
     return planner
+
+
+class Planned:
+    """The step planner of a robot, with its parts."""
+
+    def __init__(self, name: str) -> None:
+        self.model = RobotModel.load(name)
+        self.config: GaitConfig = load_gait_config(self.model)
+        self.soles, self.swing = Soles(self.model, self.config), SwingFoot(self.config.swing)
+        self.lever = leg_lever(self.model)
+        self.plan = StepPlanner(self.config, self.soles, self.swing.shape, self.lever)
+        self.measured = GaitMeasurement(self.model).measure(standing(self.model))
+
+    def with_dcm(self, dcm: np.ndarray) -> Measurement:
+        """A robot at rest whose CoM is at a DCM."""
+        return structs.replace(self.measured, com=np.array([*dcm, self.measured.com[2]]), com_velocity=np.zeros(3))

@@ -9,6 +9,8 @@ Without a step D is zero. With N steps of length ``l`` and time ``T``, the first
 
 .. math:: D_N = (D_{N-1} + l_N) e^{-\omega T} = \sum_{k=1}^{N} l_k e^{-k \omega T}
 
+and d is the distance to the edge of the foot that bears meanwhile: the one that steps first bears nothing.
+
 References:
     Koolen et al.: Capturability-based analysis and control of legged locomotion, part 1, IJRR 2012, eq. 29: its
     ``d_N - r_max`` is ``D_N`` here.
@@ -43,6 +45,7 @@ from models.errors import PoiseError
 from models.robot_model import RobotModel
 from models.types import Matrix, Vector
 from planners.gait.config import GaitConfig
+from planners.gait.regions import URGENT_REGIONS, region_boxes, region_limits
 
 
 def ankle_bound(mass: float, height: float, distance: float, duration: float) -> float:
@@ -52,21 +55,25 @@ def ankle_bound(mass: float, height: float, distance: float, duration: float) ->
 
 
 def step_length(gait: GaitConfig, foot: int, direction: Vector) -> float:
-    """How far from the stance sole a foot can be put along a direction (2,) of its frame [m]."""
-    reach = gait.reach
-    narrow, wide = (reach.width_min, reach.width_urgent) if foot == 0 else (-reach.width_urgent, -reach.width_min)
-    corners = [(x, y) for x in (-reach.backward, reach.forward) for y in (narrow, wide)]
-    return float(max(np.dot(corner, direction[:2]) for corner in corners))
+    """How far from the stance sole a foot can be put along a direction (2,) of its frame, crossing included [m]."""
+    boxes = region_boxes(region_limits(gait.reach))[list(URGENT_REGIONS), foot]  # (regions, 2, 2)
+    return float((boxes * direction[:2]).max(axis=1).sum(axis=1).max())
 
 
-def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector) -> float:
-    """``D_N`` of the better first foot along a direction (2,) [m]: how far past the edge N steps can rest the DCM."""
+def step_distance(gait: GaitConfig, omega: float, steps: int, direction: Vector, first: int) -> float:
+    """``D_N`` along a direction (2,) [m] with the foot ``first``, past the edge of the other sole."""
     decay = math.exp(-omega * gait.timing.single_urgent)
-    sums = []
-    for first in range(2):
-        lengths = [step_length(gait, (first + k) % 2, direction) for k in range(steps)]
-        sums.append(sum(length * decay ** (k + 1) for k, length in enumerate(lengths)))
-    return max(0.0, *sums)
+    return sum(step_length(gait, (first + k) % 2, direction) * decay ** (k + 1) for k in range(steps))
+
+
+def distance_with_steps(
+    gait: GaitConfig, omega: float, steps: int, direction: Vector, edges: tuple[float, float]
+) -> float:
+    """``d + D_N`` of the better first foot [m].
+
+    ``edges`` are how far the DCM is from the far edge of each sole along the direction [m]; ``-inf`` without load.
+    """
+    return max(edges[1 - first] + step_distance(gait, omega, steps, direction, first) for first in range(2))
 
 
 FORCE_MAX = 10.0  # bound of a sole's normal force, in weights of the robot: none that matters [-]

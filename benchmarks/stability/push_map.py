@@ -22,7 +22,7 @@ from benchmarks.core.harness import Case, Options, Report
 from benchmarks.core.loops import Search, demand, largest
 from benchmarks.stability.falls import FAILED, GOAL, PASSED, draw_fall, moments_since
 from benchmarks.stability.push import PushMap, PushMode, angles, direction_name, draw_map, stance
-from benchmarks.stability.push_bounds import ankle_bound, step_distance
+from benchmarks.stability.push_bounds import ankle_bound, distance_with_steps
 from bridge.closed_loop import ClosedLoop
 from models.config import STRICT, Count, Fraction, NonNegative, Positive, default_config
 from models.constants import GRAVITY
@@ -224,13 +224,14 @@ def bounds(trial: Trial) -> dict[str, float]:
     height = float(now.com[2] - now.soles[loaded, 2].mean())
     omega = math.sqrt(GRAVITY / height)
     dcm = now.com[:2] + now.com_velocity[:2] / omega
-    ahead = float((now.polygon @ direction).max() - dcm @ direction)
+    edges = np.full(2, -math.inf)
+    edges[loaded] = (now.corners[loaded, :, :2] @ direction).max(axis=1) - dcm @ direction
     frame = np.array([math.cos(trial.angle), math.sin(trial.angle)])
-    further = step_distance(loop.gait.config, omega, config.bound_steps, frame)
+    far = distance_with_steps(loop.gait.config, omega, config.bound_steps, frame, (edges[0], edges[1]))
     mass = loop.robot.mass
     return {
         name: max(ankle_bound(mass, height, distance, config.duration), 0.0) * config.duration / mass
-        for name, distance in (("ankle_dv", ahead), ("steps_dv", ahead + further))
+        for name, distance in (("ankle_dv", float(edges.max())), ("steps_dv", far))
     }
 
 

@@ -33,6 +33,7 @@ from planners.gait.regions import (
     Passage,
     Region,
     corner_between,
+    divided,
     missed,
     region_boxes,
     region_limits,
@@ -40,7 +41,7 @@ from planners.gait.regions import (
 from planners.gait.swing import SwingShape, SwingState, Via
 
 _UNSOLVED = 1e6  #: Value of a QP without a solution [-]
-_PASSING = 1.5  #: Speed at a corner over the mean speed of the rest of the way [-]
+_PASSING = 1.5  #: Speed at a corner over the mean speed of the way behind it [-]
 
 
 class StepProblem(NamedTuple):
@@ -249,12 +250,12 @@ class StepPlanner:
         self._limits = limits_of(config.reach)
         self._bounds = unbox(self._limits)
         law, reach = self._adjustment, config.reach
-        boxes, corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
+        boxes, self._corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
         speed, quickest = config.swing.speed_max, config.timing.single_urgent
         cop = config.adjustment.cop_share * soles.half
         model = StepModel(soles.centres, SwingLeg(shape, lever))
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
-        passage = Passage(corner, boxes, speed, quickest)
+        passage = Passage(self._corner, boxes, speed, quickest)
         self._setup = unbox(_Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal))
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
@@ -287,8 +288,11 @@ class StepPlanner:
         body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
         own = Region.URGENT if walk.urgent else Region.OWN
         last, best, least = step.region if step.region.crossing else own, None, math.inf
+        place = walk.stance.relative(*swing.position[:2].tolist())
         for region in URGENT_REGIONS if walk.urgent or last.crossing else (own,):
             kept, corner = region is last, NOWHERE
+            if not kept and divided(walk.foot, place, region, self._corner):
+                continue
             at = _Underway(walk.foot, region, kept, ends, omega, elapsed, step.time, soonest, latest)
             for _ in range(2):  # straight, then round the stance foot where it is in the way
                 lacking = _assemble_step(self._setup, poses, at, walk.pace, dcm, motion, body, corner)
@@ -306,7 +310,11 @@ class StepPlanner:
         end = np.empty(2)
         x, y = _foothold_of(self._setup, poses, walk.foot, omega, walk.pace, z, end)
         hold, time = Foothold(x, y, float(poses[1, 2]), walk.stance.z), math.log(z[2]) / omega
-        via = None if math.isnan(corner[0]) else _passing(walk.stance.moved(*corner), swing, hold, elapsed, time)
+        via, share, lead = None, None, config.swing.urgent_lead if walk.urgent else 0.0
+        if not math.isnan(corner[0]):
+            if step.via is not None and step.region is region:
+                share = min(max((step.via.time - elapsed) / max(step.time - lead - elapsed, 1e-3), 0.0), 0.9)
+            via = _passing(walk.stance.moved(*corner), walk.liftoff, swing, hold, elapsed, time - lead, share)
         return PlannedStep(hold, time, end, solved, region, via, least)
 
     def _coming(self, walk: Walk) -> Matrix:
@@ -319,14 +327,20 @@ class StepPlanner:
         return preview_poses(walk.stance, walk.foot, command.velocity, period, self._bounds, count, steps_left)
 
 
-def _passing(corner: Point, swing: SwingState, hold: Foothold, elapsed: float, time: float) -> Via:
-    """When and how fast a foot on its way to a foothold passes a corner in W (2,) [m]."""
+def _passing(
+    corner: Point, liftoff: Foothold, swing: SwingState, hold: Foothold, elapsed: float, end: float, share: float | None
+) -> Via:
+    """When and how fast a foot on its way to a foothold passes a corner in W (2,) [m].
+
+    ``share`` is that of the time to the ``end`` of the swing at which it does; as those of the ways when None.
+    """
     (x, y), (from_x, from_y) = corner, swing.position[:2].tolist()
-    before, after = math.hypot(x - from_x, y - from_y), math.hypot(hold.x - x, hold.y - y)
-    left, way = max(time - elapsed, 1e-3), max(before + after, 1e-6)
-    along_x, along_y = hold.x - from_x, hold.y - from_y
-    speed = _PASSING * way / left / max(math.hypot(along_x, along_y), 1e-6)
-    return Via(x, y, (speed * along_x, speed * along_y), elapsed + left * before / way)
+    before, after = math.hypot(x - from_x, y - from_y), max(math.hypot(hold.x - x, hold.y - y), 1e-6)
+    share = before / (before + after) if share is None else share
+    left = max(end - elapsed, 1e-3)
+    along_x, along_y = hold.x - liftoff.x, hold.y - liftoff.y
+    speed = _PASSING * after / (left * (1.0 - share)) / max(math.hypot(along_x, along_y), 1e-6)
+    return Via(x, y, (speed * along_x, speed * along_y), elapsed + left * share)
 
 
 @njit(cache=True)

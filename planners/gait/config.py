@@ -281,7 +281,7 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
             fast=_stride(config.pace.fast, length, time),
         ),
         timing=_times(config.timing, time, "single_min", "single_urgent", "single_max", "start", "finish"),
-        reach=_times(config.reach, length, "forward", "backward"),
+        reach=_times(config.reach, length, "forward", "backward", "cross_ahead"),
         velocity=_times(config.velocity, time, "forward", "backward", "lateral"),
         swing=_times(_times(config.swing, length, "rise_max"), time, "speed_max", "late_velocity"),
         route=_times(config.route, time, "forward", "lateral"),

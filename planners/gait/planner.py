@@ -333,7 +333,7 @@ class GaitPlanner:
         """Foothold and time, from the measured DCM."""
         gait, foot = self.state, 1 - self.state.stance
         gait.step = step = structs.replace(gait.step, urgent=gait.step.urgent or self._far_off())
-        last = PlannedStep(gait.soles.holds[foot], step.time, step.touchdown, region=step.region)
+        last = PlannedStep(gait.soles.holds[foot], step.time, step.touchdown, region=step.region, via=step.via)
         plan = self._plan.adjust(self._walk(step.liftoff), gait.measured, elapsed, last, gait.swing)
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, plan.hold))
         gait.step = structs.replace(

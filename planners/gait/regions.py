@@ -14,6 +14,7 @@ from planners.gait.footsteps import LEFT, Point, StepLimits, limits_of
 Array = NDArray[np.float64]
 
 NOWHERE = (math.nan, math.nan)  #: No corner
+_RIM = 1e-3  #: How far inside the area around the stance foot a place is still taken to be on its edge [m]
 
 
 class Region(IntEnum):
@@ -70,21 +71,29 @@ def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Poi
     """The corner that the straight way of a foot would cut, in the stance frame [m]; NaN without one.
 
     The area to keep out of is ``|x| < corner[0]``, less to the foot's own side than ``corner[1]``. A foot that is
-    inside already leaves it ahead or behind before it goes farther across.
+    inside already leaves it ahead or behind before it goes farther across. No way here goes round both corners: see
+    ``divided``.
     """
     side = 1.0 if foot == LEFT else -1.0
     first, last = side * place[1] - corner[1], side * target[1] - corner[1]
     if first < 0.0 and last < 0.0:
-        if abs(place[0]) >= corner[0] or last >= first:
+        if abs(place[0]) >= corner[0] - _RIM or last >= first:
             return NOWHERE
         return math.copysign(corner[0], target[0]), place[1]
     if first * last >= 0.0:
         return NOWHERE
     x = place[0] + (target[0] - place[0]) * first / (first - last)
-    outer = place[0] if first < 0.0 else target[0]  # end of the way beside which the stance foot is
-    if abs(x) >= corner[0] or abs(outer) < corner[0]:
+    crossed = place[0] if first < 0.0 else target[0]  # end of the way in front of the stance foot, or behind it
+    ahead = math.copysign(1.0, crossed)
+    if ahead * x >= corner[0] - _RIM or abs(crossed) < corner[0] - _RIM:
         return NOWHERE
-    return math.copysign(corner[0], outer), side * corner[1]
+    return ahead * corner[0], side * corner[1]
+
+
+def divided(foot: int, place: Point, region: Region, corner: Point) -> bool:
+    """Whether the stance foot is between a place of the foot and a region, so that both corners are on its way."""
+    side, ahead = 1.0 if foot == LEFT else -1.0, 1.0 if region is Region.FRONT else -1.0
+    return region.crossing and side * place[1] < corner[1] and ahead * place[0] < 0.0
 
 
 @register_jitable
@@ -96,9 +105,7 @@ def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passa
     lands as near to it as its reach and its speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
-    corner = corner_between(foot, place, (place[0], box[0, 1] if foot == LEFT else box[1, 1]), passage.corner)
-    detour = 0.0 if math.isnan(corner[0]) else abs(corner[0] - place[0]) + abs(corner[1] - place[1])
-    way = max(passage.speed * passage.quickest - detour, 0.0)
+    way = passage.speed * passage.quickest
     for i in range(2):
         cop = min(max(dcm[i], -half[i]), half[i])
         end = cop + (dcm[i] - cop) * growth

@@ -222,5 +222,6 @@ def _advance(
         if i == Z:
             end, time = (height, sink, 0.0), height_left
         elif i < Z and passing > 0.0:
-            end, time = (corner[i], via.velocity[i], 0.0), max(passing, shape.freeze)
+            beyond = max(shape.freeze - passing, 0.0)
+            end, time = (corner[i] + beyond * via.velocity[i], via.velocity[i], 0.0), passing + beyond
         motion[0, i], motion[1, i], motion[2, i] = quintic_step(motion[0, i], motion[1, i], motion[2, i], end, time, dt)

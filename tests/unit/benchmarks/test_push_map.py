@@ -1,6 +1,7 @@
 """The push test with steps: its bounds, its search over phases, legs that may not run through each other, verdicts."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ import benchmarks.stability.push_map as push_map
 from benchmarks.core.benchmark import catalogue
 from benchmarks.core.harness import Case, Options, Report
 from benchmarks.stability.push import PushMode
-from benchmarks.stability.push_bounds import step_distance, step_length
+from benchmarks.stability.push_bounds import distance_with_steps, step_distance, step_length
 from benchmarks.stability.push_map import LegClearance, Outcome, Trial, map_config, moments, prepare, survives
 from models.errors import ConfigError
 from models.robot_model import RobotModel
 from planners.gait.config import load_gait_config
 
 OMEGA = 3.9
+AHEAD, LEFT = np.eye(2)
 
 
 @pytest.fixture(scope="module")
@@ -24,25 +26,47 @@ def g1() -> RobotModel:
     return RobotModel.load("g1")
 
 
-def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(g1: RobotModel) -> None:
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("direction", [AHEAD, LEFT, -LEFT, -AHEAD])
+def test_steps_bring_the_dcm_to_rest_from_just_inside_their_bound(
+    g1: RobotModel, direction: np.ndarray, first: int
+) -> None:
     """Forward simulation: the DCM grows from the edge it is held by, and each step moves that edge on."""
     gait = load_gait_config(g1)
-    ahead, growth = np.array([1.0, 0.0]), math.exp(OMEGA * gait.timing.single_urgent)
+    growth = math.exp(OMEGA * gait.timing.single_urgent)
     for steps in (1, 2, 3):
         for share, caught in ((0.999, True), (1.001, False)):
-            beyond = share * step_distance(gait, OMEGA, steps, ahead)
-            for _ in range(steps):
-                beyond = beyond * growth - gait.reach.forward
+            beyond = share * step_distance(gait, OMEGA, steps, direction, first)
+            for k in range(steps):
+                beyond = beyond * growth - step_length(gait, (first + k) % 2, direction)
             assert (beyond <= 0.0) == caught
 
 
-def test_the_first_step_to_the_side_is_taken_by_the_foot_that_reaches_farther(g1: RobotModel) -> None:
+def test_a_foot_reaches_its_own_side_or_a_little_across(g1: RobotModel) -> None:
     gait = load_gait_config(g1)
-    left = np.array([0.0, 1.0])
-    assert step_length(gait, 0, left) == gait.reach.width_urgent
-    assert step_length(gait, 1, left) == -gait.reach.width_min
-    growth = math.exp(OMEGA * gait.timing.single_urgent)
-    assert step_distance(gait, OMEGA, 1, left) == pytest.approx(gait.reach.width_urgent / growth)
+    reach = gait.reach
+    for foot, side in ((0, LEFT), (1, -LEFT)):
+        assert step_length(gait, foot, AHEAD) == reach.forward
+        assert step_length(gait, foot, -AHEAD) == reach.backward
+        assert step_length(gait, foot, side) == reach.width_urgent
+        assert step_length(gait, foot, -side) == reach.cross
+        across = np.array([math.sqrt(0.5), -math.sqrt(0.5) * side[1]])
+        assert step_length(gait, foot, across) == pytest.approx(math.sqrt(0.5) * (reach.forward + reach.cross))
+        straight = replace(gait, reach=replace(reach, cross=0.0))
+        assert step_length(straight, foot, -side) == 0.0
+
+
+def test_the_foot_that_steps_first_bears_nothing(g1: RobotModel) -> None:
+    """Pushed to the left while it stands: with the left foot in the air only the right sole holds it back."""
+    gait, half, width = load_gait_config(g1), 0.025, 0.2
+    edges = 0.5 * width + half, -0.5 * width + half
+    far, near = (edges[1 - first] + step_distance(gait, OMEGA, 3, LEFT, first) for first in (1, 0))
+    assert distance_with_steps(gait, OMEGA, 3, LEFT, edges) == pytest.approx(max(far, near))
+    assert distance_with_steps(gait, OMEGA, 3, -LEFT, edges[::-1]) == pytest.approx(max(far, near))
+    for stance in range(2):  # on one foot, the other one steps
+        single = (edges[0], -math.inf) if stance == 0 else (-math.inf, edges[1])
+        expected = edges[stance] + step_distance(gait, OMEGA, 3, LEFT, 1 - stance)
+        assert distance_with_steps(gait, OMEGA, 3, LEFT, single) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("name", ["g1", "talos"])

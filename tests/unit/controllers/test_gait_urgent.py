@@ -118,5 +118,5 @@ def test_what_draws_a_planted_sole_is_bounded() -> None:
     """A sole that rolls over its edge at radians a second is stopped by the floor, not by the legs."""
     pose, twist, out = np.eye(4), np.array([2.0, 0.1, 0.0, 0.0, -5.0, 0.1]), np.empty(6)
     gains = ContactGains(np.full(6, 200.0), np.full(6, 28.0), np.repeat((10.0, 20.0), 3), 1.0)
-    hold_contact(pose, twist, np.eye(3), np.zeros(3), gains, out)
+    hold_contact(pose, twist, np.eye(3), np.zeros(3), gains, np.zeros(2), out)
     assert out == pytest.approx([-10.0, -2.8, 0.0, 0.0, 20.0, -2.8])

@@ -1,12 +1,82 @@
-"""Pace of the steps over the friction of the ground."""
+"""The pace: smooth over speed and disturbance, and steps that the robot can take at every commanded velocity."""
 
 import math
 
+import numpy as np
 import pytest
 
 from models.config import default_config
-from planners.gait.config import GaitConfig
-from planners.gait.pace import longest_step, pace_at, share_within, velocity_within
+from models.robot_model import RobotModel
+from planners.gait.config import GaitConfig, load_gait_config
+from planners.gait.footsteps import advance_of
+from planners.gait.pace import longest_step, pace_at, share_of, share_within, urgency_after, velocity_within
+
+SHARES = np.linspace(0.0, 1.0, 201)
+
+
+@pytest.fixture(scope="module", params=["g1", "talos"])
+def config(request: pytest.FixtureRequest) -> GaitConfig:
+    return load_gait_config(RobotModel.load(request.param))
+
+
+def shares_along(direction: tuple[float, float, float], config: GaitConfig) -> np.ndarray:
+    """Shares of the fast gait from standing to a velocity."""
+    return np.array([share_of((u * direction[0], u * direction[1], u * direction[2]), config.pace) for u in SHARES])
+
+
+@pytest.mark.parametrize(
+    "direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (0.5, 0.5, 0.5)]
+)
+def test_the_pace_is_smooth_over_the_speed(config: GaitConfig, direction: tuple[float, float, float]) -> None:
+    pace = config.pace
+    full = direction[0] * pace.forward, direction[1] * pace.lateral, direction[2] * pace.turn
+    shares = shares_along(full, config)
+    assert shares[0] == 0.0
+    assert (np.diff(shares) >= 0.0).all()
+    steepest = 1.5 / (1.0 - pace.slow_share)  # of the smooth step
+    assert np.diff(shares).max() <= steepest * math.hypot(*direction) / (len(SHARES) - 1) + 1e-9
+    assert (shares[SHARES * math.hypot(*direction) <= pace.slow_share] == 0.0).all()
+
+
+def test_the_pace_is_slow_at_rest_and_fast_at_the_largest_velocities(config: GaitConfig) -> None:
+    limits, names = config.velocity, ("single", "double", "crouch", "clearance")
+    slow, fast = (pace_at(share, config.pace) for share in (0.0, 1.0))
+    assert [getattr(slow, name) for name in names] == pytest.approx([getattr(config.pace.slow, name) for name in names])
+    assert [getattr(fast, name) for name in names] == pytest.approx([getattr(config.pace.fast, name) for name in names])
+    for velocity in ((limits.forward, 0.0, 0.0), (0.0, limits.lateral, 0.0), (0.0, 0.0, limits.turn)):
+        assert share_of(velocity, config.pace) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_every_velocity_is_within_reach_at_its_pace(config: GaitConfig, axis: int, sign: float) -> None:
+    """Durations within the limits of the step times, and steps within those of the legs."""
+    limits, reach, timing = config.velocity, config.reach, config.timing
+    largest = (limits.forward if sign > 0.0 else limits.backward, limits.lateral, limits.turn)[axis]
+    for u in SHARES:
+        velocity = [0.0, 0.0, 0.0]
+        velocity[axis] = sign * u * largest
+        pace = pace_at(share_of((velocity[0], velocity[1], velocity[2]), config.pace), config.pace)
+        assert timing.single_min <= pace.single <= timing.single_max
+        forward, left, turn = advance_of((velocity[0], velocity[1], velocity[2]), pace.period)
+        assert -reach.backward <= forward <= reach.forward
+        trailing = max(reach.width - abs(left), reach.width_min)
+        assert trailing + 2.0 * abs(left) <= reach.width_max
+        assert 2.0 * abs(turn) - min(abs(turn), reach.turn_in) <= reach.turn_out
+
+
+def test_a_dcm_error_makes_the_gait_fast_at_once_and_it_calms_down_later(config: GaitConfig) -> None:
+    pace, dt = config.pace, 0.002
+    errors = np.linspace(0.0, 2.0 * pace.alarm, 101)
+    urgencies = np.array([urgency_after(0.0, error, dt, pace) for error in errors])
+    assert (urgencies[errors <= pace.calm] == 0.0).all() and (urgencies[errors >= pace.alarm] == 1.0).all()
+    assert (np.diff(urgencies) >= 0.0).all() and np.diff(urgencies).max() < 0.1
+    urgency, ticks = 1.0, round(pace.calm_time / dt)
+    for _ in range(ticks):
+        urgency = urgency_after(urgency, 0.0, dt, pace)
+    assert urgency == pytest.approx(math.exp(-1.0), abs=1e-3)
+    assert urgency_after(urgency, pace.alarm, dt, pace) == 1.0
+
 
 CONFIG = default_config(GaitConfig, "planners", "gait")
 HEIGHT, WIDTH = 0.65, CONFIG.reach.width

@@ -4,41 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from msgspec import structs
 
 from models.numerics.unboxed import unbox
-from models.robot_model import RobotModel
 from planners.gait import dcm
-from planners.gait.adjustment import PlannedStep, StepPlanner, Walk
+from planners.gait.adjustment import PlannedStep, Walk
 from planners.gait.commands import CommandState
-from planners.gait.config import GaitConfig, load_gait_config
-from planners.gait.contact import Soles
 from planners.gait.footsteps import Foothold, limits_of, preview_footholds
-from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.pace import Pace
-from planners.gait.reaction import SwingLeg, leg_lever, whole_swing
+from planners.gait.reaction import SwingLeg, whole_swing
 from planners.gait.regions import Region
 from planners.gait.route import Route, plan_to_pose, route_of
-from planners.gait.swing import SwingFoot
-from tests.support import standing
+from tests.gaits import Planned
 
 OMEGA, PACE = 3.7, Pace(single=0.34, double=0.06, crouch=0.0, clearance=0.05, share=0.5)
-
-
-class Planned:
-    """The step planner of a robot, with its parts."""
-
-    def __init__(self, name: str) -> None:
-        self.model = RobotModel.load(name)
-        self.config: GaitConfig = load_gait_config(self.model)
-        self.soles, self.swing = Soles(self.model, self.config), SwingFoot(self.config.swing)
-        self.lever = leg_lever(self.model)
-        self.plan = StepPlanner(self.config, self.soles, self.swing.shape, self.lever)
-        self.measured = GaitMeasurement(self.model).measure(standing(self.model))
-
-    def with_dcm(self, dcm: np.ndarray) -> Measurement:
-        """A robot at rest whose CoM is at a DCM."""
-        return structs.replace(self.measured, com=np.array([*dcm, self.measured.com[2]]), com_velocity=np.zeros(3))
 
 
 @pytest.fixture(scope="module", params=["g1", "talos"])
