@@ -32,6 +32,7 @@ class FootingLimits(NamedTuple):
     grain: float
     rim: float
     tipped: float
+    lie_time: float
 
 
 class _Soles(NamedTuple):
@@ -76,7 +77,8 @@ class Footing:
     sole.
 
     A sole that has tipped over its own rim bears on that line: its rectangle has no width, and the whole-body QP takes
-    it for an edge contact. So is one that lands tilted, until it lies flat or its CoP leaves the rim.
+    it for an edge contact. So is one that lands tilted, until it lies flat or its CoP leaves the rim. On its rim a sole
+    turns freely: one that rests nevertheless lies on ground that is inclined otherwise than expected.
 
     References:
         G. Wiedebach et al., Walking on partial footholds including line contacts with the humanoid robot Atlas,
@@ -223,6 +225,7 @@ def _update(
             low, high = whole[foot, 2 * axis], whole[foot, 2 * axis + 1]
             angle, rim = sign * (tipped[foot, about] + dt * turning[foot, about]), 0
             if loads[foot] >= _BEARS:
+                angle *= 1.0 - min(dt / limits.lie_time, 1.0) * max(1.0 - abs(turning[foot, about]) / limits.still, 0.0)
                 angle, rim = _tip(low, high, angle, on_edge[axis], cops[foot, axis], limits)
             tipped[foot, about] = sign * angle
             if rim != 0:

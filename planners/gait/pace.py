@@ -7,8 +7,8 @@ reference by ``exp(omega T)`` in a step. Both are one number, the ``share`` of t
 .. math:: s = \max\left(S\left(\frac{|v| - s_0}{1 - s_0}\right), u\right)
 
 ``|v|`` is the norm of the velocity in parts of that at which the gait is fast, ``s_0`` its ``slow_share``, ``S`` the
-smooth step and ``u`` the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, which fades with the time
-constant ``calm_time``.
+smooth step and ``u`` the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, or the share of a sole
+without ground under it, where the ankle cannot correct that error. It fades with the time constant ``calm_time``.
 
 The ground bears a tangential force of ``mu`` times the normal one. At a touchdown the CoM is half a step of length L
 and width w away from the feet, where the pendulum of height z needs a coefficient of ``|(L, w)| / 2 z``. On slippery
@@ -22,7 +22,7 @@ with the share ``\sigma`` of the coefficient, ``friction_share``.
 import math
 from typing import NamedTuple
 
-from models.types import Velocity
+from models.types import Matrix, Velocity
 from planners.gait.config import PaceConfig
 
 
@@ -80,6 +80,15 @@ def urgency_after(urgency: float, error: float, dt: float, config: PaceConfig) -
     """Urgency [-] one tick of ``dt`` [s] later, at a DCM error [m]."""
     present = _smooth_step((error - config.calm) / (config.alarm - config.calm))
     return max(present, urgency - urgency * min(dt / config.calm_time, 1.0))
+
+
+def lost_share(areas: Matrix, half: Matrix) -> float:
+    """Largest share of a sole that does not bear, from the parts that do (2, 4) and the half sizes (2, 2) [m]."""
+    bearing = (
+        (high_x - low_x) * (high_y - low_y) / (4.0 * length * width)
+        for (low_x, high_x, low_y, high_y), (length, width) in zip(areas.tolist(), half.tolist(), strict=True)
+    )
+    return max(1.0 - min(bearing), 0.0)
 
 
 def _smooth_step(u: float) -> float:

@@ -20,7 +20,7 @@ from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
-from planners.gait.pace import longest_step, pace_at, share_of, share_within, urgency_after
+from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
@@ -474,7 +474,8 @@ class GaitPlanner:
     def _set_pace(self, dt: float, longest: float) -> None:
         """Pace of the commanded velocity, of its ``longest`` step [m] and of the present disturbance."""
         gait, config = self.state, self.config.pace
-        gait.urgency = urgency_after(gait.urgency, self._dcm_error(), dt, config)
+        lost = lost_share(gait.footing.areas, self._soles.half)
+        gait.urgency = max(urgency_after(gait.urgency, self._dcm_error(), dt, config), lost)
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
         gait.pace = pace_at(max(share, share_within(velocity, longest, config), gait.urgency), config)

@@ -57,7 +57,7 @@ def test_a_sole_that_slides_shows_the_coefficient(ground: Ground) -> None:
 
 def test_a_sole_that_holds_raises_it_slowly_and_to_no_more_than_the_nominal_one(g1: RobotModel, ground: Ground) -> None:
     slippery = ground.run(0.2, 0.2, speed=0.1)
-    assert ground.run(0.05, 5.0) == slippery  # it shows nothing: it would hold on any ground
+    assert ground.run(0.05, 5.0) == pytest.approx(slippery, abs=1e-3)  # it shows nothing: it would hold on any ground
     after = ground.run(0.2, 1.0)
     assert slippery + 0.01 < after < 0.25
     assert ground.run(0.7, 100.0) == g1.profile.feet.friction

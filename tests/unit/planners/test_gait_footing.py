@@ -131,6 +131,17 @@ def test_a_sole_that_tipped_over_its_rim_is_whole_once_its_cop_leaves_the_rim(fo
     np.testing.assert_array_equal(footing.areas, whole)
 
 
+def test_a_sole_that_rests_on_its_rim_lies_on_an_unexpected_slope(footing: Watched) -> None:
+    whole = footing.areas.copy()
+    rim = (0.0, whole[0, 3])
+    turn(footing, measured((-TURN, 0.0), rim), round(1.5 * CONFIG.tipped / TURN / DT))
+    assert footing.areas[0, 2] == footing.areas[0, 3] == whole[0, 3]
+    resting = turn(footing, measured((0.0, 0.0), rim), round(2.0 * CONFIG.lie_time / DT))
+    np.testing.assert_array_equal(resting, whole[0])
+    tipping = turn(footing, measured((-1.1 * CONFIG.still, 0.0), rim), round(CONFIG.tipped / CONFIG.still / DT))
+    assert tipping[2] == tipping[3]
+
+
 @pytest.mark.parametrize(("tilt", "cop", "edge"), [((0.1, 0.0), -0.05, -0.05), ((-0.1, 0.0), 0.12, 0.12)])
 def test_a_foot_that_lands_on_its_heel_or_toe_bears_on_it(
     footing: Watched, tilt: tuple[float, float], cop: float, edge: float

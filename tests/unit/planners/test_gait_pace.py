@@ -9,7 +9,7 @@ from models.config import default_config
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.footsteps import advance_of
-from planners.gait.pace import longest_step, pace_at, share_of, share_within, urgency_after, velocity_within
+from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after, velocity_within
 
 SHARES = np.linspace(0.0, 1.0, 201)
 
@@ -103,3 +103,12 @@ def test_the_ground_bears_the_steps_of_every_velocity(friction: float) -> None:
 def test_without_grip_the_robot_steps_on_the_spot() -> None:
     assert longest_step(0.05, HEIGHT, WIDTH, CONFIG.pace) == 0.0
     assert velocity_within((0.4, 0.1, 0.2), 0.0, CONFIG.pace) == (0.0, 0.0, 0.0)
+
+
+def test_the_share_of_a_sole_without_ground() -> None:
+    whole, half = np.array([[-0.05, 0.12, -0.025, 0.025]] * 2), np.array([[0.085, 0.025]] * 2)
+    assert lost_share(whole, half) == pytest.approx(0.0)
+    strip = np.array([[-0.05, 0.12, -0.025, -0.0125], whole[1]])
+    assert lost_share(strip, half) == pytest.approx(0.75)
+    edge = np.array([whole[0], [0.12, 0.12, -0.025, 0.025]])
+    assert lost_share(edge, half) == 1.0
