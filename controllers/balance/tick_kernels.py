@@ -98,7 +98,7 @@ def standing_reference(
 def _move_footholds(arrays: BalanceArrays, left: bool, right: bool, share: float) -> None:
     """Move the footholds with their soles, and the anchor to their middle, level, at their mean heading.
 
-    Only the heading enters the anchor: a sole that tips on its edge under a push must not tilt the references.
+    The anchor is level: a sole that tips on its edge under a push must not tilt the references.
     ``share`` is the part of the way to move in this tick [-].
     """
     rotations, positions, anchor_rotation = arrays.rotations, arrays.positions, arrays.anchor_rotation

@@ -14,9 +14,9 @@ foot-to-base adjoint ``X_i`` (6, 6), the base block of ``J_i``, is invertible, s
                wrenches share the base wrench ``b`` up to k - 1 free internal wrenches ``phi``:
                ``w_i = X_i^-T (b/k + phi_i)`` with ``phi_k = -(phi_1 + ... + phi_k-1)``.
 
-A sole on its edge turns freely about it: ``J_i a + drift_i = a_i* + e_i s_i`` with the twist ``e_i`` of that rotation and
-one more unknown ``s_i``, which takes part like a joint between the ground and the sole. That there is no moment about the
-edge is a row of the wrench cone.
+A sole on its edge turns freely about it: ``J_i a + drift_i = a_i* + e_i s_i`` with the twist ``e_i`` of that rotation
+and one more unknown ``s_i``, which takes part like a joint between the ground and the sole. That there is no moment
+about the edge is a row of the wrench cone.
 
 ``z`` is ordered: joints outside of the contact chains, coordinates of the chains and edges, ``phi``.
 """
@@ -55,9 +55,7 @@ class Edges(NamedTuple):
     pivots: Array  #: Point of each contact that is held, in its frame; zero where the contact is flat (contacts, 2) [m]
 
 
-def make_reduction(
-    contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int, turns: int = 0
-) -> Reduction:
+def make_reduction(contacts: Sequence[bool], chains: Sequence[Sequence[int]], nv: int, turns: int = 0) -> Reduction:
     """Memory for some active contacts, which turn freely about ``turns`` axes altogether.
 
     ``chains`` are velocity indices of the joints from base to contact.
@@ -141,9 +139,7 @@ def hold_contact(
 
 
 @njit(cache=True, forceinline=True)
-def _reduce_accelerations(
-    terms: Dynamics, desired: Array, edges: Edges, inverses: Array, reduction: Reduction
-) -> None:
+def _reduce_accelerations(terms: Dynamics, desired: Array, edges: Edges, inverses: Array, reduction: Reduction) -> None:
     """Fill ``a = N z + a0``, and ``X_i^-1`` of each active contact (k, 6, 6)."""
     basis, start, upper = reduction.basis, reduction.start, reduction.upper
     joints, count = reduction.core[6:], reduction.active.shape[0]

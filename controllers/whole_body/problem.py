@@ -83,8 +83,8 @@ class QPBuilder:
     Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
     integrated to the setpoint [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
-    6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises ``ConfigError`` when two tasks or limits share a name, or a
-    contact has fewer than six joints between it and the base.
+    6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises ``ConfigError`` when two
+    tasks or limits share a name, or a contact has fewer than six joints between it and the base.
     """
 
     def __init__(

@@ -6,13 +6,12 @@ from typing import NamedTuple
 import daqp
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from models.numerics.compiled import njit
 from models.numerics.unboxed import Unboxed, unbox
 from models.types import Matrix, Vector
 from planners.gait.commands import CommandState
-from planners.gait.config import AdjustmentConfig, GaitConfig, ReachConfig
+from planners.gait.config import AdjustmentConfig, GaitConfig
 from planners.gait.contact import Soles
 from planners.gait.dcm import StepModel, offset_coupling, previewed_offset, swing_allowance
 from planners.gait.footsteps import (
@@ -27,6 +26,7 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
+from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
@@ -37,7 +37,6 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
-from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.swing import SwingShape, SwingState, Via
 
 _UNSOLVED = 1e6  #: Value of a QP without a solution [-]
@@ -256,9 +255,7 @@ class StepPlanner:
         model = StepModel(soles.centres, SwingLeg(shape, lever))
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
         passage = Passage(corner, boxes, speed, quickest)
-        self._setup = unbox(
-            _Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal)
-        )
+        self._setup = unbox(_Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal))
 
     def nominal(self, walk: Walk) -> tuple[Foothold, Vector]:
         """Next foothold, and the DCM offset at its touchdown in W (2,) [m]."""

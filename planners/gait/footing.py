@@ -13,7 +13,6 @@ from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
 from planners.gait.measurement import Measurement
 
-
 _BEARS = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
 
 

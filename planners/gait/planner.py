@@ -316,7 +316,13 @@ class GaitPlanner:
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
         gait.swing = self._swing.lift(pose, gait.pace.clearance, single, gait.soles.tilts[foot], gait.swing.trips)
         gait.step = structs.replace(
-            gait.step, time=single, liftoff=sole, next_adjustment=0.0, urgent=self._far_off(), region=Region.OWN, via=None
+            gait.step,
+            time=single,
+            liftoff=sole,
+            next_adjustment=0.0,
+            urgent=self._far_off(),
+            region=Region.OWN,
+            via=None,
         )
         nominal, _ = self._plan.nominal(self._walk(sole))
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))

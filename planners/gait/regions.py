@@ -91,9 +91,9 @@ def corner_between(foot: int, place: Point, target: Point, corner: Point) -> Poi
 def missed(dcm: Point, place: Point, foot: int, half: Array, omega: float, passage: Passage) -> float:
     """Distance of a DCM from the box of both soles after the quickest urgent step of a foot [m].
 
-    ``dcm`` and ``place``, of the foot at lift-off, are in the stance frame, from the ZMP point of the stance foot; ``half``
-    is half its sole (2,). The DCM moves away from the point of the stance sole that is nearest to it. The foot lands as
-    near to it as its reach and its speed allow.
+    ``dcm`` and ``place``, of the foot at lift-off, are in the stance frame, from the ZMP point of the stance foot;
+    ``half`` is half its sole (2,). The DCM moves away from the point of the stance sole that is nearest to it. The foot
+    lands as near to it as its reach and its speed allow.
     """
     growth, box, square = math.exp(omega * passage.quickest), passage.reach[Region.URGENT, foot], 0.0
     corner = corner_between(foot, place, (place[0], box[0, 1] if foot == LEFT else box[1, 1]), passage.corner)

@@ -103,8 +103,8 @@ class SwingFoot:
     Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left:
     the target and the time may move, and the reference stays smooth to its acceleration. The height goes likewise to
     the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
-    at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first go
-    to a corner, ``via``, and through it.
+    at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first
+    go to a corner, ``via``, and through it.
 
     A foot that stays behind its reference and hardly moves has tripped, over the edge of a tile for instance. The
     harder it is pushed on, the faster friction holds it. Its reference returns to the measured place, and on the way

@@ -126,7 +126,12 @@ def test_a_dcm_too_near_the_stance_foot_is_caught_by_a_later_step(planner: GaitP
     config, walk = planner.config, swinging(view)
     walk = replace(walk, dcm=walk.soles.point_of(1, walk.state.soles.holds[1]) + np.array([0.0, 0.02]))
     least = config.timing.single_min
-    hurried = replace(config, timing=replace(config.timing, single=least, single_max=least))
+    slow, fast = (replace(stride, single=least) for stride in (config.pace.slow, config.pace.fast))
+    hurried = replace(
+        config,
+        pace=replace(config.pace, slow=slow, fast=fast),
+        timing=replace(config.timing, single_max=least),
+    )
     assert capture_margin(walk, hurried) < 0.0 < capture_margin(walk, config)
 
 

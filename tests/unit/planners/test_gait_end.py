@@ -26,7 +26,7 @@ def one_step(planner: GaitPlanner, angle: float) -> None:
     while planner.phase is GaitPhase.DOUBLE:
         planner.step(straddling(planner.model, angle, (0.5, 0.5)), DT)
     assert planner.phase is GaitPhase.SINGLE
-    for _ in range(round(planner.config.timing.single / DT)):
+    for _ in range(round(planner.state.pace.single / DT)):
         planner.step(straddling(planner.model, angle, on_one_foot(planner.stance)), DT)
     planner.step(straddling(planner.model, angle, (0.5, 0.5)), DT)
     assert planner.steps == steps + 1

@@ -13,13 +13,14 @@ from models.numerics.unboxed import unbox
 from models.robot_model import RobotModel
 from planners.gait.config import GaitConfig
 from planners.gait.dcm import single_support
+from planners.gait.pace import Pace
 from planners.gait.reaction import LegLever, SwingLeg, leg_lever, swing_slope, whole_swing
 from planners.gait.swing import SwingFoot
 from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 DT = 0.001
-PERIOD = SINGLE + DOUBLE
+PACE = Pace(SINGLE, DOUBLE, crouch=0.0, clearance=0.05, share=0.0)
 FOOT = SwingFoot(CONFIG)
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
 SWING_LEG = SwingLeg(FOOT.shape, LEVER)
@@ -64,14 +65,15 @@ def test_a_leg_that_cannot_get_there_is_refused(monkeypatch: pytest.MonkeyPatch)
 def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """CMP of each tick of a swing, and the allowance of the DCM before it; the CoP is at the origin."""
     c, s = math.cos(yaw), math.sin(yaw)
-    velocity = 0.5 / PERIOD * way
-    foot = FOOT.lift(np.array([0.0, 0.0, 0.0, yaw]), SINGLE, np.zeros(2))
+    velocity = 0.5 / PACE.period * way
+    foot = FOOT.lift(np.array([0.0, 0.0, 0.0, yaw]), PACE.clearance, SINGLE, np.zeros(2))
     start = 0.5 * (way - velocity * SINGLE)
     target = np.array([*way, 0.0, yaw])
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        swing, still, out = (foot.motion, foot.floor, foot.duration, (way[0], way[1])), np.zeros(2), np.empty((3, 2))
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, (way[0], way[1])
+        still, out = np.zeros(2), np.empty((3, 2))
         single_support(still, still, OMEGA, left, swing, (com, velocity), LEG, out)
         return out[0], out[2]
 
@@ -115,7 +117,7 @@ def _turned(vector: np.ndarray, yaw: float) -> np.ndarray:
 def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
     points = [np.array(p) for p in ([0.0, -0.1], [0.3, 0.1], [0.6, -0.1], [0.9, 0.1])]
     way = points[2] - points[0]
-    swing = whole_swing(OMEGA, SINGLE, PERIOD, (way[0], way[1]), 0.0, SWING_LEG)
+    swing = whole_swing(OMEGA, PACE, (way[0], way[1]), 0.0, SWING_LEG)
     offset = touchdown_offset(points, swing)
     xi = points[1] + offset
     ticks = round(DOUBLE / DT)
@@ -132,6 +134,6 @@ def test_the_recursion_allows_for_the_swing_of_every_step() -> None:
 
 
 def test_a_longer_way_uses_up_more() -> None:
-    short, long = (whole_swing(OMEGA, SINGLE, PERIOD, (x, 0.0), 0.0, SWING_LEG)[0] for x in (0.3, 0.5))
+    short, long = (whole_swing(OMEGA, PACE, (x, 0.0), 0.0, SWING_LEG)[0] for x in (0.3, 0.5))
     assert (long - short) / 0.2 == pytest.approx(swing_slope(OMEGA, SINGLE, LEVER), rel=0.5)
     assert long < short < 0.0

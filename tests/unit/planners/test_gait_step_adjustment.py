@@ -28,6 +28,7 @@ NOMINAL = StepProblem(
     latest=0.6,
     cop=np.array([0.04, 0.012]),
     place=np.zeros(2),
+    leaves=ELAPSED,
     speed=math.inf,
 )
 
@@ -110,19 +111,22 @@ def test_the_offset_follows_the_foothold() -> None:
     assert step.offset == pytest.approx(NOMINAL.offset + coupling * longer, abs=1e-3)
 
 
-def test_a_foot_that_is_to_land_farther_does_so_later() -> None:
-    """The way that is left at the foot's speed bounds the foothold, and grows with the time of the step."""
+@pytest.mark.parametrize("leaves", [ELAPSED, ELAPSED + 0.05])
+def test_a_foot_that_is_to_land_farther_does_so_later(leaves: float) -> None:
+    """The way that is left at the foot's speed bounds the foothold, and grows with the time of the step.
+
+    Also that from a corner, which the foot reaches later.
+    """
     place, speed = np.array([0.0, 0.2]), 1.2
     dcm, planned = undisturbed() + np.array([0.2, 0.0]), NOMINAL.time
     for _ in range(20):  # the linearisation follows the last time
-        step = solve(dcm, planned=planned, place=place, speed=speed)
+        step = solve(dcm, planned=planned, place=place, leaves=leaves, speed=speed)
         planned = step.time
     free = solve(dcm)
     assert step.solved
-    assert np.abs(step.step - place).max() <= speed * (step.time - ELAPSED) + 1e-3
-    assert free.step[0] - place[0] > speed * (
-        free.time - ELAPSED
-    )  # the bound is active: without it the foot goes farther
+    assert np.abs(step.step - place).max() <= speed * (step.time - leaves) + 1e-3
+    # The bound is active: without it the foot goes farther.
+    assert free.step[0] - place[0] > speed * (free.time - leaves)
 
 
 def test_without_a_solution_it_keeps_to_the_nominal_step() -> None:

@@ -10,14 +10,14 @@ from planners.gait.swing import SwingFoot, SwingState
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 FOOT = SwingFoot(CONFIG)
-DT, DURATION = 0.001, 0.34
+DT, DURATION, CLEARANCE = 0.001, 0.34, 0.05
 START = np.array([0.0, 0.1, 0.0, 0.0])
 LEVEL = np.zeros(2)
 
 
 def swing(targets: list[np.ndarray], durations: list[float], until: int) -> np.ndarray:
     """Positions, velocities and accelerations of every tick (n, 3, 4)."""
-    foot = FOOT.lift(START, DURATION, LEVEL)
+    foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     rows = []
     for i in range(until):
         target, duration = targets[min(i, len(targets) - 1)], durations[min(i, len(durations) - 1)]
@@ -33,7 +33,7 @@ def test_it_lands_on_its_target_on_time_with_the_landing_velocity() -> None:
     assert position == pytest.approx(target, abs=2e-3)
     assert velocity[:2] == pytest.approx(np.zeros(2), abs=0.05)
     assert velocity[2] == pytest.approx(-CONFIG.landing_velocity, abs=0.02)
-    assert rows[:, 0, 2].max() == pytest.approx(target[2] + CONFIG.clearance, abs=0.005)
+    assert rows[:, 0, 2].max() == pytest.approx(target[2] + CLEARANCE, abs=0.005)
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -79,7 +79,7 @@ def tripped(at: float, lag: float, pace: float = 0.0) -> tuple[SwingState, float
     Returns:
         The foot and its height then.
     """
-    foot = FOOT.lift(START, DURATION, LEVEL)
+    foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     for i in range(round(at / DT)):
         foot = FOOT.step(foot, TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
     place, ticks, speed = foot.position[:2].copy(), round(6 * CONFIG.trip_filter / DT), pace * foot.velocity[0]
@@ -105,7 +105,7 @@ def test_a_foot_that_trips_gives_way_and_only_rises_for_a_while() -> None:
         foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
         assert foot.position[0] == pytest.approx(place)
     assert foot.trips == 1
-    assert foot.position[2] > max(height, 0.9 * CONFIG.clearance)
+    assert foot.position[2] > max(height, 0.9 * CLEARANCE)
     while elapsed < DURATION - 1e-9:
         elapsed += DT
         foot = FOOT.step(foot, TARGET, LEVEL, elapsed, DURATION, DT)
@@ -127,7 +127,7 @@ def test_a_foot_that_trips_on_the_way_down_does_not_rise_again() -> None:
 
 def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
     slope = np.array([0.1, -0.05])
-    foot = FOOT.lift(START, DURATION, np.array([0.02, 0.0]))
+    foot = FOOT.lift(START, CLEARANCE, DURATION, np.array([0.02, 0.0]))
     assert foot.tilt == pytest.approx([0.02, 0.0])
     for i in range(round(DURATION / DT)):
         foot = FOOT.step(foot, START, slope, (i + 1) * DT, DURATION, DT)
@@ -135,7 +135,7 @@ def test_the_sole_turns_to_the_slope_expected_at_its_landing() -> None:
 
 
 def test_a_tick_leaves_the_state_before_it_alone() -> None:
-    foot = FOOT.lift(START, DURATION, LEVEL)
+    foot = FOOT.lift(START, CLEARANCE, DURATION, LEVEL)
     motion, tilt = foot.motion.copy(), foot.tilt.copy()
     FOOT.step(FOOT.detect_trip(foot, 0.5, 0.5, 0.01, DURATION, DT), TARGET, np.ones(2), 0.01, DURATION, DT)
     np.testing.assert_array_equal(foot.motion, motion)
