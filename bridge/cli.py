@@ -105,6 +105,9 @@ def up(
     terrain: Annotated[
         str, typer.Option(help="Ground: flat, tiles, slope_up, ...; models/config/terrain.yaml.")
     ] = "flat",
+    expected_friction: Annotated[
+        float, typer.Option(min=0.0, max=2.0, help="Friction coefficient expected of the ground; 0: the robot's.")
+    ] = 0.0,
     calibration: Annotated[
         Path | None,
         typer.Option(help="Folder of the calibration files; the user's by default, temporary with sensor errors."),
@@ -162,7 +165,12 @@ def up(
         "network": network,
         "processes": processes if merged else "separate",
         "lockstep": lockstep,
-        "parameters": {"robot_driver": driver, **({"camera_node": {"terrain": terrain}} if camera else {}), **own},
+        "parameters": {
+            "robot_driver": driver,
+            "state_estimator": {"friction.expected": expected_friction},
+            **({"camera_node": {"terrain": terrain}} if camera else {}),
+            **own,
+        },
         "calibration": calibration,
         "actions": actions,
     }

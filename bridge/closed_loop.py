@@ -15,6 +15,7 @@ from bridge.plants.fault_plan import Faults
 from bridge.plants.mujoco import MujocoPlant
 from bridge.plants.sensors import SensorErrors
 from bridge.plants.world import ALONE, MujocoWorld
+from controllers.estimation.config import expecting
 from controllers.estimation.estimator import StateEstimator
 from controllers.input_log import InputLog
 from controllers.joints.joint_servo import JointServo
@@ -50,6 +51,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         seed: Seed of the sensor noise.
         terrain: The ground, or its name in ``models/config/terrain.yaml``.
         friction: Coulomb coefficient of sole on floor [-]; the profile's when None.
+        expected_friction: The coefficient that the laws expect at the start [-]; the profile's when None.
         payload_kg: Mass at the torso that is not in the laws' model [kg].
         sensor_noise: True for the noise of the robot's profile, False for exact sensors, or a factor on the noise.
         delay_s: From measurement to the arrival of its command in the drivers [s]; the profile's when None (2 ms).
@@ -86,6 +88,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         *,
         terrain: str | Terrain = FLAT,
         friction: float | None = None,
+        expected_friction: float | None = None,
         payload_kg: float = 0.0,
         sensor_noise: bool | float = True,
         delay_s: float | None = None,
@@ -142,7 +145,7 @@ class ClosedLoop(AbstractContextManager["ClosedLoop"]):
         self._recorder = None if mcap is None else make_recorder(self.robot, mcap, replayable=replayable)
         self.stack = stack or ControlStack(
             self.robot,
-            StackConfig(gait=gait),
+            StackConfig(estimator=expecting(expected_friction), gait=gait),
             period=control_period_s,
             calibration=calibration,
             law=controller,

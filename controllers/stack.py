@@ -181,7 +181,7 @@ class ControlStack:
             law = BalanceController(robot, config.balance, config.whole_body, head=head)
         self._law = law
         self.head, self.tuning = (law.head, Tuning(law)) if isinstance(law, BalanceController) else (None, None)
-        self._monitor = JointMonitor(robot, period)
+        self._monitor, self._period = JointMonitor(robot, period), period
         if self.log is not None and isinstance(law, BalanceController):
             self.log.describe("balance", law.config)
             self.log.describe("whole_body", law.whole_body.config)
@@ -194,7 +194,7 @@ class ControlStack:
             if self._gait is not None:
                 self._law.set_gait(self._gait)
             if self.log is not None:
-                self.log.watch("law", (self._law, self.tuning))
+                self.log.watch("law", (self._law, self.tuning, self._monitor))
 
     # A tick
 
@@ -287,6 +287,8 @@ class ControlStack:
         if self.head is not None:
             result = self.head.blend_setpoint(result, reference)
         self._monitor.step(state, result.command)
+        if isinstance(self._law, BalanceController):
+            self._law.whole_body.set_lookahead(self._monitor.delay - self._period)
         self.result, self.scheduled, self._command_t = result, reference.contacts, state.t
         return result
 

@@ -10,6 +10,7 @@ linear, then angular. Receivers never write to the arrays of these types.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 
@@ -53,6 +54,7 @@ class RobotState(Struct, frozen=True):
     v: Vector  # base twist in B, linear then angular (6), joints (nj) [m/s, rad/s]
     tau: Vector  # measured joint torques (nj,) [N.m]
     contacts: tuple[ContactState, ContactState]  # one per foot, in the order of ``FOOT_NAMES``
+    friction: float = math.inf  # Coulomb coefficient of the ground under the soles; infinite where it is not known [-]
 
     @property
     def base_position(self) -> Vector:

@@ -210,4 +210,5 @@ def _ground(name: str, given: TerrainConfig) -> str:
         words += [f"{condition.friction:g}"] if condition.friction is not None else []
         words += [f"{100.0 * condition.payload:g} %"] if condition.payload else []
         words += [f"+{1e3 * condition.delay:g} ms"] if condition.delay else []
+        words += [f"{condition.speed:g} m/s"] if condition.speed else []
     return "\n".join(words)

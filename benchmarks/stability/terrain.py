@@ -29,6 +29,7 @@ class Condition:
     friction: Positive | None = None  #: Coulomb coefficient [-]; the robot's when None
     payload: NonNegative = 0.0  #: Unknown mass at the torso, as a share of the robot's [-]
     delay: NonNegative = 0.0  #: Added to that of sensors and commands [s]
+    speed: Positive | None = None  #: Forward; that of all conditions when None [m/s]
 
 
 @schema(frozen=True, slots=True, config=STRICT)
@@ -66,14 +67,15 @@ def walk(robot: str, seed: int, scenario: str, contender: str = "") -> Case:
     }
     loop: ClosedLoop = ContenderLoop(contender, model, **conditions) if contender else ClosedLoop(model, **conditions)
     loop.command("walk")
-    loop.set_velocity(config.speed, 0.0, 0.0)
+    speed = condition.speed or config.speed
+    loop.set_velocity(speed, 0.0, 0.0)
     (x, y), yaw = loop.truth.q[:2].copy(), heading(*loop.truth.q[3:7])
     start = loop.t
     while loop.t - start < config.duration and not loop.fallen:
         loop.run(0.1)
     moved = loop.truth.q[:2] - (x, y)
     distance = float(moved @ (math.cos(yaw), math.sin(yaw)))
-    survived = not loop.fallen and distance >= config.distance_share * config.speed * config.duration
+    survived = not loop.fallen and distance >= config.distance_share * speed * config.duration
     outcome: Case = {
         "fell": loop.fallen,
         "reason": loop.fall_reason or "; ".join(loop.faults),

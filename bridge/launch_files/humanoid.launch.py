@@ -17,6 +17,7 @@ ARGUMENTS: Mapping[str, tuple[str, str]] = {
     "robots": ("", "Several in one world, each in its namespace, such as robot_1=g1,robot_2=talos; empty for one"),
     "speed": ("1.0", "Simulated over real time"),
     "terrain": ("flat", "Ground: a name of models/config/terrain.yaml"),
+    "expected_friction": ("0.0", "Friction coefficient expected of the ground; 0 for that of the robot's profile"),
     "lockstep": ("false", "Whether the plant waits for the command of every tick"),
     "network": ("false", "Whether other machines may join; loopback only otherwise"),
     "camera": ("false", "Whether to draw the robot's camera, in a process of its own"),
@@ -31,7 +32,7 @@ def command(given: Mapping[str, str]) -> list[str]:
     line = [str(POISE), "up"]
     for name, value in given.items():
         if name not in FLAGS:
-            line += [f"--{name}", value]
+            line += [f"--{name.replace('_', '-')}", value]
         elif value.lower() not in ("true", "false"):
             raise ValueError(f"{name}: '{value}' is neither true nor false")
         elif value.lower() == "true":

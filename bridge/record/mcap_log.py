@@ -38,7 +38,7 @@ _TOPICS = {
     "std_msgs/msg/UInt8MultiArray": (topics.CONTACTS,),
     "std_msgs/msg/Bool": (topics.VISION_DETECTED,),
     "std_msgs/msg/Empty": (topics.GAIT_STOP,),
-    "std_msgs/msg/Float64": (topics.GAIT_CAPTURE_MARGIN,),
+    "std_msgs/msg/Float64": (topics.GAIT_CAPTURE_MARGIN, topics.GROUND_FRICTION),
     "std_msgs/msg/String": (
         *(topics.APPLIED, topics.MODE, topics.DRIVER_STATE, topics.ROBOT_DESCRIPTION, topics.HUMANOID_COMMANDS),
         *(topics.COMMANDER, topics.GAIT_PHASE, topics.GAIT_ROUTE, topics.MOTION_REQUEST, topics.MOTION_PLAN_STATE),

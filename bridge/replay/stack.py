@@ -146,7 +146,7 @@ def _snapshot(record: dict[str, Any]) -> StackSnapshot:
     state = {name: np.array(record["state"][name], dtype=float) for name in ("q", "v", "tau")}
     left, right = (ContactState(active, np.array(wrench)) for active, wrench in record["state"]["contacts"])
     return StackSnapshot(
-        RobotState(record["state"]["t"], contacts=(left, right), **state),
+        RobotState(record["state"]["t"], contacts=(left, right), friction=record["state"]["friction"], **state),
         None if record["scheduled"] is None else (record["scheduled"][0], record["scheduled"][1]),
         Mode(record["mode"]),
         None if record["held"] is None else (record["held"][0], record["held"][1], record["held"][2]),

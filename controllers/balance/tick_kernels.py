@@ -67,9 +67,9 @@ def standing_reference(
     """Footholds, and the references that a posture (nj,) means on them.
 
     ``moving`` and ``fresh`` say whether the posture has changed and whether this is the first tick. Footholds follow
-    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no longer than ``leg`` [m], as in
-    'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out: ``reference`` (9, 3), in W: CoM,
-    its velocity, rotation of base and torso; then DCM and CoM height above the soles.
+    the soles that bear ``least_load`` [N], all soles where ``share``, as in ``_move_footholds``, is 1. Legs are no
+    longer than ``leg`` [m], as in 'stand', unless it is 0: the CoM is lower where the soles are farther apart. Out:
+    ``reference`` (9, 3), in W: CoM, its velocity, rotation of base and torso; then DCM and CoM height above the soles.
     """
     arrays, velocity = balance.record, np.zeros(3)
     if moving:

@@ -9,7 +9,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive
+from models.config import STRICT, NonNegative, Positive, default_config
+from models.errors import ConfigError
 from models.profile import ImuSensor
 
 
@@ -113,6 +114,22 @@ class SlipConfig:
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
+class FrictionConfig:
+    """Coefficient of the ground, from soles that slide or hold; the law is in ``friction.py``."""
+
+    expected: Annotated[float, Field(ge=0.0, le=2.0)]  #: coefficient at the start; 0 for that of the profile [-]
+    load: Annotated[float, Field(gt=0.0, lt=1.0)]  #: least load of a sole that counts, of the weight [-]
+    flat: Annotated[float, Field(gt=0.0, le=1.0)]  #: least confidence that it lies flat [-]
+    speed: Positive  #: least speed of a sole that slides [m/s]
+    filter_time: Positive  #: time constant of demand and speed [s]
+    slide_time: Positive  #: time constant with which the coefficient follows the demand of a sole that slides [s]
+    #: share of the coefficient above which a demand that holds raises it [-]
+    held: Annotated[float, Field(gt=0.0, le=1.0)]
+    raise_time: Positive  #: time constant of that [s]
+    least: Positive  #: least coefficient [-]
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
 class FootNoise:
     """Random walk of a foot, interpolated geometrically between its states by the contact's confidence."""
 
@@ -187,7 +204,18 @@ class EstimatorConfig:
     contact: ContactConfig
     foot_sensors: FootSensorConfig
     slip: SlipConfig
+    friction: FrictionConfig
     foot: FootNoise
     rest: RestConfig
     initial: InitialConfig
     observer: ObserverConfig
+
+
+def expecting(friction: float | None) -> EstimatorConfig:
+    """The packaged parameters, with an expected coefficient of friction [-] unless None."""
+    config = default_config(EstimatorConfig, "controllers", "estimator")
+    if friction is None:
+        return config
+    if not 0.0 < friction <= 2.0:
+        raise ConfigError(f"expected_friction: {friction} is not in (0, 2]")
+    return replace(config, friction=replace(config.friction, expected=friction))

@@ -23,6 +23,7 @@ from controllers.estimation.feet import (
 )
 from controllers.estimation.filter import Filter, InvariantFilter, propagate
 from controllers.estimation.filter_kernels import correct_soles
+from controllers.estimation.friction import FrictionEstimator, FrictionMemory, watch_friction
 from controllers.estimation.kinematics import SoleChains, SoleKinematics, base_covariance, base_state, sole_poses
 from controllers.estimation.observer import ForceObserver, Observer, observe
 from controllers.estimation.samples import (
@@ -55,6 +56,7 @@ class _Stages(NamedTuple):
     feet: SensorMemory
     contacts: ContactMemory
     slips: SlipMemory
+    friction: FrictionMemory
     filter: Filter
     chains: SoleChains
     observer: Observer
@@ -101,6 +103,7 @@ class StateEstimator:
         self.observer = ForceObserver(model, config.observer, config.gravity)
         self._feet = FootSensorMonitor(config.foot_sensors, self.observer.weight, sensors.feet.fitted)
         self._slip = SlipMonitor(config.slip, config.gate)
+        self.friction = FrictionEstimator(model, config.friction, config.gravity)
         self.filter = InvariantFilter(config)
         self.health = EstimatorHealth()
         self._buffer = SensorBuffer(model.nj, sensors, config.foot_sensors.saturation, config.stamp_gap)
@@ -111,7 +114,7 @@ class StateEstimator:
         encoders = model.profile.sensors.encoders
         joint_variance = (kinematics.encoder_steps * encoders.resolution) ** 2 + encoders.offset**2
         self._variances = np.array([joint_variance, encoders.velocity_noise**2, 0.0])
-        feet = self._feet.memory, self._contacts.memory, self._slip.memory
+        feet = self._feet.memory, self._contacts.memory, self._slip.memory, self.friction.memory
         body = self.filter.memory, self._kinematics.memory, self.observer.memory
         self._stages = unbox(_Stages(self._buffer.memory, *feet, *body, np.zeros(2), np.zeros(3)))
         self._warm_up()
@@ -179,6 +182,7 @@ class StateEstimator:
         self._feet.reset(self._buffer.feet, self._buffer.wrenches, self.observer.estimated)
         self._contacts.reset(self._feet.used, self._feet.fault)
         self._slip.reset()
+        self.friction.reset()
         self.health.foot_sensors = self._feet.states
         return self._state()
 
@@ -216,6 +220,7 @@ class StateEstimator:
         if self._level_due and self._contacts.confidence.min() >= 1.0:
             health.rejected += self.filter.measure_level()
             self._level_due = False
+        health.friction = float(self.friction.coefficient[0])
         self._unobserved += dt
         if missing & (STALE | BAD_JOINTS):  # the observer takes one longer step afterwards
             return self._state()
@@ -244,6 +249,7 @@ class StateEstimator:
             v=v,
             tau=self._buffer.joints[2].copy(),
             contacts=(ContactState(left > 0.0, wrenches[0]), ContactState(right > 0.0, wrenches[1])),
+            friction=float(self.friction.coefficient[0]),
         )
 
 
@@ -256,7 +262,7 @@ def _advance(
     ``left`` and ``right`` are the planned contact of each foot. Returns whether the health of the feet has changed, and
     how many sole measurements were unusable and how many have less weight.
     """
-    buffer, feet, contacts, slips, memory, chains, observer, expected, rate = stages.record
+    buffer, feet, contacts, slips, friction, memory, chains, observer, expected, rate = stages.record
     innovation, imu, changed = memory.state.innovation, buffer.imu, False
     if not missing & STALE:
         expected[0], expected[1] = left, right
@@ -276,13 +282,15 @@ def _advance(
         return changed, 0, 0
     sole_poses(buffer.joints[0], chains)
     rejected = correct_soles(memory.state, chains.soles, memory.gate, memory.error)
+    if not missing & STALE:
+        watch_friction(feet.used, contacts.confidence[:, 1], slips.slipping, memory.state.vectors[2:], dt, friction)
     return changed, rejected, int(innovation[0] > memory.gate) + int(innovation[1] > memory.gate)
 
 
 @njit(cache=True)
 def _conclude(stages: Unboxed[_Stages], span: float, q: Vector, v: Vector) -> None:
     """Write the configuration (nq,) and velocity (nv,); the force observer advances by ``span`` [s] unless negative."""
-    buffer, feet, _, _, memory, chains, observer, _, _ = stages.record
+    buffer, feet, _, _, _, memory, chains, observer, _, _ = stages.record
     state = memory.state
     base_state(state.rotation, state.vectors, state.biases, buffer.imu[0], buffer.joints, chains.imu, q, v)
     if span >= 0.0:

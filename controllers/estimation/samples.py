@@ -41,6 +41,7 @@ class EstimatorHealth:
     slips: tuple[int, int] = (0, 0)  # of the left and the right foot
     sensor_faults: tuple[int, int] = (0, 0)  # failures of the left and the right foot's sensor
     foot_sensors: tuple[FootSensorState, FootSensorState] = (FootSensorState.SOUND, FootSensorState.SOUND)
+    friction: float = math.nan  # coefficient of the ground, estimated; NaN before the first step [-]
     coasting: float = 0.0  # time without IMU or joints [s]; 0 when sound
 
     def count(self, missing: int, dt: float) -> None:

@@ -1,5 +1,6 @@
 """State estimate as topics: odometry, contacts, IMU orientation, pushes, transforms."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,7 @@ import pinocchio as pin
 from geometry_msgs.msg import TransformStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Float64, UInt8MultiArray
 
 from controllers.estimation.estimator import StateEstimator
 from controllers.estimation.filter_kernels import ROTATION
@@ -25,6 +26,8 @@ from models.nodes.parameters import declare_period
 from models.nodes.qos import EVENT, LATCHED, STATE
 from models.robot_model import RobotModel
 from models.types import RobotState, SensorData, Vector
+
+FRICTION_CHANGE = 0.005  #: Least change of the coefficient that is published [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,7 @@ class EstimateTopics:
         self._covariance_due, self._push_due = Due(rates.covariance), Due(rates.push, 0.6)
         self._odom = node.announce(Odometry, topics.ODOM, STATE)
         self._contacts = node.announce(UInt8MultiArray, topics.CONTACTS, STATE)
+        self._friction, self._friction_sent = node.announce(Float64, topics.GROUND_FRICTION, LATCHED), math.inf
         self._imu = node.announce(Imu, topics.IMU_DATA, STATE)
         self._wrench = node.announce(WrenchStamped, topics.EXTERNAL_WRENCH, STATE)
         self._wrench_codec = WrenchCodec(topics.ODOM_FRAME)
@@ -85,8 +89,11 @@ class EstimateTopics:
             self._transforms.publish(state, stamp)
 
     def publish_odometry(self, state: RobotState, stamp: int) -> None:
-        """Publish contacts and odometry; the controller in another process waits for the latter."""
+        """Publish contacts, friction and odometry; the controller in another process waits for the latter."""
         self._contacts.publish(contacts_to_bytes(state.contacts))
+        if abs(state.friction - self._friction_sent) >= FRICTION_CHANGE:
+            self._friction_sent = state.friction
+            self._friction.publish(Float64(data=state.friction))
         self._odom.publish(self._codec.encode(stamp, state))
 
     def _imu_sample(self, sensors: SensorData) -> ImuSample:

@@ -1,5 +1,6 @@
 """Sensor topics as ``SensorData``, and state topics as ``RobotState`` for a controller in another process."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -8,16 +9,17 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import UInt8MultiArray
+from std_msgs.msg import Float64, UInt8MultiArray
 
 from controllers.estimation.assembler import MAX_AGE, SampleAssembler
+from models.errors import MessageError
 from models.nodes import topics
 from models.nodes.base import PoiseNode
 from models.nodes.cdr import NANOSECONDS, stamp_of
 from models.nodes.messages import ImuCodec, JointStateCodec, WrenchCodec
 from models.nodes.odometry import OdometryCodec, contacts_from_message
 from models.nodes.parameters import declare_ns
-from models.nodes.qos import sensor
+from models.nodes.qos import LATCHED, sensor
 from models.robot_model import SOLE_FRAMES
 from models.types import ContactState, RobotState, SensorData, Vector
 
@@ -85,7 +87,7 @@ class SampleTopics:
 
 
 class StateTopics:
-    """Joins ``/odom`` with the joint states it was computed from, the foot wrenches of that tick, and the contacts.
+    """Joins ``/odom`` with the joint states it was computed from, the wrenches of that tick, contacts and friction.
 
     Samples arrive before the odometry of the same stamp, because the estimator waits for them. ``take`` is called with
     every state and its stamp [ns]; ``qos`` is that of the subscribers.
@@ -95,12 +97,13 @@ class StateTopics:
         self._take = take
         self._joint_codec, self._odom_codec = JointStateCodec(node.model), OdometryCodec()
         self._samples: dict[int, tuple[Vector, ...]] = {}  # joints and wrenches of the newest ticks, by stamp [ns]
-        self._contacts = (True, True)
+        self._contacts, self._friction = (True, True), math.inf
         self._wrenches = [np.zeros(6), np.zeros(6)]
         listen = partial(node.listen, qos=qos, while_active=True)
         for foot, topic in enumerate(topics.FOOT_WRENCHES):
             listen(WrenchStamped, topic, partial(self._on_foot, foot, WrenchCodec(SOLE_FRAMES[foot])), raw=True)
         listen(UInt8MultiArray, topics.CONTACTS, self._on_contacts)
+        node.listen(Float64, topics.GROUND_FRICTION, self._on_friction, LATCHED)
         listen(JointState, topics.JOINT_STATES, self._on_joints, raw=True)
         listen(Odometry, topics.ODOM, self._on_odom, raw=True)
 
@@ -109,6 +112,11 @@ class StateTopics:
 
     def _on_contacts(self, message: UInt8MultiArray) -> None:
         self._contacts = contacts_from_message(message)
+
+    def _on_friction(self, message: Float64) -> None:
+        if not message.data > 0.0:
+            raise MessageError(f"data: a coefficient of friction of {message.data} is not positive")
+        self._friction = message.data
 
     def _on_joints(self, data: bytes) -> None:
         stamp, *joints = self._joint_codec.decode(data)
@@ -123,6 +131,11 @@ class StateTopics:
         q, v, tau, *wrenches = self._samples[stamp]
         left, right = (ContactState(*foot) for foot in zip(self._contacts, wrenches, strict=True))
         state = RobotState(
-            stamp / NANOSECONDS, np.concatenate([pose, q]), np.concatenate([twist, v]), tau, (left, right)
+            stamp / NANOSECONDS,
+            np.concatenate([pose, q]),
+            np.concatenate([twist, v]),
+            tau,
+            (left, right),
+            self._friction,
         )
         self._take(state, stamp)

@@ -44,7 +44,9 @@ class ContactConfig:
     damping: NonNegative  #: Velocity gain of a stance sole [1/s]
     linear_max: Positive  #: Largest acceleration from both gains [m/s^2]
     angular_max: Positive  #: The same, angular [rad/s^2]
-    friction: Positive  #: Coulomb coefficient of the cones [-]
+    friction: Positive  #: Largest Coulomb coefficient of the cones [-]
+    friction_share: Share  #: The same as a share of the estimated one [-]
+    friction_grain: Positive  #: Resolution of the coefficient: each change costs the QP new wrench cones [-]
     sole_margin: NonNegative  #: Taken off each side of the contact rectangles [m]
     force_min: NonNegative  #: Least normal force per sole, share of the weight [-]
     force_max: Positive  #: Largest normal force per sole, share of the weight [-]
@@ -132,7 +134,8 @@ class WholeBodyConfig:
     limits: LimitConfig
     solver: SolverConfig
     stepping: SteppingConfig  #: What differs while the robot steps
-    lookahead_s: NonNegative  #: Integration time from accelerations to the drivers' setpoints [s]
+    #: Least integration time from accelerations to the drivers' setpoints; a longer measured delay replaces it [s]
+    lookahead_s: NonNegative
     tasks: dict[str, PointTask]  #: Further tasks by name
 
 

@@ -1,5 +1,6 @@
 """Whole-body controller: terms, tasks, limits, QP, solution, driver setpoints, with a documented fallback."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -47,8 +48,8 @@ class WholeBodyController:
     with ``e_c`` the pose error of a sole to its foothold and ``v_c`` its twist: a foot that lifts or tips returns to
     its foothold.
 
-    The setpoint integrates the acceleration over a short look-ahead from the measured state, so the drivers' stiffness
-    opposes only what happens after the measurement.
+    The setpoint integrates the acceleration over a look-ahead from the measured state, which is the delay of the
+    commands (``set_lookahead``): the drivers' stiffness opposes only what was not planned meanwhile.
 
     Fallback: no usable solution repeats the last command for ``hold_ticks`` ticks, then commands damping only.
 
@@ -78,7 +79,7 @@ class WholeBodyController:
         self.com_task, self._feet = body.com, body.feet
         contact, solver = config.contact, config.solver
         self._cones = cones = WrenchConeLimit(
-            [min(contact.friction, foot.friction) for foot in model.feet],
+            [contact.friction] * len(model.feet),
             contact.sole_margin,
             contact.force_min * self._weight,
             contact.force_max * self._weight,
@@ -115,6 +116,9 @@ class WholeBodyController:
         self._full_areas: Matrix = np.array([foot.rectangle for foot in model.feet])
         self.areas = self._full_areas.copy()
         self._areas_key: bytes | None = None
+        self._known = min(foot.friction for foot in model.feet)  # while the state has no estimate
+        self.friction = contact.friction  #: Coefficient of the cones [-]
+        self._set_friction(math.inf)
         self.set_support_areas(None)
         self.acceleration = np.zeros(model.nv)
         self.wrenches = np.zeros((len(model.feet), 6))
@@ -130,12 +134,14 @@ class WholeBodyController:
         """Discard the last command and the failure count; ``joints`` are the measured positions (nj,) [rad]."""
         self._failures = 0
         self._last = None
+        self.set_lookahead(0.0)
         self.solver.reset()
         self._joints = joints
         self.torque = np.zeros(self.model.nj)
 
     def step(self, state: RobotState, reference: Reference) -> tuple[JointCommand, SolveStatus]:
         """One tick from the estimated state; ``terms`` must have been updated with it (the balance law does)."""
+        self._set_friction(state.friction)
         self.set_support_areas(reference.sole_areas)
         if (reference.contacts, reference.load) != self._contacts:
             self._change_contacts(reference.contacts, reference.load)
@@ -150,6 +156,10 @@ class WholeBodyController:
         self._last = JointCommand(command[0], command[1], self.torque)
         return self._last, solution.status
 
+    def set_lookahead(self, time: float) -> None:
+        """Integrate the setpoints over a time [s], at least ``lookahead_s``."""
+        self.builder.lookahead[0] = max(time, self.config.lookahead_s)
+
     def set_support_areas(self, areas: Matrix | None) -> bool:
         """Set the parts of the soles that count as support (2, 4) [m], whole if None; returns whether they changed."""
         key = b"" if areas is None else areas.tobytes()
@@ -161,6 +171,15 @@ class WholeBodyController:
             self._cones.set_area(contact, area)
         self.builder.set_edges(self.areas)
         return True
+
+    def _set_friction(self, estimate: float) -> None:
+        """Set the coefficient of the cones to the configured share of an estimated one [-], in steps of its grain."""
+        contact = self.config.contact
+        steps = contact.friction_share * min(estimate, self._known) / contact.friction_grain
+        friction = min(max(math.floor(steps), 1) * contact.friction_grain, contact.friction)
+        if friction != self.friction:
+            self.friction, self._areas_key = friction, None
+            self._cones.set_friction(friction)
 
     def _change_contacts(self, contacts: tuple[bool, ...], load: tuple[float, ...]) -> None:
         """Activate the tasks of the swing feet; set target wrenches to the planned load in the middle of each area."""

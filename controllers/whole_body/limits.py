@@ -216,14 +216,16 @@ class WrenchConeLimit(Limit):
 
     name = "wrench_cone"
 
-    def __init__(
-        self, frictions: Sequence[float], margin: float, force_min: float, force_max: float, scale: float
-    ) -> None:
+    def __init__(self, frictions: list[float], margin: float, force_min: float, force_max: float, scale: float) -> None:
         count = len(frictions)
         self._frictions, self._margin = frictions, margin
         self._forces, self._scale = (force_min, force_max), scale
         self.matrix: NDArray[np.float64] = np.zeros((count, CONE_ROWS, 6))
         self.lower, self.upper = np.zeros((count, CONE_ROWS)), np.zeros((count, CONE_ROWS))
+
+    def set_friction(self, friction: float) -> None:
+        """Set the coefficient of all contacts [-], in force from the next ``set_area`` on."""
+        self._frictions = [friction] * len(self._frictions)
 
     def set_area(self, contact: int, rectangle: Sequence[float]) -> None:
         """Set the part of a contact that bears load: x_min, x_max, y_min, y_max in its frame (4,) [m]."""

@@ -34,11 +34,11 @@ class Stack(NamedTuple):
 
 
 class Setpoint(NamedTuple):
-    """Bounds and look-ahead of the drivers' setpoint: joint limits (nj,) [rad], time [s]."""
+    """Bounds and look-ahead of the drivers' setpoint: joint limits (nj,) [rad], time (1,) [s]."""
 
     q_min: Array
     q_max: Array
-    ahead: float
+    ahead: Array
 
 
 class _Setup(NamedTuple):
@@ -82,9 +82,10 @@ class QPBuilder:
 
     Rows of ``limits`` come first, then those of ``extra_limits``. ``wrench_weight`` is of each wrench component (6,),
     ``regularisation`` is added to the Hessian's diagonal, ``lookahead`` is the time over which accelerations are
-    integrated to the setpoint [s]. ``contact_acceleration`` is the desired one of each contact in its frame (contacts,
-    6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises ``ConfigError`` when two
-    tasks or limits share a name, or a contact has fewer than six joints between it and the base.
+    integrated to the setpoint (1,) [s], settable. ``contact_acceleration`` is the desired one of each contact in its
+    frame (contacts, 6); ``stack.wrench_target`` and ``edges``, by ``set_edges``, are set from outside. Raises
+    ``ConfigError`` when two tasks or limits share a name, or a contact has fewer than six joints between it and the
+    base.
     """
 
     def __init__(
@@ -125,7 +126,8 @@ class QPBuilder:
             first = span.stop
         tasks.posture.write_into(tasks.posture.jacobian, stack.posture_target, stack.posture_weight)
         self.contact_acceleration = np.zeros((count, 6))
-        setpoint = Setpoint(np.array(model.q_lower), np.array(model.q_upper), lookahead)
+        self.lookahead = np.array([lookahead])
+        setpoint = Setpoint(np.array(model.q_lower), np.array(model.q_upper), self.lookahead)
         self.edges = Edges(np.zeros((count, 2), dtype=bool), np.zeros((count, 2)))
         self._turns = (0,) * count
         shared = stack, contacts, self.edges, self.contact_acceleration, regularisation, setpoint
@@ -309,8 +311,8 @@ def _recover(
             for j in range(nv - 6):
                 torque[j] -= total * terms.jacobians[contact, i, 6 + j]
     for j in range(nv - 6):
-        step = setpoint.ahead * acceleration[6 + j]
+        step = setpoint.ahead[0] * acceleration[6 + j]
         v = terms.v[6 + j]
-        q = terms.q[7 + j] + setpoint.ahead * (v + 0.5 * step)
+        q = terms.q[7 + j] + setpoint.ahead[0] * (v + 0.5 * step)
         command[0, j] = min(max(q, setpoint.q_min[j]), setpoint.q_max[j])
         command[1, j] = v + step

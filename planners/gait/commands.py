@@ -11,6 +11,7 @@ from models.errors import CommandError
 from models.types import STILL, Velocity
 from planners.gait.config import GaitConfig, VelocityConfig
 from planners.gait.footsteps import LEFT, RIGHT, Foothold
+from planners.gait.pace import velocity_within
 from planners.gait.route import Footstep, Route, check_footsteps, plan_to_pose, route_of
 
 
@@ -130,14 +131,18 @@ class Commands:
         check_footsteps(steps, soles, self._config)
         return structs.replace(state, route=route_of(steps), target=STILL, velocity=STILL)
 
-    def advance(self, state: CommandState, stepping: bool, dt: float) -> CommandState:
-        """Advance the velocity by dt [s]; while ``stepping``, count down the last two steps after a command of zero."""
+    def advance(self, state: CommandState, stepping: bool, dt: float, longest: float = math.inf) -> CommandState:
+        """Advance the velocity by dt [s]; while ``stepping``, count down the last two steps after a command of zero.
+
+        The steps of the velocity are not longer than ``longest`` [m].
+        """
         if state.route.steps:
             return state.counted(state.route.left if state.route.left <= self._config.preview else None)
         if state.moves:
-            if state.velocity == state.target and state.steps_left is None:
+            target = velocity_within(state.target, longest, self._config.pace)
+            if state.velocity == target and state.steps_left is None:
                 return state
-            velocity = approached(state.velocity, state.target, self._config.velocity, dt)
+            velocity = approached(state.velocity, target, self._config.velocity, dt)
             return structs.replace(state, velocity=velocity, steps_left=None)
         if stepping:
             return state.counted(2) if state.steps_left is None else state

@@ -26,6 +26,11 @@ class StrideConfig:
     clearance: Positive  #: Height of the sole at mid-swing [m]
     toe_off: NonNegative  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
 
+    @property
+    def period(self) -> float:
+        """Time of a step [s]."""
+        return self.single + self.double
+
 
 @dataclass(frozen=True, slots=True, config=STRICT)
 class PaceConfig:
@@ -38,6 +43,7 @@ class PaceConfig:
     calm: NonNegative  #: Largest DCM error of an undisturbed walk [m]
     alarm: Positive  #: DCM error from which the gait is as fast as it can be [m]
     calm_time: Positive  #: Time constant with which it returns to the pace of its speed [s]
+    friction_share: Positive  #: Share of the ground's coefficient of friction that the steps may need [-]
     slow: StrideConfig
     fast: StrideConfig
 

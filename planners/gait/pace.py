@@ -9,6 +9,14 @@ reference by ``exp(omega T)`` in a step. Both are one number, the ``share`` of t
 ``|v|`` is the norm of the velocity in parts of that at which the gait is fast, ``s_0`` its ``slow_share``, ``S`` the
 smooth step and ``u`` the urgency: a smooth step of the DCM error from ``calm`` to ``alarm``, which fades with the time
 constant ``calm_time``.
+
+The ground bears a tangential force of ``mu`` times the normal one. At a touchdown the CoM is half a step of length L
+and width w away from the feet, where the pendulum of height z needs a coefficient of ``|(L, w)| / 2 z``. On slippery
+ground the steps of a velocity are therefore quicker, and where the fast gait does not suffice the robot is slower:
+
+.. math:: L^2 + w^2 \le (2 z \sigma \mu)^2, \quad L = |v| T(s)
+
+with the share ``\sigma`` of the coefficient, ``friction_share``.
 """
 
 import math
@@ -50,6 +58,27 @@ def share_of(velocity: Velocity, config: PaceConfig) -> float:
     forward, left, turn = velocity
     speed = math.hypot(forward / config.forward, left / config.lateral, turn / config.turn)
     return _smooth_step((speed - config.slow_share) / (1.0 - config.slow_share))
+
+
+def longest_step(friction: float, height: float, width: float, config: PaceConfig) -> float:
+    """Length of the longest step that the ground bears, at a coefficient [-], a CoM height and a step width [m]."""
+    bearable = 2.0 * height * config.friction_share * friction
+    return math.sqrt(max(bearable * bearable - width * width, 0.0))
+
+
+def share_within(velocity: Velocity, longest: float, config: PaceConfig) -> float:
+    """Share of the fast gait from which the steps of a velocity are not longer than ``longest`` [m]."""
+    speed, slow, fast = math.hypot(velocity[0], velocity[1]), config.slow.period, config.fast.period
+    return min(max((slow - longest / max(speed, 1e-6)) / max(slow - fast, 1e-6), 0.0), 1.0)
+
+
+def velocity_within(velocity: Velocity, longest: float, config: PaceConfig) -> Velocity:
+    """The velocity, or a slower one whose steps are not longer than ``longest`` [m] in the fast gait."""
+    way = math.hypot(velocity[0], velocity[1]) * config.fast.period
+    if way <= longest:
+        return velocity
+    forward, left, turn = (longest / way * part for part in velocity)
+    return forward, left, turn
 
 
 def urgency_after(urgency: float, error: float, dt: float, config: PaceConfig) -> float:

@@ -20,7 +20,7 @@ from planners.gait.dcm import DcmState, single_support
 from planners.gait.footing import FLAT, Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
-from planners.gait.pace import pace_at, share_of, urgency_after
+from planners.gait.pace import longest_step, pace_at, share_of, share_within, urgency_after
 from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.reference import ReferenceBuilder
 from planners.gait.regions import Region, region_limits
@@ -173,8 +173,9 @@ class GaitPlanner:
         gait.elapsed += dt
         swinging = 1 - gait.stance if gait.phase is GaitPhase.SINGLE else None
         self._follow_soles(swinging, dt)
-        gait.command = self._commands.advance(gait.command, gait.phase.stepping, dt)
-        self._set_pace(dt)
+        longest = longest_step(state.friction, gait.body.height, self.config.reach.width, self.config.pace)
+        gait.command = self._commands.advance(gait.command, gait.phase.stepping, dt, longest)
+        self._set_pace(dt, longest)
         cmp_offset = None
         match gait.phase:
             case GaitPhase.STAND:
@@ -365,6 +366,8 @@ class GaitPlanner:
         gait = self.state
         gait.steps += 1
         gait.early = max(gait.step.time - gait.elapsed, 0.0)
+        missed = abs(gait.step.time - gait.elapsed) * math.hypot(*gait.dcm_rate.tolist())  # uneven ground [m]
+        gait.urgency = urgency_after(gait.urgency, missed, 0.0, self.config.pace)
         gait.soles = self._soles.landed(gait.soles, foot, gait.measured)
         gait.stance = foot
         gait.step = structs.replace(gait.step, double=gait.pace.double)
@@ -473,12 +476,13 @@ class GaitPlanner:
         """Whether the DCM is so far from its reference that the step is urgent."""
         return self._dcm_error() > self.config.adjustment.urgent
 
-    def _set_pace(self, dt: float) -> None:
-        """Pace of the commanded velocity and of the present disturbance."""
+    def _set_pace(self, dt: float, longest: float) -> None:
+        """Pace of the commanded velocity, of its ``longest`` step [m] and of the present disturbance."""
         gait, config = self.state, self.config.pace
         gait.urgency = urgency_after(gait.urgency, self._dcm_error(), dt, config)
-        share = self.config.route.pace if gait.command.route.steps else share_of(gait.command.velocity, config)
-        gait.pace = pace_at(share, config, gait.urgency)
+        velocity = gait.command.velocity
+        share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
+        gait.pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
 
     @property
     def must_step(self) -> bool:

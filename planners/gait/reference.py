@@ -12,7 +12,7 @@ from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState
 from planners.gait.footing import ToeOff, turned_about
-from planners.gait.footsteps import Point, mean_heading, wrap
+from planners.gait.footsteps import Point, mean_heading, middle, wrap
 from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
 
@@ -20,9 +20,11 @@ Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 
 
 class ReferenceBuilder:
-    r"""Reference of one tick: base and torso upright at the mean heading of the feet, and the height of the CoM.
+    r"""Reference of one tick: base and torso upright at the mean heading of the feet, CoM at a height over the ground.
 
-    On top of a height that changes slowly, the CoM rises over the stance foot as on a leg of fixed length :math:`l`,
+    The ground is the plane of the expected slope through the stance sole.
+
+    On top of that height, which changes slowly, the CoM rises over the stance foot as on a leg of fixed length :math:`l`,
     once in every step, by ``share`` of that rise for feet :math:`d` apart along the heading:
 
     .. math:: z = h - a \cos\frac{2 \pi (t - t_{low})}{T}, \quad
@@ -47,7 +49,7 @@ class ReferenceBuilder:
         self._upright = np.array([data.oMi[1].rotation, torso.rotation])  # of base and torso (2, 3, 3)
 
     def advance_body(self, state: GaitState, dt: float) -> BodyState:
-        """Height of the body and of the ground after one tick."""
+        """Height of the body, and of the ground under it, after one tick."""
         config, (left, right) = self._config, state.soles.holds
         swinging = 1 - state.stance if state.phase is GaitPhase.SINGLE else -1
         if state.phase is GaitPhase.STAND and state.rest is not None:
@@ -60,10 +62,13 @@ class ReferenceBuilder:
             height = min(height, reach)
         step = config.height_rate * dt
         change = min(max(height - state.body.height, -config.drop_rate * dt), step)
-        ground = 0.5 * (left.z + right.z) if swinging < 0 else state.soles.holds[state.stance].z
-        before = ground if state.body.ground is None else state.body.ground
+        under = middle((left, right)) if swinging < 0 else state.soles.holds[state.stance]
+        com, (rise_x, rise_y) = state.measured.com, state.soles.slope.tolist()
+        ground = under.z + rise_x * float(com[0] - under.x) + rise_y * float(com[1] - under.y)
+        climb = float(state.soles.slope @ state.measured.com_velocity[:2])
+        before = ground if state.body.ground is None else state.body.ground + climb * dt
         ground = before + min(max(ground - before, -step), step)
-        return BodyState(state.body.height + change, ground, change / dt, self._advance_rise(state, dt))
+        return BodyState(state.body.height + change, ground, change / dt + climb, self._advance_rise(state, dt))
 
     def _advance_rise(self, state: GaitState, dt: float) -> tuple[float, float, float]:
         """Rise over the stance leg, its rate and acceleration [m, m/s, m/s^2] after one tick."""

@@ -79,8 +79,9 @@ class BodyState(Struct, frozen=True):
     """Reference of the body."""
 
     height: float  #: CoM height above the ground [m]
-    ground: float | None = None  #: Height of the ground, limited in rate [m]; None before the first reference
-    rate: float = 0.0  #: Of the height [m/s]
+    #: Height of the ground under the CoM, limited in rate off the expected slope [m]; None before the first reference
+    ground: float | None = None
+    rate: float = 0.0  #: Vertical velocity of the CoM without its rise [m/s]
     #: Rise over the stance leg, which comes on top; its rate and acceleration [m, m/s, m/s^2]
     rise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

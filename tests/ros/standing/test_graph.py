@@ -37,7 +37,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.graph]
 
 TOPICS = (
     *("joint_states", "imu/data_raw", "foot/left/wrench", "foot/right/wrench", "clock", "ground_truth/odom", "odom"),
-    *("imu/data", "external_wrench", "tf", "tf_static"),
+    *("imu/data", "external_wrench", "ground/friction", "tf", "tf_static"),
     *("contacts", "encoder_offsets", "mode", "diagnostics", "robot_description", "humanoid_commands"),
     *("cmd_vel", "cmd_vel_stamped", "gait/velocity_request", "gait/stop", "gait/phase", "gait/capture_margin"),
     *("gait/footsteps", "gait/footsteps_taken", "goal_pose", "gait/footsteps_command", "gait/route"),

@@ -416,3 +416,31 @@ def test_a_stopped_motion_comes_to_rest_without_a_jump(model: RobotModel) -> Non
     assert np.abs(np.diff(speeds, axis=0)).max() < 0.01
     np.testing.assert_array_equal(speeds[-1], 0.0)
     assert not balance.motion_active
+
+
+def test_setpoints_are_where_the_joints_are_when_the_command_arrives(model: RobotModel) -> None:
+    state = moving_state(model, 0)
+    controller, reference = prepare(model, state, (True, True))
+    command, _ = controller.step(state, reference)
+    assert command.q == pytest.approx(state.q[7:], abs=0.01)
+    controller.set_lookahead(0.02)
+    late, _ = controller.step(state, reference)
+    joints, rate, acceleration = state.q[7:], state.v[6:], controller.acceleration[6:]
+    ahead = np.clip(joints + 0.02 * rate + 0.0002 * acceleration, model.q_lower, model.q_upper)
+    assert late.q == pytest.approx(ahead) and late.v == pytest.approx(rate + 0.02 * acceleration)
+    assert late.tau == pytest.approx(command.tau)
+    controller.set_lookahead(0.0)
+    assert controller.step(state, reference)[0].q == pytest.approx(command.q)
+
+
+def test_the_cones_follow_the_estimated_friction(model: RobotModel) -> None:
+    state = moving_state(model, 1)
+    controller, reference = prepare(model, state, (True, False))
+    known = controller.friction
+    controller.step(structs.replace(state, friction=0.2), reference)
+    share = controller.config.contact.friction_share
+    assert controller.friction == pytest.approx(0.2 * share, abs=controller.config.contact.friction_grain)
+    x, y, normal = controller.wrenches[0, :3]
+    assert max(abs(x), abs(y)) <= controller.friction / np.sqrt(2.0) * normal + 1e-6
+    controller.step(state, reference)  # without an estimate
+    assert controller.friction == known

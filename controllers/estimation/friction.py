@@ -1,0 +1,140 @@
+"""Friction of the ground, from soles that slide and soles that hold."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.estimation.config import FrictionConfig
+from models.numerics.compiled import njit
+from models.robot_model import RobotModel
+from models.types import Matrix, Vector
+
+Array = NDArray[np.float64]
+
+
+class FrictionLimits(NamedTuple):
+    """``FrictionConfig`` for compiled code, and the coefficient of the start."""
+
+    load: float  # [N]
+    flat: float
+    speed: float
+    filter_time: float
+    slide_time: float
+    held: float
+    raise_time: float
+    least: float
+    largest: float
+    start: float
+
+
+class FrictionMemory(NamedTuple):
+    """Limits and state of ``FrictionEstimator``."""
+
+    limits: FrictionLimits
+    rectangles: Array  # of the soles (2, 4) [m]
+    demands: Array  # low-passed (2,) [-]
+    places: Array  # of the soles in the last tick; NaN before the first one (2, 2) [m]
+    velocities: Array  # of the soles, low-passed (2, 2) [m/s]
+    coefficient: Array  # (1,)
+
+
+@njit(cache=True)
+def friction_demand(wrench: Array, rectangle: Array) -> float:
+    """Least coefficient with which a sole can bear a wrench (6,) with a positive normal force [N, N.m]."""
+    x_min, x_max, y_min, y_max = rectangle
+    normal = wrench[2]
+    x = min(max(-wrench[4] / normal, x_min), x_max)
+    y = min(max(wrench[3] / normal, y_min), y_max)
+    ahead, left = (x - x_min) / (x_max - x_min), (y - y_min) / (y_max - y_min)
+    near = (1.0 - left) * math.hypot(x - x_min, y - y_min) + left * math.hypot(x - x_min, y - y_max)
+    far = (1.0 - left) * math.hypot(x - x_max, y - y_min) + left * math.hypot(x - x_max, y - y_max)
+    lever = max((1.0 - ahead) * near + ahead * far, 0.25 * (y_max - y_min))
+    moment = wrench[5] - x * wrench[1] + y * wrench[0]
+    return math.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + (moment / lever) ** 2) / normal
+
+
+@njit(cache=True)
+def watch_friction(
+    wrenches: Array, confidence: Array, slipping: Array, soles: Array, dt: float, memory: FrictionMemory
+) -> None:
+    """One step of ``FrictionEstimator``."""
+    limits, rectangles, demands, places, velocities, coefficient = memory
+    share = min(dt / limits.filter_time, 1.0)
+    for foot in range(2):
+        square = 0.0
+        for i in range(2):
+            way = soles[foot, i] - places[foot, i] if math.isfinite(places[foot, i]) else 0.0
+            places[foot, i] = soles[foot, i]
+            velocities[foot, i] += share * (way / dt - velocities[foot, i])
+            square += velocities[foot, i] ** 2
+        if wrenches[foot, 2] < limits.load or confidence[foot] < limits.flat:
+            demands[foot] = -1.0
+            continue
+        demand = friction_demand(wrenches[foot], rectangles[foot])
+        demands[foot] += (share if demands[foot] >= 0.0 else 1.0) * (demand - demands[foot])
+        demand, slides = demands[foot], slipping[foot] > 0.0 and square > limits.speed**2
+        if slides:
+            coefficient[0] += min(dt / limits.slide_time, 1.0) * (demand - coefficient[0])
+        elif slipping[foot] == 0.0 and demand > limits.held * coefficient[0]:
+            coefficient[0] += min(dt / limits.raise_time, 1.0) * (demand / limits.held - coefficient[0])
+    coefficient[0] = min(max(coefficient[0], limits.least), limits.largest)
+
+
+class FrictionEstimator:
+    r"""Coulomb coefficient of the ground under the soles.
+
+    .. math::
+        d = \frac{1}{f_z} \sqrt{f_x^2 + f_y^2 + (m_z / l)^2}, \quad
+        \dot\mu = (d - \mu) / T_{slide} \;\text{(slides)}, \quad
+        \dot\mu = \max(d / s - \mu, 0) / T_{raise} \;\text{(holds)}
+
+    The demand d is the least coefficient with which the sole bears its wrench: ``m_z`` is the moment about the centre
+    of pressure, ``l`` the mean distance of the corners from there, weighted by their load. A sole slides when
+    ``SlipMonitor`` finds a slip and it moves faster than ``speed``; its demand is the coefficient then. A sole that
+    holds shows that the coefficient is at least d; the estimate rises slowly to more, by ``1 / s``, until the sole
+    slides again. Only soles with load and a centre of pressure away from the edges count: one that tips or has just
+    landed moves as well.
+
+    ``coefficient`` (1,) starts at the expected one of the configuration, or that of the robot's profile.
+
+    Reference:
+        Howe, Cutkosky: Practical force-motion models for sliding manipulation, IJRR 1996 (ellipsoidal limit surface).
+    """
+
+    def __init__(self, model: RobotModel, config: FrictionConfig, gravity: float) -> None:
+        nominal = min(foot.friction for foot in model.feet)
+        start = config.expected or nominal
+        limits = FrictionLimits(
+            load=config.load * model.mass * gravity,
+            flat=config.flat,
+            speed=config.speed,
+            filter_time=config.filter_time,
+            slide_time=config.slide_time,
+            held=config.held,
+            raise_time=config.raise_time,
+            least=config.least,
+            largest=max(nominal, start),
+            start=start,
+        )
+        rectangles = np.array([foot.rectangle for foot in model.feet], dtype=np.float64)
+        self.coefficient = np.array([start])
+        arrays = np.zeros(2), np.full((2, 2), np.nan), np.zeros((2, 2)), self.coefficient
+        self.memory = FrictionMemory(limits, rectangles, *arrays)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start over from the expected coefficient."""
+        memory = self.memory
+        memory.demands[:], memory.places[:], memory.velocities[:] = -1.0, np.nan, 0.0
+        self.coefficient[0] = memory.limits.start
+
+    def update(self, wrenches: Matrix, flat: Vector, slipping: Vector, soles: Matrix, dt: float) -> None:
+        """Advance by ``dt`` [s].
+
+        ``wrenches`` are the ground reactions in the sole frames (2, 6) [N, N.m], ``flat`` the confidence that each
+        sole lies flat (2,) [-], ``slipping`` is 1 where a foot slips (2,), ``soles`` are the estimated places x, y in W
+        (2, 2) [m].
+        """
+        watch_friction(wrenches, flat, slipping, soles, dt, self.memory)

@@ -1,0 +1,78 @@
+"""Coefficient of friction from soles that slide and soles that hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controllers.estimation.config import EstimatorConfig, expecting
+from controllers.estimation.friction import FrictionEstimator, friction_demand
+from models.config import default_config
+from models.constants import GRAVITY
+from models.errors import ConfigError
+from models.robot_model import RobotModel
+
+DT = 0.001
+CONFIG = default_config(EstimatorConfig, "controllers", "estimator").friction
+
+
+def sole_wrench(model: RobotModel, ratio: float) -> np.ndarray:
+    """The whole weight on the middle of the sole, pulled by a share of it (6,)."""
+    x_min, x_max, y_min, y_max = model.feet[0].rectangle
+    weight, x, y = model.mass * GRAVITY, 0.5 * (x_min + x_max), 0.5 * (y_min + y_max)
+    return weight * np.array([ratio, 0.0, 1.0, y, -x, -y * ratio])
+
+
+class Ground:
+    """The left sole bears the weight and slides or holds; the right one is in the air."""
+
+    def __init__(self, model: RobotModel, **changed: float) -> None:
+        self.model, self.law = model, FrictionEstimator(model, replace(CONFIG, **changed), GRAVITY)
+        self.soles = np.zeros((2, 2))
+
+    def run(self, ratio: float, duration: float, *, speed: float = 0.0, flat: float = 1.0) -> float:
+        wrenches, slips = np.array([sole_wrench(self.model, ratio), np.zeros(6)]), np.array([float(speed > 0.0), 0.0])
+        for _ in range(round(duration / DT)):
+            self.soles[0, 0] += speed * DT
+            self.law.update(wrenches, np.array([flat, 0.0]), slips, self.soles, DT)
+        return float(self.law.coefficient[0])
+
+
+@pytest.fixture
+def ground(g1: RobotModel) -> Ground:
+    return Ground(g1)
+
+
+def test_the_start_is_the_expected_coefficient(g1: RobotModel, ground: Ground) -> None:
+    assert ground.law.coefficient[0] == g1.profile.feet.friction
+    assert Ground(g1, expected=0.3).law.coefficient[0] == 0.3
+    assert expecting(0.3).friction.expected == 0.3 and expecting(None).friction == CONFIG
+    with pytest.raises(ConfigError, match="expected_friction"):
+        expecting(-0.1)
+
+
+def test_a_sole_that_slides_shows_the_coefficient(ground: Ground) -> None:
+    assert ground.run(0.25, 0.2, speed=0.1) == pytest.approx(0.25, abs=0.01)
+
+
+def test_a_sole_that_holds_raises_it_slowly_and_to_no_more_than_the_nominal_one(g1: RobotModel, ground: Ground) -> None:
+    slippery = ground.run(0.2, 0.2, speed=0.1)
+    assert ground.run(0.05, 5.0) == slippery  # it shows nothing: it would hold on any ground
+    after = ground.run(0.2, 1.0)
+    assert slippery + 0.01 < after < 0.25
+    assert ground.run(0.7, 100.0) == g1.profile.feet.friction
+
+
+@pytest.mark.parametrize(("speed", "flat"), [(0.01, 1.0), (1.0, 0.0)])
+def test_slow_motion_and_tipping_are_no_slides(ground: Ground, speed: float, flat: float) -> None:
+    before = ground.law.coefficient[0]
+    assert ground.run(0.2, 0.5, speed=speed, flat=flat) == before
+
+
+def test_turning_needs_friction_too(g1: RobotModel) -> None:
+    rectangle, wrench = np.array(g1.feet[0].rectangle), sole_wrench(g1, 0.0)
+    assert friction_demand(wrench, rectangle) == pytest.approx(0.0)
+    assert friction_demand(sole_wrench(g1, 0.3), rectangle) == pytest.approx(0.3)
+    lever = 0.5 * np.hypot(rectangle[1] - rectangle[0], rectangle[3] - rectangle[2])  # of every corner
+    wrench[5] = 0.2 * lever * wrench[2]
+    assert friction_demand(wrench, rectangle) == pytest.approx(0.2)
