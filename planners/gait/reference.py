@@ -24,8 +24,8 @@ class ReferenceBuilder:
 
     The ground is the plane of the expected slope through the stance sole.
 
-    On top of that height, which changes slowly, the CoM rises over the stance foot as on a leg of fixed length :math:`l`,
-    once in every step, by ``share`` of that rise for feet :math:`d` apart along the heading:
+    On top of that height, which changes slowly, the CoM rises over the stance foot as on a leg of fixed length
+    :math:`l`, once in every step, by ``share`` of that rise for feet :math:`d` apart along the heading:
 
     .. math:: z = h - a \cos\frac{2 \pi (t - t_{low})}{T}, \quad
         a = \min\left(\mathrm{share}\,\frac{d^2}{16 l}, \frac{T^2}{4 \pi^2} \ddot z_{max}\right)
