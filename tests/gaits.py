@@ -9,7 +9,7 @@ from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import Soles
 from planners.gait.measurement import GaitMeasurement, Measurement
 from planners.gait.planner import GaitPlanner
-from planners.gait.reaction import leg_lever
+from planners.gait.reaction import SwingLeg, leg_lever
 from planners.gait.state import GaitPhase
 from planners.gait.swing import SwingFoot
 from tests.support import standing
@@ -47,7 +47,7 @@ class Planned:
         self.config: GaitConfig = load_gait_config(self.model)
         self.soles, self.swing = Soles(self.model, self.config), SwingFoot(self.config.swing)
         self.lever = leg_lever(self.model)
-        self.plan = StepPlanner(self.config, self.soles, self.swing.shape, self.lever)
+        self.plan = StepPlanner(self.config, self.soles, SwingLeg(self.swing.shape, self.lever))
         self.measured = GaitMeasurement(self.model).measure(standing(self.model))
 
     def with_dcm(self, dcm: np.ndarray) -> Measurement:

@@ -232,6 +232,7 @@ class BalanceController:
             *reference.contacts,
             reference.com,
             reference.com_velocity,
+            float(reference.com_acceleration[2]),
             self._zero_xy if reference.dcm is None else reference.dcm,
             self._zero_xy if reference.dcm_velocity is None else reference.dcm_velocity,
             has_dcm,

@@ -155,6 +155,7 @@ def feedback_tick(
     right: bool,
     com: Array,
     com_velocity: Array,
+    rise: float,
     dcm: Array,
     dcm_velocity: Array,
     led: bool,
@@ -166,7 +167,8 @@ def feedback_tick(
     Writes, in W, the measured DCM ``dcm`` (2,) [m], the admissible CMP ``cmp`` (2,) [m] and the CoM acceleration
     ``acceleration`` (3,) [m/s^2] of the record.
 
-    ``left`` and ``right`` are the feet planned to bear load, both where neither is. With ``led``, ``dcm`` and
+    ``left`` and ``right`` are the feet planned to bear load, both where neither is. ``rise`` is the vertical
+    acceleration of the CoM reference [m/s^2], which the force at the CMP provides, too. With ``led``, ``dcm`` and
     ``dcm_velocity`` (2,) replace the horizontal part of the CoM reference. ``shift`` is that of the CMP by the planned
     reaction of the swing leg (2,) [m].
     """
@@ -207,9 +209,9 @@ def feedback_tick(
     count = convex_hull(points, hull)
     margin = cmp_command(hull, count, arrays.dcm, desired, gains[1], gains[2], gains[3], gains[4], arrays.cmp)
     for i in range(2):
-        arrays.acceleration[i] = omega * omega * (measured[i] - arrays.cmp[i])
-    height, rise = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]
-    arrays.acceleration[2] = gains[5] * height + gains[6] * rise
+        arrays.acceleration[i] = omega * omega * (1.0 + rise / GRAVITY) * (measured[i] - arrays.cmp[i])
+    height, rate = position[2] - measured[2], velocity[2] - arrays.com_velocity[2]
+    arrays.acceleration[2] = rise + gains[5] * height + gains[6] * rate
     return float(margin)
 
 

@@ -26,7 +26,7 @@ from planners.gait.footsteps import (
 )
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
-from planners.gait.reaction import Body, LegLever, SwingLeg, SwingMotion, rest_of_swing
+from planners.gait.reaction import Body, SwingLeg, SwingMotion, rest_of_swing
 from planners.gait.regions import (
     NOWHERE,
     URGENT_REGIONS,
@@ -38,7 +38,7 @@ from planners.gait.regions import (
     region_boxes,
     region_limits,
 )
-from planners.gait.swing import SwingShape, SwingState, Via
+from planners.gait.swing import SwingState, Via
 
 _UNSOLVED = 1e6  #: Value of a QP without a solution [-]
 _PASSING = 1.5  #: Speed at a corner over the mean speed of the way behind it [-]
@@ -244,7 +244,7 @@ class _Setup(NamedTuple):
 class StepPlanner:
     """Plans the step under way and the next ones."""
 
-    def __init__(self, config: GaitConfig, soles: Soles, shape: SwingShape, lever: LegLever) -> None:
+    def __init__(self, config: GaitConfig, soles: Soles, leg: SwingLeg) -> None:
         self._config = config
         self._adjustment = StepAdjustment(config.adjustment)
         self._limits = limits_of(config.reach)
@@ -252,8 +252,9 @@ class StepPlanner:
         law, reach = self._adjustment, config.reach
         boxes, self._corner = region_boxes(region_limits(reach)), (reach.cross_ahead, reach.width_min)
         speed, quickest = config.swing.speed_max, config.timing.single_urgent
-        cop = config.adjustment.cop_share * soles.half
-        model = StepModel(soles.centres, SwingLeg(shape, lever))
+        nearest = soles.half - np.abs(soles.points - soles.centres)  # edge from the ZMP point (2, 2) [m]
+        cop = config.adjustment.cop_share * nearest
+        model = StepModel(soles.points, leg)
         self._nominal = _Nominal(*(np.zeros(2) for _ in _Nominal._fields))
         passage = Passage(self._corner, boxes, speed, quickest)
         self._setup = unbox(_Setup(model, law.going_on, law.ending, passage, cop, soles.half, law.qp, self._nominal))
@@ -284,7 +285,8 @@ class StepPlanner:
         single_min = config.timing.single_urgent if walk.urgent else config.timing.single_min
         soonest = max(single_min, elapsed + config.swing.freeze)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
-        motion = swing.motion, swing.floor, swing.clearance, swing.duration, (step.hold.x, step.hold.y)
+        target = step.hold.x, step.hold.y
+        motion = swing.motion, swing.floor, swing.clearance, swing.duration, swing.start, target
         body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
         own = Region.URGENT if walk.urgent else Region.OWN
         last, best, least = step.region if step.region.crossing else own, None, math.inf
@@ -355,7 +357,7 @@ def _start_of_single(
 ) -> Point:
     """``StepPlanner.start_of_single``; arguments as for ``previewed_offset``, ``liftoff`` of the swing foot."""
     model = setup.record.model
-    stance_centre, centre, yaw = model.centres[1 - foot], model.centres[foot], poses[0, 2]
+    stance_centre, centre, yaw = model.points[1 - foot], model.points[foot], poses[0, 2]
     x, y = point_at(poses[0, 0], poses[0, 1], yaw, stance_centre[0], stance_centre[1])
     first = point_at(liftoff[0], liftoff[1], liftoff[2], centre[0], centre[1])
     last = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
@@ -390,7 +392,7 @@ def _assemble_step(
     swing_place = relative_to(x, y, yaw, motion[0, 0], motion[0, 1])
     rounds, crossing, speed = not math.isnan(corner[0]), region >= Region.FRONT, fixed.passage.speed
     away = max(abs(corner[0] - swing_place[0]), abs(corner[1] - swing_place[1])) if rounds else 0.0
-    stance_centre, centre = model.centres[1 - foot], model.centres[foot]
+    stance_centre, centre = model.points[1 - foot], model.points[foot]
     point = point_at(x, y, yaw, stance_centre[0], stance_centre[1])
     landing = point_at(poses[1, 0], poses[1, 1], poses[1, 2], centre[0], centre[1])
     hold, zmp = relative_to(x, y, yaw, poses[1, 0], poses[1, 1]), relative_to(x, y, yaw, landing[0], landing[1])
@@ -448,7 +450,7 @@ def _foothold_of(
     """Foothold x, y in W [m] of a solution ``step`` of the QP; sets ``end``, the DCM at its touchdown (2,) [m]."""
     model, nominal = setup.record.model, setup.record.nominal
     x, y, yaw = poses[0, 0], poses[0, 1], poses[0, 2]
-    stance_centre, coupling = model.centres[1 - foot], offset_coupling(omega, pace, model)
+    stance_centre, coupling = model.points[1 - foot], offset_coupling(omega, pace, model)
     point, way = point_at(x, y, yaw, stance_centre[0], stance_centre[1]), rotated(yaw, step[0], step[1])
     more = rotated(yaw, coupling * (step[0] - nominal.step[0]), coupling * (step[1] - nominal.step[1]))
     for i in range(2):

@@ -24,6 +24,7 @@ class StrideConfig:
     double: Positive  #: Double support between two steps [s]
     crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
     clearance: Positive  #: Height of the sole at mid-swing [m]
+    toe_off: NonNegative  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
 
     @property
     def period(self) -> float:
@@ -50,6 +51,15 @@ class PaceConfig:
         """A value of the stride at a share of the fast gait."""
         slow, fast = float(getattr(self.slow, name)), float(getattr(self.fast, name))
         return slow + share * (fast - slow)
+
+
+@dataclass(frozen=True, slots=True, config=STRICT)
+class RiseConfig:
+    """Rise of the CoM over the stance leg; the law is that of ``StanceRise``."""
+
+    share: NonNegative  #: Of the rise over a leg of fixed length [-]
+    crest: Annotated[float, Field(ge=0.5, lt=1.0)]  #: Share of the single support at which the CoM is highest [-]
+    acceleration: Positive  #: Largest vertical acceleration [m/s^2]
 
 
 @dataclass(frozen=True, slots=True, config=STRICT)
@@ -98,6 +108,7 @@ class SwingConfig:
     """Swing foot."""
 
     apex: Share  #: Share of the swing at which it is reached [-]
+    least_effort: Annotated[float, Field(ge=0.0, le=1.0)]  #: Part of the path of least acceleration, not jerk [-]
     landing_velocity: NonNegative  #: Downward speed of the sole at the planned touchdown [m/s]
     late_velocity: Positive  #: Downward speed of a foot that is late [m/s]
     late_time: Positive  #: Time constant of a late foot's way to its target sideways [s]
@@ -195,6 +206,7 @@ class GaitConfig:
     """The gait."""
 
     leg: Positive  #: Hip height above the sole of the robot that the lengths are written for [m]
+    zmp: Share  #: ZMP point of single support, from under the ankle (0) to the middle of the sole (1) [-]
     height_rate: Positive  #: Fastest rise of the CoM height reference [m/s]
     drop_rate: Positive  #: Fastest descent of the CoM height reference [m/s]
     preview: Annotated[int, Field(ge=1, le=12)]  #: Steps that the DCM recursion looks ahead
@@ -214,6 +226,7 @@ class GaitConfig:
     anchor_time: Positive  #: Time constant with which planted footholds follow the soles that bear load [s]
     anchor_load: Share  #: Share of the weight that a foot must bear for its foothold to follow it [-]
     pace: PaceConfig
+    rise: RiseConfig
     timing: TimingConfig
     reach: ReachConfig
     velocity: VelocityConfig
@@ -290,7 +303,8 @@ def scaled(config: GaitConfig, leg: float) -> GaitConfig:
 
 
 def _stride(stride: StrideConfig, length: float, time: float) -> StrideConfig:
-    return _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
+    scaled = _times(_times(stride, length, "crouch", "clearance"), time, "single", "double")
+    return _times(scaled, 1.0 / length, "toe_off")
 
 
 def _times(part: Part, factor: float, *names: str) -> Part:

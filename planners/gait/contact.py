@@ -53,26 +53,31 @@ class SoleState(Struct, frozen=True):
 
 
 class Soles:
-    """Geometry of the soles (``centres`` and ``half`` sizes), and how footholds and ground follow the measurement."""
+    """Geometry of the soles, and how footholds and ground follow the measurement.
+
+    ``centres`` are the middles of the soles and ``half`` their half sizes, ``points`` the ZMP points of single support,
+    in the frames of the soles, each (2, 2) [m].
+    """
 
     def __init__(self, model: RobotModel, config: GaitConfig) -> None:
         self._config = config
         rectangles = [foot.rectangle for foot in model.feet]
         self.centres = np.array([(0.5 * (r[0] + r[1]), 0.5 * (r[2] + r[3])) for r in rectangles])
         self.half = np.array([(0.5 * (r[1] - r[0]), 0.5 * (r[3] - r[2])) for r in rectangles])
-        self._centres: list[Point] = [(x, y) for x, y in self.centres.tolist()]
+        self.points = config.zmp * self.centres  # the frame of a sole is under its ankle
+        self._points: list[Point] = [(x, y) for x, y in self.points.tolist()]
         ground = config.ground
         limits = AnchorLimits(config.anchor_load, config.anchor_time, ground.anchor_time, ground.settle_time)
         self._anchor = unbox(limits)
 
     def point_of(self, foot: int, hold: Foothold) -> Vector:
-        """ZMP point of a foot on a foothold: the middle of the sole, in W (2,) [m]."""
-        return np.array(hold.moved(*self._centres[foot]))
+        """ZMP point of a foot on a foothold, in W (2,) [m]."""
+        return np.array(hold.moved(*self._points[foot]))
 
     def middle(self, holds: Feet) -> Vector:
-        """Half-way between the ZMP points of both feet (2,) [m]."""
-        middle: Vector = 0.5 * (self.point_of(0, holds[0]) + self.point_of(1, holds[1]))
-        return middle
+        """Half-way between the middles of both soles (2,) [m]."""
+        left, right = (hold.moved(*centre) for hold, centre in zip(holds, self.centres.tolist(), strict=True))
+        return np.array((0.5 * (left[0] + right[0]), 0.5 * (left[1] + right[1])))
 
     def nearest(self, holds: Feet, dcm: Vector) -> int:
         """The foot with the ZMP point nearer to a DCM (2,) [m]."""
@@ -98,7 +103,7 @@ class Soles:
         """
         config, reach, foot = self._config, self._config.reach, 1 - stance
         time, half = config.timing.single_urgent, self.half[stance]
-        origin = Foothold(*holds[stance].moved(*self._centres[stance]), holds[stance].yaw)
+        origin = Foothold(*holds[stance].moved(*self._points[stance]), holds[stance].yaw)
         at, liftoff = np.array(origin.relative(*dcm)), np.array(origin.relative(*self.point_of(foot, holds[foot])))
         cop = np.clip(at, -half, half)
         end = cop + (at - cop) * math.exp(omega * time)

@@ -29,7 +29,7 @@ from planners.gait.reaction import Body, SwingLeg, SwingMotion, cmp_offset, rest
 class StepModel(NamedTuple):
     """Constants of a step, for compiled code."""
 
-    centres: Matrix  # middle of each sole in the frame of the sole (2, 2) [m]
+    points: Matrix  # ZMP point of each sole in its frame (2, 2) [m]
     leg: SwingLeg
 
 
@@ -83,7 +83,7 @@ def previewed_offset(poses: Matrix, foot: int, ends: bool, omega: float, pace: P
     count = poses.shape[0]
     points, swings = np.empty((count, 2)), np.empty((count - 2, 2))
     for i in range(count):
-        centre = step.centres[foot if i % 2 == 1 else 1 - foot]
+        centre = step.points[foot if i % 2 == 1 else 1 - foot]
         points[i, 0], points[i, 1] = point_at(poses[i, 0], poses[i, 1], poses[i, 2], centre[0], centre[1])
     for i in range(count - 2):
         way = points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1]

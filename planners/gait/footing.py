@@ -13,6 +13,47 @@ from models.types import Matrix, Vector
 from planners.gait.config import FootingConfig
 from planners.gait.measurement import Measurement
 
+
+class ToeOff(NamedTuple):
+    """Rotation of the rear sole about its edge towards the other foot, before it lifts."""
+
+    foot: int = -1  #: None where both soles lie flat
+    edge: float = 0.0  #: Along the sole, in its frame [m]
+    angle: float = 0.0  #: About its y axis [rad]
+    rate: float = 0.0  #: [rad/s]
+    acceleration: float = 0.0  #: [rad/s^2]
+
+
+class SoleEdges(NamedTuple):
+    """Edges about which a sole may turn, in its frame."""
+
+    rear: float = 0.0  #: [m]
+    front: float = 0.0  #: [m]
+    least: float = np.inf  #: Rotation at lift-off below which it lies flat [rad]
+
+
+@register_jitable
+def turn_at_lift_off(ahead: float, turn: float, duration: float, edges: SoleEdges) -> tuple[float, float, float, float]:
+    """Edge, angle, rate and acceleration of ``ToeOff`` at the end of a double support; see ``Footing.toe_off``."""
+    angle = turn * ahead
+    if abs(angle) < edges.least:
+        return 0.0, 0.0, 0.0, 0.0
+    return edges.front if angle > 0.0 else edges.rear, angle, 2.0 * angle / duration, 2.0 * angle / duration**2
+
+
+@register_jitable
+def turned_about(edge: float, angle: float, rate: float, acceleration: float, out: Matrix) -> None:
+    """Displacement, velocity and acceleration of a sole's origin by a rotation about an edge; arguments as ``ToeOff``.
+
+    ``out`` is x and z in the frame of the flat sole (3, 2) [m, m/s, m/s^2].
+    """
+    c, s = edge * np.cos(angle), edge * np.sin(angle)
+    out[0, 0], out[0, 1] = edge - c, s
+    out[1, 0], out[1, 1] = s * rate, c * rate
+    out[2, 0], out[2, 1] = c * rate * rate + s * acceleration, c * acceleration - s * rate * rate
+
+
+FLAT = ToeOff()
 _BEARS = 0.05  #: Share of the weight from which a sole has a centre of pressure [-]
 
 
@@ -87,6 +128,8 @@ class Footing:
 
     def __init__(self, model: RobotModel, config: FootingConfig) -> None:
         self._whole = np.array([foot.rectangle for foot in model.feet])
+        rear, front, _, _ = self._whole[0].tolist()  # left and right mirror each other
+        self.edges = SoleEdges(rear, front, config.tipped)
         self._constants = unbox(_Soles(self._whole, FootingLimits(*astuple(config))))
 
     def whole(self, before: FootingState | None = None) -> FootingState:
@@ -98,6 +141,17 @@ class Footing:
             soles.edges[:] = _views(before.block).edges
         return FootingState(block, self._whole)
 
+    def toe_off(self, foot: int, ahead: float, turn: float, elapsed: float, duration: float) -> ToeOff:
+        r"""Rotation of the rear ``foot`` in a double support, whose other foot is ``ahead`` along the sole [m].
+
+        .. math:: \theta = k\, d\, (t / T)^2
+
+        with the ``turn`` k at lift-off per distance d [rad/m]; less than ``tipped`` is none.
+        """
+        share = min(max(elapsed / duration, 0.0), 1.0)
+        edge, angle, rate, acceleration = turn_at_lift_off(ahead, turn, duration, self.edges)
+        return ToeOff(foot, edge, angle * share * share, rate * share, acceleration) if edge else FLAT
+
     def update(
         self,
         footing: FootingState,
@@ -107,10 +161,12 @@ class Footing:
         dt: float,
         *,
         urgent: bool = False,
+        toe_off: ToeOff = FLAT,
     ) -> FootingState:
         """One tick; ``swinging`` (None in double support) lands on a whole sole, or on its rim.
 
         ``slope`` is that of the ground where it lands (2,) [-]. While ``urgent``, soles lose no side that goes down.
+        ``toe_off`` is that of the rear foot in double support, which bears on the edge.
         """
         block, areas, foot = footing.block.copy(), footing.areas.copy(), -1 if swinging is None else swinging
         if urgent:
@@ -121,6 +177,8 @@ class Footing:
             foot, measured.loads, dt, measured.turning, measured.cops, measured.tilts[foot] - slope, yaw, urgent,
             self._constants, block, areas,
         )  # fmt: skip
+        if toe_off.foot >= 0:
+            areas[toe_off.foot, :2] = toe_off.edge
         return FootingState(block, areas)
 
 

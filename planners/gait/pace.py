@@ -34,6 +34,7 @@ class Pace(NamedTuple):
     crouch: float  #: The CoM is below that of standing by this [m]
     clearance: float  #: Height of the sole at mid-swing [m]
     share: float  #: Of the fast gait, from 0 to 1 [-]
+    toe_off: float = 0.0  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
 
     @property
     def period(self) -> float:
@@ -41,11 +42,15 @@ class Pace(NamedTuple):
         return self.single + self.double
 
 
-def pace_at(share: float, config: PaceConfig) -> Pace:
-    """The pace at a share of the fast gait."""
-    names = ("single", "double", "crouch", "clearance")
-    single, double, crouch, clearance = (config.between(share, name) for name in names)
-    return Pace(single, double, crouch, clearance, share)
+def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
+    """The pace at the share of the fast gait that a speed needs, and the urgency of a disturbance [-].
+
+    The rear sole of an urgent step lies flat, so that both soles bear.
+    """
+    share = max(share, urgency)
+    names = ("single", "double", "crouch", "clearance", "toe_off")
+    single, double, crouch, clearance, toe_off = (config.between(share, name) for name in names)
+    return Pace(single, double, crouch, clearance, share, (1.0 - urgency) * toe_off)
 
 
 def share_of(velocity: Velocity, config: PaceConfig) -> float:

@@ -17,7 +17,7 @@ from planners.gait.commands import Commands, CommandState
 from planners.gait.config import GaitConfig, load_gait_config
 from planners.gait.contact import AirborneDetector, Soles
 from planners.gait.dcm import DcmState, single_support
-from planners.gait.footing import Footing
+from planners.gait.footing import FLAT, Footing
 from planners.gait.footsteps import Feet, Foothold, clamped, replaced, wrap
 from planners.gait.measurement import BodyMotion, GaitMeasurement, Ground, Measurement, filtered_dcm_rate
 from planners.gait.pace import longest_step, lost_share, pace_at, share_of, share_within, urgency_after
@@ -52,11 +52,12 @@ class GaitPlanner:
         self._soles = Soles(model, config)
         self._swing = SwingFoot(config.swing)
         lever = leg_lever(model)
-        self._leg = unbox(SwingLeg(self._swing.shape, lever))
-        self._plan = StepPlanner(config, self._soles, self._swing.shape, lever)
+        self._footing = Footing(model, config.footing)
+        leg = SwingLeg(self._swing.shape, lever, self._footing.edges)
+        self._leg = unbox(leg)
+        self._plan = StepPlanner(config, self._soles, leg)
         self._builder = ReferenceBuilder(model, config)
         self._airborne = AirborneDetector(model, config.lift)
-        self._footing = Footing(model, config.footing)
         self._regions = region_limits(config.reach)
         self.state = self._warm_up()
 
@@ -192,7 +193,7 @@ class GaitPlanner:
         elif cmp_offset is None:  # the foot has just lifted
             _, cmp_offset = self._single_support()
         gait.footing = self._footing.update(
-            gait.footing, measured, swinging, gait.soles.slope, dt, urgent=gait.step.urgent
+            gait.footing, measured, swinging, gait.soles.slope, dt, urgent=gait.step.urgent, toe_off=gait.toe_off
         )
         loads, gait.body = self._loads(), self._builder.advance_body(gait, dt)
         if gait.phase is GaitPhase.STAND and rest is not None and rest.standing is not None:
@@ -246,6 +247,9 @@ class GaitPlanner:
         gait, duration = self.state, self.state.step.double
         elapsed, end, omega = gait.elapsed - gait.early, self._end_of_shift(), self._omega()
         gait.dcm = gait.dcm.in_double(self._stance_point(), end, omega, elapsed, duration)
+        rear, front = gait.soles.holds[1 - gait.stance], gait.soles.holds[gait.stance]
+        ahead = rear.relative(front.x, front.y)[0]
+        gait.toe_off = self._footing.toe_off(1 - gait.stance, ahead, gait.pace.toe_off, elapsed, duration)
         bears = gait.measured.active[1 - gait.stance]  # after a wide step the body drags the rear foot off the floor
         if elapsed >= duration or self._far_off() or not bears:
             self._lift()
@@ -287,7 +291,7 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
         foot = gait.swing
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, (target.x, target.y)
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.start, (target.x, target.y)
         point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
         single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
         return gait.dcm.in_single(point, out[0], out[1]), out[2]
@@ -310,12 +314,11 @@ class GaitPlanner:
         return Walk(hold, 1 - stance, liftoff, gait.command, gait.pace, self._omega(), gait.step.urgent)
 
     def _lift(self) -> None:
-        """The swing foot leaves the floor at its measured place."""
+        """The swing foot leaves the floor at its measured place, from its edge as it turns."""
+        gait, foot, single, toe_off = self.state, 1 - self.state.stance, self.state.pace.single, self.state.toe_off
         self._enter(GaitPhase.SINGLE)
-        gait, foot, single = self.state, 1 - self.state.stance, self.state.pace.single
         sole = gait.measured.soles[foot]
         pose = np.array([sole.x, sole.y, sole.z, sole.yaw])
-        gait.swing = self._swing.lift(pose, gait.pace.clearance, single, gait.soles.tilts[foot], gait.swing.trips)
         gait.step = structs.replace(
             gait.step,
             time=single,
@@ -327,6 +330,8 @@ class GaitPlanner:
         )
         nominal, _ = self._plan.nominal(self._walk(sole))
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
+        clearance, tilt, trips = gait.pace.clearance, gait.soles.tilts[foot], gait.swing.trips
+        gait.swing = self._swing.lift(pose, clearance, single, tilt, trips, (nominal.x, nominal.y), toe_off)
         self._adjust(0.0)
 
     def _adjust(self, elapsed: float) -> None:
@@ -448,7 +453,7 @@ class GaitPlanner:
 
     def _enter(self, phase: GaitPhase) -> None:
         gait = self.state
-        gait.phase, gait.elapsed, gait.settled = phase, 0.0, 0.0
+        gait.phase, gait.elapsed, gait.settled, gait.toe_off = phase, 0.0, 0.0, FLAT
         if phase is GaitPhase.STAND:
             gait.step = structs.replace(gait.step, urgent=False)
             gait.dcm = gait.dcm.begin_blend()
@@ -478,7 +483,7 @@ class GaitPlanner:
         gait.urgency = max(urgency_after(gait.urgency, self._dcm_error(), dt, config), lost)
         velocity = gait.command.velocity
         share = self.config.route.pace if gait.command.route.steps else share_of(velocity, config)
-        gait.pace = pace_at(max(share, share_within(velocity, longest, config), gait.urgency), config)
+        gait.pace = pace_at(max(share, share_within(velocity, longest, config)), config, gait.urgency)
 
     @property
     def must_step(self) -> bool:

@@ -35,13 +35,14 @@ from models.robot_model import Foot, RobotModel
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import leg_length
+from planners.gait.footing import SoleEdges, turn_at_lift_off, turned_about
 from planners.gait.footsteps import Point
 from planners.gait.pace import Pace
-from planners.gait.swing import YAW, SwingShape, Z
+from planners.gait.swing import YAW, SwingShape, Z, end_acceleration
 
 #: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], clearance [m], time
-#: from lift-off to touchdown [s], and target in W [m]
-SwingMotion = tuple[Matrix, float, float, float, Point]
+#: from lift-off to touchdown [s], place at lift-off and target in W [m]
+SwingMotion = tuple[Matrix, float, float, float, Point, Point]
 Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 
 # Gauss-Legendre on [0, 1]
@@ -72,6 +73,7 @@ class SwingLeg(NamedTuple):
 
     shape: SwingShape
     lever: LegLever
+    edges: SoleEdges = SoleEdges()
 
 
 @register_jitable
@@ -80,12 +82,13 @@ def _allowance(
 ) -> tuple[float, float]:
     """``d`` along the heading and sideways [m], ``left`` and ``rise`` [s] before touchdown and apex of the swing.
 
-    ``foot`` (14,) is position, velocity, acceleration along the heading, sideways, up; way to go along the heading and
-    sideways; heights of apex and landing; velocity at landing. ``ahead`` is the foot from the CoM along the heading
-    [m], ``drift`` the velocity of the CoM along it [m/s].
+    ``foot`` (16,) is position, velocity, acceleration along the heading, sideways, up; way to go along the heading and
+    sideways; heights of apex and landing; velocity at landing; acceleration there along and sideways. ``ahead`` is the
+    foot from the CoM along the heading [m], ``drift`` the velocity of the CoM along it [m/s].
     """
     x, y, z = foot[0:3], foot[3:6], foot[6:9]
-    x_end, y_end, top, floor, v_end = foot[9], foot[10], foot[11], foot[12], foot[13]
+    x_end, y_end, top, floor = foot[9], foot[10], foot[11], foot[12]
+    v_end, ax_end, ay_end = foot[13], foot[14], foot[15]
     rising = 0.0 < rise < left
     middle = rise if rising else 0.0
     integral, side = 0.0, 0.0
@@ -96,7 +99,7 @@ def _allowance(
         for i in range(4):
             t = begin + _NODES[i] * span
             weight = _WEIGHTS[i] * span * math.exp(-omega * t)
-            px = quintic_step(0.0, x[1], x[2], (x_end, 0.0, 0.0), left, t)[0]
+            px = quintic_step(0.0, x[1], x[2], (x_end, 0.0, ax_end), left, t)[0]
             if part == 0:
                 pz = quintic_step(z[0], z[1], z[2], (top, 0.0, 0.0), middle, t)[0]
             elif rising:
@@ -105,7 +108,7 @@ def _allowance(
                 pz = quintic_step(z[0], z[1], z[2], (floor, v_end, 0.0), left, t)[0]
             before = ahead + px - drift * t
             integral += weight * (lever.lever * px + 0.5 * lever.slope * before * before + lever.lift * pz)
-            side += weight * lever.side * quintic_step(0.0, y[1], y[2], (y_end, 0.0, 0.0), left, t)[0]
+            side += weight * lever.side * quintic_step(0.0, y[1], y[2], (y_end, 0.0, ay_end), left, t)[0]
     decay = math.exp(-omega * left)
     last = ahead + x_end - drift * left
     first = 0.5 * lever.slope * ahead * ahead + lever.lift * z[0]
@@ -119,13 +122,22 @@ def _allowance(
 @register_jitable
 def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg) -> Point:
     """``d`` at the lift-off of a step of a steady walk, in W [m]; ``way`` is the foot's displacement [m]."""
-    shape, lever = leg
-    c, s = math.cos(yaw), math.sin(yaw)
-    foot = np.zeros(14)
+    shape, lever, edges = leg
+    c, s, turned = math.cos(yaw), math.sin(yaw), np.empty((3, 2))
+    foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
+    for i in range(2):
+        foot[14 + i] = end_acceleration(foot[9 + i], pace.single, shape.least_effort)
+        foot[2 + 3 * i] = -foot[14 + i]
+    edge, angle, rate, acceleration = turn_at_lift_off(0.5 * foot[9], pace.toe_off, pace.double, edges)
+    turned_about(edge, angle, rate, acceleration, turned)
+    for i in range(3):
+        foot[6 + i] = turned[i, 1]
+    foot[1], foot[2] = turned[1, 0], foot[2] + turned[2, 0]
     foot[11], foot[12], foot[13] = pace.clearance, 0.0, -shape.landing_velocity
     drift = 0.5 * foot[9] / (pace.single + pace.double)
     ahead = 0.5 * (drift * pace.single - foot[9])  # as far behind at lift-off as ahead at touchdown
+    foot[9], ahead = foot[9] - turned[0, 0], ahead + turned[0, 0]
     x, y = _allowance(omega, pace.single, shape.apex * pace.single, foot, ahead, drift, lever)
     return c * x - s * y, s * x + c * y
 
@@ -133,12 +145,12 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg)
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
     """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
-    (motion, floor, clearance, duration, target), (com, com_velocity), (shape, lever) = swing, body, leg
+    (motion, floor, clearance, duration, start, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shape.apex) * duration
     if rise <= shape.freeze:
         rise = 0.0
-    foot, place = np.zeros(14), motion[0]
+    foot, place = np.zeros(16), motion[0]
     c, s = math.cos(place[YAW]), math.sin(place[YAW])
     for k in range(3):
         x, y = motion[k, 0], motion[k, 1]
@@ -146,6 +158,9 @@ def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg
     way_x, way_y = target[0] - place[0], target[1] - place[1]
     foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
     foot[11], foot[12], foot[13] = floor + clearance, floor, -shape.landing_velocity
+    end_x = end_acceleration(target[0] - start[0], duration, shape.least_effort)
+    end_y = end_acceleration(target[1] - start[1], duration, shape.least_effort)
+    foot[14], foot[15] = c * end_x + s * end_y, c * end_y - s * end_x
     ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
     drift = c * com_velocity[0] + s * com_velocity[1]
     x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)

@@ -7,10 +7,11 @@ import pinocchio as pin
 
 from models.numerics.compiled import njit, register_jitable
 from models.robot_model import RobotModel
-from models.spline import min_jerk
+from models.spline import min_jerk, quintic_step
 from models.types import Matrix, Reference, RobotState, Vector
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState
+from planners.gait.footing import ToeOff, turned_about
 from planners.gait.footsteps import Point, mean_heading, middle, wrap
 from planners.gait.measurement import Measurement
 from planners.gait.state import BodyState, GaitPhase, GaitState
@@ -19,9 +20,18 @@ Place = tuple[float, float, float, float]  #: x, y, z [m] and heading [rad] in W
 
 
 class ReferenceBuilder:
-    """Reference of one tick: base and torso upright at the mean heading of the feet, CoM at a height over the ground.
+    r"""Reference of one tick: base and torso upright at the mean heading of the feet, CoM at a height over the ground.
 
     The ground is the plane of the expected slope through the stance sole.
+
+    On top of that height, which changes slowly, the CoM rises over the stance foot as on a leg of fixed length
+    :math:`l`, once in every step, by ``share`` of that rise for feet :math:`d` apart along the heading:
+
+    .. math:: z = h - a \cos\frac{2 \pi (t - t_{low})}{T}, \quad
+        a = \min\left(\mathrm{share}\,\frac{d^2}{16 l}, \frac{T^2}{4 \pi^2} \ddot z_{max}\right)
+
+    The knee then neither bends nor stretches as much under load. In every tick the quintic from the present rise to
+    that of the coming crest or trough is followed, so that steps of another time or length leave it smooth.
 
     ``under`` is each sole from the CoM in the 'stand' posture (2, 2) [m].
     """
@@ -58,7 +68,25 @@ class ReferenceBuilder:
         climb = float(state.soles.slope @ state.measured.com_velocity[:2])
         before = ground if state.body.ground is None else state.body.ground + climb * dt
         ground = before + min(max(ground - before, -step), step)
-        return BodyState(state.body.height + change, ground, change / dt + climb)
+        return BodyState(state.body.height + change, ground, change / dt + climb, self._advance_rise(state, dt))
+
+    def _advance_rise(self, state: GaitState, dt: float) -> tuple[float, float, float]:
+        """Rise over the stance leg, its rate and acceleration [m, m/s, m/s^2] after one tick."""
+        config, timing, phase, step = self._config.rise, self._config.timing, state.phase, state.step
+        double, single, (left, right) = step.double, step.time, state.soles.holds
+        end, ahead, soonest = (0.0, 0.0, 0.0), timing.finish - state.elapsed, self._config.swing.freeze
+        if phase is GaitPhase.SINGLE or phase is GaitPhase.DOUBLE:
+            yaw, period = mean_heading(left.yaw, right.yaw), double + single
+            along = (left.x - right.x) * math.cos(yaw) + (left.y - right.y) * math.sin(yaw)
+            most = config.acceleration * (0.5 * period / math.pi) ** 2
+            size = min(config.share * along * along / (16.0 * self._config.leg), most)
+            since = state.elapsed + (double if phase is GaitPhase.SINGLE else 0.0)  # the touchdown
+            crest = double + config.crest * single - since
+            trough = crest - 0.5 * period
+            ahead, sign = (crest, 1.0) if trough < soonest <= crest else (trough, -1.0)
+            ahead += period if crest < soonest else 0.0
+            end = (sign * size, 0.0, -sign * size * (2.0 * math.pi / period) ** 2)
+        return advance_rise(state.body.rise, end, max(ahead + dt, soonest), dt)
 
     def build(self, state: GaitState, load: tuple[float, float], cmp_offset: Vector | None) -> Reference:
         """Reference of one tick; ``load`` is the share of each foot, ``cmp_offset`` CMP minus CoP (2,) [m]."""
@@ -68,12 +96,13 @@ class ReferenceBuilder:
         positions, motions = np.empty((2, 3)), np.zeros((2, 2, 6))
         places = (left.x, left.y, left.z, left.yaw), (right.x, right.y, right.z, right.yaw)
         swing, out = state.swing, (rotations, positions, motions, bodies)
-        _place_bodies(places, state.soles.tilts, foot if single else -1, swing.motion, swing.tilt, self._upright, *out)
+        swings = foot if single else -1
+        _place_bodies(places, state.soles.tilts, swings, swing.motion, swing.tilt, state.toe_off, self._upright, *out)
         dcm = state.dcm.dcm
         return Reference(
-            com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height]),
-            com_velocity=np.array([0.0, 0.0, body.rate]),
-            com_acceleration=self._zero[:3],
+            com=np.array([dcm[0], dcm[1], (body.ground or 0.0) + body.height + body.rise[0]]),
+            com_velocity=np.array([0.0, 0.0, body.rate + body.rise[1]]),
+            com_acceleration=np.array([0.0, 0.0, body.rise[2]]),
             base_orientation=bodies[0],
             torso_orientation=bodies[1],
             posture=self._posture,
@@ -140,15 +169,15 @@ def sole_rotation(yaw: float, rise_x: float, rise_y: float, rotation: Matrix) ->
 
 @njit(cache=True)
 def _place_bodies(
-    places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector, upright: Matrix,
-    rotations: Matrix, positions: Matrix, motions: Matrix, bodies: Matrix,
+    places: tuple[Place, Place], tilts: Matrix, foot: int, motion: Matrix, tilt: Vector, toe_off: ToeOff,
+    upright: Matrix, rotations: Matrix, positions: Matrix, motions: Matrix, bodies: Matrix,
 ) -> None:  # fmt: skip
     """Fill rotations and positions of the soles, their motions, and rotations of base and torso at the mean heading.
 
     These are (2, 3, 3), (2, 3) [m], velocities and accelerations (2, 2, 6), and (2, 3, 3). ``places`` are the planted
     soles with their slopes ``tilts`` (2, 2); ``foot`` swings (-1 without one), with position, velocity and acceleration
-    x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). ``upright`` are the rotations of base and torso at heading 0
-    (2, 3, 3).
+    x, y, z, yaw ``motion`` (3, 4) and slope ``tilt`` (2,). That of ``toe_off`` turns about its edge. ``upright`` are
+    the rotations of base and torso at heading 0 (2, 3, 3).
     """
     first, second = places[0][3], places[1][3]
     for i in range(2):
@@ -167,6 +196,8 @@ def _place_bodies(
                 second = yaw
         positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
         sole_rotation(yaw, rise_x, rise_y, rotations[i])
+        if i == toe_off.foot:
+            _turn_about_edge(toe_off, rotations[i], positions[i], motions[0, i], motions[1, i])
     turn = first + 0.5 * wrap(second - first)
     c, s = math.cos(turn), math.sin(turn)
     for body in range(2):
@@ -177,6 +208,30 @@ def _place_bodies(
                 s * x + c * y,
                 upright[body, 2, k],
             )
+
+
+@register_jitable
+def _turn_about_edge(
+    toe_off: ToeOff, rotation: Matrix, position: Vector, velocity: Vector, acceleration: Vector
+) -> None:
+    """Turn a flat sole: its rotation (3, 3) and position (3,), velocity and acceleration (6,), all in W."""
+    turned = np.empty((3, 2))
+    turned_about(toe_off.edge, toe_off.angle, toe_off.rate, toe_off.acceleration, turned)
+    c, s = math.cos(toe_off.angle), math.sin(toe_off.angle)
+    for k in range(3):
+        x, y, z = rotation[k, 0], rotation[k, 1], rotation[k, 2]
+        position[k] += x * turned[0, 0] + z * turned[0, 1]
+        velocity[k], velocity[3 + k] = x * turned[1, 0] + z * turned[1, 1], y * toe_off.rate
+        acceleration[k], acceleration[3 + k] = x * turned[2, 0] + z * turned[2, 1], y * toe_off.acceleration
+        rotation[k, 0], rotation[k, 2] = c * x - s * z, s * x + c * z
+
+
+@njit(cache=True)
+def advance_rise(
+    rise: tuple[float, float, float], end: tuple[float, float, float], left: float, dt: float
+) -> tuple[float, float, float]:
+    """Height, rate and acceleration after ``dt`` [s] on the quintic to ``end``, ``left`` [s] ahead."""
+    return quintic_step(rise[0], rise[1], rise[2], end, left, dt)
 
 
 @njit(cache=True)

@@ -14,7 +14,7 @@ from planners.gait.commands import NO_COMMAND, CommandState
 from planners.gait.config import GaitConfig
 from planners.gait.contact import AirborneState, Soles, SoleState
 from planners.gait.dcm import DcmState
-from planners.gait.footing import FootingState
+from planners.gait.footing import FLAT, FootingState, ToeOff
 from planners.gait.footsteps import LEFT, Foothold, limits_of, preview_footholds
 from planners.gait.measurement import Measurement
 from planners.gait.pace import Pace
@@ -81,7 +81,9 @@ class BodyState(Struct, frozen=True):
     height: float  #: CoM height above the ground [m]
     #: Height of the ground under the CoM, limited in rate off the expected slope [m]; None before the first reference
     ground: float | None = None
-    rate: float = 0.0  #: Vertical velocity of the CoM [m/s]
+    rate: float = 0.0  #: Vertical velocity of the CoM without its rise [m/s]
+    #: Rise over the stance leg, which comes on top; its rate and acceleration [m, m/s, m/s^2]
+    rise: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(slots=True)
@@ -97,6 +99,7 @@ class GaitState:
     body: BodyState
     airborne: AirborneState
     pace: Pace
+    toe_off: ToeOff = FLAT  #: Of the rear foot
     urgency: float = 0.0  #: Part of the pace that disturbances require [-]
     command: CommandState = NO_COMMAND
     swing: SwingState = AT_REST

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from msgspec import Struct, structs
 
-from models.numerics.compiled import njit
+from models.numerics.compiled import njit, register_jitable
 from models.numerics.unboxed import Unboxed, unbox
 from models.spline import quintic_step
 from models.types import Matrix, Vector
 from planners.gait.config import SwingConfig
+from planners.gait.footing import FLAT, ToeOff, turned_about
 from planners.gait.footsteps import Point
 
 X, Y, Z, YAW = range(4)
@@ -40,6 +41,7 @@ class SwingShape(NamedTuple):
     apex: float
     landing_velocity: float
     freeze: float
+    least_effort: float
 
 
 class SwingLimits(NamedTuple):
@@ -68,6 +70,7 @@ class SwingState(Struct, frozen=True):
     floor: float  # height at lift-off [m]
     clearance: float  # height of the apex above lift-off or target, whichever is higher [m]
     duration: float  # from lift-off to the planned touchdown [s]
+    start: Point  # place at lift-off, in W [m]
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
     trips: int = 0  # detected so far
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
@@ -91,17 +94,19 @@ class SwingState(Struct, frozen=True):
         motion = self.motion.copy()
         motion[0, X] += x
         motion[0, Y] += y
-        return structs.replace(self, motion=motion)
+        return structs.replace(self, motion=motion, start=(self.start[0] + x, self.start[1] + y))
 
 
-AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, np.zeros(2))
+AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), np.zeros(2))
 
 
 class SwingFoot:
     """Moves the reference of a foot from lift-off to touchdown.
 
     Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left:
-    the target and the time may move, and the reference stays smooth to its acceleration. The height goes likewise to
+    the target and the time may move, and the reference stays smooth to its acceleration. Along x and y the acceleration
+    at both ends is that of ``least_effort`` parts of the cubic, the path of the least mean square of the acceleration,
+    which the hip of the leg pays for; the rest is the path of least jerk. The height goes likewise to
     the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
     at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first
     go to a corner, ``via``, and through it.
@@ -112,15 +117,37 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze)
+        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze, config.least_effort)
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
 
-    def lift(self, pose: Vector, clearance: float, duration: float, tilt: Vector, trips: int = 0) -> SwingState:
-        """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration."""
-        motion = np.zeros((3, 4))
+    def lift(
+        self,
+        pose: Vector,
+        clearance: float,
+        duration: float,
+        tilt: Vector,
+        trips: int = 0,
+        target: Point | None = None,
+        toe_off: ToeOff = FLAT,
+    ) -> SwingState:
+        """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration.
+
+        ``target`` is the place at which it is to end, in W [m]; without one, it starts without acceleration.
+        With ``toe_off``, the pose is that of the flat sole, and the foot starts as it turns about its edge.
+        """
+        motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
         motion[0] = pose
-        return SwingState(motion, float(pose[Z]), clearance, duration, tilt, trips)
+        if toe_off.foot >= 0:
+            c, s, turned = math.cos(pose[YAW]), math.sin(pose[YAW]), np.empty((3, 2))
+            turned_about(*toe_off[1:], turned)
+            motion[:, :Z] += turned[:, :1] * np.array([c, s])
+            motion[:, Z] += turned[:, 1]
+            tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
+        if target is not None:
+            for i, (end, begin) in enumerate(zip(target, start, strict=True)):
+                motion[2, i] -= end_acceleration(end - begin, duration, self.shape.least_effort)
+        return SwingState(motion, float(pose[Z]), clearance, duration, start, tilt, trips)
 
     def detect_trip(
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
@@ -147,8 +174,16 @@ class SwingFoot:
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
         limits, passing = self._limits, via or NO_VIA
-        _advance(limits, motion, tilt, target, slope, heights, rising_until, passing, elapsed, duration, dt)
+        _advance(
+            limits, motion, tilt, swing.start, target, slope, heights, rising_until, passing, elapsed, duration, dt
+        )
         return structs.replace(swing, motion=motion, duration=duration, tilt=tilt)
+
+
+@register_jitable
+def end_acceleration(way: float, duration: float, effort: float) -> float:
+    """Acceleration at the end of a swing over a way [m/s^2], that at its start reversed; see ``SwingFoot``."""
+    return -6.0 * effort * way / (duration * duration)
 
 
 @njit(cache=True)
@@ -180,6 +215,7 @@ def _advance(
     constants: Unboxed[SwingLimits],
     motion: Matrix,
     tilt: Vector,
+    start: Point,
     target: Vector,
     slope: Vector,
     heights: Point,
@@ -219,6 +255,8 @@ def _advance(
         if rising and i < Z:
             continue
         end, time = (target[i], 0.0, 0.0), steady
+        if i < Z:
+            end = target[i], 0.0, end_acceleration(target[i] - start[i], duration, shape.least_effort)
         if i == Z:
             end, time = (height, sink, 0.0), height_left
         elif i < Z and passing > 0.0:

@@ -85,11 +85,12 @@ def test_an_undisturbed_step_lands_at_its_planned_place(planned: Planned, foot: 
     """From the DCM at which the coming single support begins."""
     walk, single = walk_of(foot, None), PACE.single
     pose = np.array([walk.liftoff.x, walk.liftoff.y, walk.liftoff.z, walk.liftoff.yaw])
-    swing = planned.swing.lift(pose, PACE.clearance, single, np.zeros(2))
     nominal, offset = planned.plan.nominal(walk)
+    target = nominal.x, nominal.y
+    swing = planned.swing.lift(pose, PACE.clearance, single, np.zeros(2), target=target)
     point, landing = planned.soles.point_of(1 - foot, walk.stance), planned.soles.point_of(foot, nominal)
     start, leg = landing + offset, unbox(SwingLeg(planned.swing.shape, planned.lever))
-    moving = swing.motion, swing.floor, swing.clearance, swing.duration, (nominal.x, nominal.y)
+    moving = swing.motion, swing.floor, swing.clearance, swing.duration, swing.start, target
     for _ in range(20):  # the reaction depends on the CoM, which is at the DCM here
         at = planned.with_dcm(start)
         body = at.com, at.com_velocity

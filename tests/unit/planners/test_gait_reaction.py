@@ -66,13 +66,14 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     """CMP of each tick of a swing, and the allowance of the DCM before it; the CoP is at the origin."""
     c, s = math.cos(yaw), math.sin(yaw)
     velocity = 0.5 / PACE.period * way
-    foot = FOOT.lift(np.array([0.0, 0.0, 0.0, yaw]), PACE.clearance, SINGLE, np.zeros(2))
+    pose, ends = np.array([0.0, 0.0, 0.0, yaw]), (way[0], way[1])
+    foot = FOOT.lift(pose, PACE.clearance, SINGLE, np.zeros(2), target=ends)
     start = 0.5 * (way - velocity * SINGLE)
     target = np.array([*way, 0.0, yaw])
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, (way[0], way[1])
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.start, ends
         still, out = np.zeros(2), np.empty((3, 2))
         single_support(still, still, OMEGA, left, swing, (com, velocity), LEG, out)
         return out[0], out[2]

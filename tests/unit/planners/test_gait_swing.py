@@ -1,5 +1,7 @@
 """The swing foot: smooth, clear of the floor, at its target on time, and patient when the floor is lower."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -145,3 +147,20 @@ def test_a_tick_leaves_the_state_before_it_alone() -> None:
 def test_a_quintic_step_over_the_whole_time_ends_at_the_end() -> None:
     end = (0.4, -0.1, 0.3)
     assert quintic_step(0.1, 0.5, -2.0, end, 0.3, 0.3) == pytest.approx(end)
+
+
+def test_the_path_of_least_effort_accelerates_less() -> None:
+    """The cubic has 7 / 10 of the mean square acceleration of the path of least jerk, and both land on the target."""
+    squares = []
+    for effort in (0.0, 1.0):
+        law = SwingFoot(replace(CONFIG, least_effort=effort))
+        foot = law.lift(START, CLEARANCE, DURATION, LEVEL, target=(TARGET[0], TARGET[1]))
+        along = []
+        for i in range(round((DURATION - CONFIG.freeze) / DT)):
+            foot = law.step(foot, TARGET, LEVEL, (i + 1) * DT, DURATION, DT)
+            along.append(foot.motion[2, 0])
+        u = 1.0 - CONFIG.freeze / DURATION
+        share = u * u * (3.0 - 2.0 * u) if effort else u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+        assert foot.position[0] == pytest.approx(share * TARGET[0], abs=1e-6)
+        squares.append(np.mean(np.square(along)))
+    assert squares[1] < 0.75 * squares[0]
