@@ -286,7 +286,7 @@ class StepPlanner:
         soonest = max(single_min, elapsed + config.swing.freeze)
         latest, ends = max(config.timing.single_max, soonest), walk.command.steps_left is not None
         target = step.hold.x, step.hold.y
-        motion = swing.motion, swing.floor, swing.clearance, swing.duration, swing.start, target
+        motion = swing.motion, swing.floor, swing.clearance, swing.duration, swing.braking, target
         body, nominal_tau = (measured.com, measured.com_velocity), math.exp(omega * walk.pace.single)
         own = Region.URGENT if walk.urgent else Region.OWN
         last, best, least = step.region if step.region.crossing else own, None, math.inf

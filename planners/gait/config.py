@@ -9,7 +9,7 @@ import pinocchio as pin
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from models.config import STRICT, NonNegative, Positive, Share, default_config
+from models.config import STRICT, NonNegative, Positive, Proportion, Share, default_config
 from models.robot_model import RobotModel
 
 QUINTIC_PEAK = 15.0 / 8.0  #: Peak over mean speed of a quintic from rest to rest [-]
@@ -24,6 +24,7 @@ class StrideConfig:
     double: Positive  #: Double support between two steps [s]
     crouch: NonNegative  #: Walking lowers the CoM below that of standing by this [m]
     clearance: Positive  #: Height of the sole at mid-swing [m]
+    least_effort: Proportion  #: Part of the swing foot's path that is that of least acceleration, not jerk [-]
     toe_off: NonNegative  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
 
     @property
@@ -108,7 +109,6 @@ class SwingConfig:
     """Swing foot."""
 
     apex: Share  #: Share of the swing at which it is reached [-]
-    least_effort: Annotated[float, Field(ge=0.0, le=1.0)]  #: Part of the path of least acceleration, not jerk [-]
     landing_velocity: NonNegative  #: Downward speed of the sole at the planned touchdown [m/s]
     late_velocity: Positive  #: Downward speed of a foot that is late [m/s]
     late_time: Positive  #: Time constant of a late foot's way to its target sideways [s]

@@ -34,6 +34,7 @@ class Pace(NamedTuple):
     crouch: float  #: The CoM is below that of standing by this [m]
     clearance: float  #: Height of the sole at mid-swing [m]
     share: float  #: Of the fast gait, from 0 to 1 [-]
+    least_effort: float = 0.0  #: Part of the swing foot's path that is that of least acceleration, not jerk [-]
     toe_off: float = 0.0  #: Rotation of the rear sole at lift-off, per distance behind the other one [rad/m]
 
     @property
@@ -48,9 +49,9 @@ def pace_at(share: float, config: PaceConfig, urgency: float = 0.0) -> Pace:
     The rear sole of an urgent step lies flat, so that both soles bear.
     """
     share = max(share, urgency)
-    names = ("single", "double", "crouch", "clearance", "toe_off")
-    single, double, crouch, clearance, toe_off = (config.between(share, name) for name in names)
-    return Pace(single, double, crouch, clearance, share, (1.0 - urgency) * toe_off)
+    names = ("single", "double", "crouch", "clearance", "least_effort", "toe_off")
+    single, double, crouch, clearance, effort, toe_off = (config.between(share, name) for name in names)
+    return Pace(single, double, crouch, clearance, share, effort, (1.0 - urgency) * toe_off)
 
 
 def share_of(velocity: Velocity, config: PaceConfig) -> float:

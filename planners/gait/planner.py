@@ -280,7 +280,8 @@ class GaitPlanner:
         # The foot of an urgent step lags behind its reference; a late landing is worse than an early one.
         lead = config.swing.urgent_lead if urgent else 0.0
         duration = gait.step.time - lead
-        gait.swing = self._swing.step(swing, pose, gait.soles.slope, elapsed, duration, dt, gait.step.via)
+        slope, via, effort = gait.soles.slope, gait.step.via, gait.pace.least_effort
+        gait.swing = self._swing.step(swing, pose, slope, elapsed, duration, dt, via, effort)
         gait.dcm, cmp_offset = self._single_support()
         if measured.active[foot] and elapsed > config.timing.landing_from * gait.step.time:
             self._land(foot)
@@ -291,7 +292,7 @@ class GaitPlanner:
         gait, measured = self.state, self.state.measured
         target, left = gait.soles.holds[1 - gait.stance], gait.step.time - gait.elapsed
         foot = gait.swing
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.start, (target.x, target.y)
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.braking, (target.x, target.y)
         point, body, out = self._stance_point(), (measured.com, measured.com_velocity), np.empty((3, 2))
         single_support(point, gait.step.touchdown, self._omega(), left, swing, body, self._leg, out)
         return gait.dcm.in_single(point, out[0], out[1]), out[2]
@@ -330,8 +331,8 @@ class GaitPlanner:
         )
         nominal, _ = self._plan.nominal(self._walk(sole))
         gait.soles = structs.replace(gait.soles, holds=replaced(gait.soles.holds, foot, nominal))
-        clearance, tilt, trips = gait.pace.clearance, gait.soles.tilts[foot], gait.swing.trips
-        gait.swing = self._swing.lift(pose, clearance, single, tilt, trips, (nominal.x, nominal.y), toe_off)
+        tilt, trips, target, pace = gait.soles.tilts[foot], gait.swing.trips, (nominal.x, nominal.y), gait.pace
+        gait.swing = self._swing.lift(pose, pace.clearance, single, tilt, trips, target, toe_off, pace.least_effort)
         self._adjust(0.0)
 
     def _adjust(self, elapsed: float) -> None:

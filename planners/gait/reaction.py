@@ -41,7 +41,7 @@ from planners.gait.pace import Pace
 from planners.gait.swing import YAW, SwingShape, Z, end_acceleration
 
 #: The swing under way: motion of the foot, see ``SwingState`` (3, 4), its height at lift-off [m], clearance [m], time
-#: from lift-off to touchdown [s], place at lift-off and target in W [m]
+#: from lift-off to touchdown [s], acceleration at touchdown [m/s^2] and target [m] in W
 SwingMotion = tuple[Matrix, float, float, float, Point, Point]
 Body = tuple[Vector, Vector]  #: CoM [m] and its velocity [m/s] in W, each (3,)
 
@@ -127,7 +127,7 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg)
     foot = np.zeros(16)
     foot[9], foot[10] = c * way[0] + s * way[1], c * way[1] - s * way[0]
     for i in range(2):
-        foot[14 + i] = end_acceleration(foot[9 + i], pace.single, shape.least_effort)
+        foot[14 + i] = end_acceleration(foot[9 + i], pace.single, pace.least_effort)
         foot[2 + 3 * i] = -foot[14 + i]
     edge, angle, rate, acceleration = turn_at_lift_off(0.5 * foot[9], pace.toe_off, pace.double, edges)
     turned_about(edge, angle, rate, acceleration, turned)
@@ -145,7 +145,7 @@ def whole_swing(omega: float, pace: Pace, way: Point, yaw: float, leg: SwingLeg)
 @register_jitable
 def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg: SwingLeg) -> Point:
     """``d``: DCM that the rest of the swing, ``left`` [s] before touchdown, uses up, in W [m]."""
-    (motion, floor, clearance, duration, start, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
+    (motion, floor, clearance, duration, braking, target), (com, com_velocity), (shape, lever, _) = swing, body, leg
     left = max(left, shape.freeze)  # the last moments are stretched, see swing.py
     rise = left - (1.0 - shape.apex) * duration
     if rise <= shape.freeze:
@@ -158,9 +158,7 @@ def rest_of_swing(omega: float, left: float, swing: SwingMotion, body: Body, leg
     way_x, way_y = target[0] - place[0], target[1] - place[1]
     foot[9], foot[10] = c * way_x + s * way_y, c * way_y - s * way_x
     foot[11], foot[12], foot[13] = floor + clearance, floor, -shape.landing_velocity
-    end_x = end_acceleration(target[0] - start[0], duration, shape.least_effort)
-    end_y = end_acceleration(target[1] - start[1], duration, shape.least_effort)
-    foot[14], foot[15] = c * end_x + s * end_y, c * end_y - s * end_x
+    foot[14], foot[15] = c * braking[0] + s * braking[1], c * braking[1] - s * braking[0]
     ahead = c * (place[0] - com[0]) + s * (place[1] - com[1])
     drift = c * com_velocity[0] + s * com_velocity[1]
     x, y = _allowance(omega, left, rise, foot, ahead, drift, lever)

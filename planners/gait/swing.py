@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,6 @@ class SwingShape(NamedTuple):
     apex: float
     landing_velocity: float
     freeze: float
-    least_effort: float
 
 
 class SwingLimits(NamedTuple):
@@ -71,6 +71,7 @@ class SwingState(Struct, frozen=True):
     clearance: float  # height of the apex above lift-off or target, whichever is higher [m]
     duration: float  # from lift-off to the planned touchdown [s]
     start: Point  # place at lift-off, in W [m]
+    braking: Point  # acceleration at the planned touchdown, along x and y of W [m/s^2]
     tilt: Vector  # slope of the sole: its rise along x and along y of W (2,) [-]
     trips: int = 0  # detected so far
     rising_until: float = 0.0  # time since lift-off until which the foot only rises [s]
@@ -97,7 +98,7 @@ class SwingState(Struct, frozen=True):
         return structs.replace(self, motion=motion, start=(self.start[0] + x, self.start[1] + y))
 
 
-AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), np.zeros(2))
+AT_REST = SwingState(np.zeros((3, 4)), 0.0, 0.0, 0.0, (0.0, 0.0), (0.0, 0.0), np.zeros(2))
 
 
 class SwingFoot:
@@ -105,8 +106,8 @@ class SwingFoot:
 
     Every tick, x, y and yaw follow the quintic from the present reference state to rest at the target in the time left:
     the target and the time may move, and the reference stays smooth to its acceleration. Along x and y the acceleration
-    at both ends is that of ``least_effort`` parts of the cubic, the path of the least mean square of the acceleration,
-    which the hip of the leg pays for; the rest is the path of least jerk. The height goes likewise to
+    at both ends is that of ``effort`` parts of the cubic, the path of the least mean square of the acceleration, which
+    the hip of the leg pays for; the rest is the path of least jerk. The height goes likewise to
     the clearance at the apex, then to the target with the landing velocity. Later than planned, the foot continues down
     at ``late_velocity``, at most ``depth_max``, and follows its target. On the way round the stance leg, x and y first
     go to a corner, ``via``, and through it.
@@ -117,7 +118,7 @@ class SwingFoot:
     """
 
     def __init__(self, config: SwingConfig) -> None:
-        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze, config.least_effort)
+        self.shape = SwingShape(config.apex, config.landing_velocity, config.freeze)
         others = (getattr(config, name) for name in SwingLimits._fields[1:])
         self._limits = unbox(SwingLimits(self.shape, *others))
 
@@ -130,10 +131,12 @@ class SwingFoot:
         trips: int = 0,
         target: Point | None = None,
         toe_off: ToeOff = FLAT,
+        effort: float = 0.0,
     ) -> SwingState:
         """Start from rest at a pose x, y, z, yaw (4,) on a slope (2,) [-], for a swing of this height and duration.
 
-        ``target`` is the place at which it is to end, in W [m]; without one, it starts without acceleration.
+        ``target`` is the place at which it is to end, in W [m], by a path of this least ``effort``; without one, it
+        starts without acceleration.
         With ``toe_off``, the pose is that of the flat sole, and the foot starts as it turns about its edge.
         """
         motion, start = np.zeros((3, 4)), (float(pose[X]), float(pose[Y]))
@@ -144,10 +147,9 @@ class SwingFoot:
             motion[:, :Z] += turned[:, :1] * np.array([c, s])
             motion[:, Z] += turned[:, 1]
             tilt = tilt - math.tan(toe_off.angle) * np.array([c, s])
-        if target is not None:
-            for i, (end, begin) in enumerate(zip(target, start, strict=True)):
-                motion[2, i] -= end_acceleration(end - begin, duration, self.shape.least_effort)
-        return SwingState(motion, float(pose[Z]), clearance, duration, start, tilt, trips)
+        braking = (0.0, 0.0) if target is None else _braking(start, target, duration, effort)
+        motion[2, :Z] -= braking
+        return SwingState(motion, float(pose[Z]), clearance, duration, start, braking, tilt, trips)
 
     def detect_trip(
         self, swing: SwingState, x: float, y: float, elapsed: float, duration: float, dt: float
@@ -169,21 +171,29 @@ class SwingFoot:
         duration: float,
         dt: float,
         via: Via | None = None,
+        effort: float = 0.0,
     ) -> SwingState:
-        """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s]."""
+        """Advance by ``dt`` towards a pose x, y, z, yaw (4,) on a slope (2,); times count from lift-off [s].
+
+        ``effort`` is the part of the path that is that of least effort [-].
+        """
         motion, tilt, rising_until = swing.motion.copy(), swing.tilt.copy(), swing.rising_until
         heights = swing.floor, swing.clearance
         limits, passing = self._limits, via or NO_VIA
-        _advance(
-            limits, motion, tilt, swing.start, target, slope, heights, rising_until, passing, elapsed, duration, dt
-        )
-        return structs.replace(swing, motion=motion, duration=duration, tilt=tilt)
+        braking = _braking(swing.start, target.tolist(), duration, effort)
+        _advance(limits, motion, tilt, braking, target, slope, heights, rising_until, passing, elapsed, duration, dt)
+        return structs.replace(swing, motion=motion, duration=duration, tilt=tilt, braking=braking)
 
 
 @register_jitable
 def end_acceleration(way: float, duration: float, effort: float) -> float:
     """Acceleration at the end of a swing over a way [m/s^2], that at its start reversed; see ``SwingFoot``."""
     return -6.0 * effort * way / (duration * duration)
+
+
+def _braking(start: Point, target: Sequence[float], duration: float, effort: float) -> Point:
+    x, y = (end_acceleration(target[i] - start[i], duration, effort) for i in range(2))
+    return x, y
 
 
 @njit(cache=True)
@@ -215,7 +225,7 @@ def _advance(
     constants: Unboxed[SwingLimits],
     motion: Matrix,
     tilt: Vector,
-    start: Point,
+    braking: Point,
     target: Vector,
     slope: Vector,
     heights: Point,
@@ -256,7 +266,7 @@ def _advance(
             continue
         end, time = (target[i], 0.0, 0.0), steady
         if i < Z:
-            end = target[i], 0.0, end_acceleration(target[i] - start[i], duration, shape.least_effort)
+            end = target[i], 0.0, braking[i]
         if i == Z:
             end, time = (height, sink, 0.0), height_left
         elif i < Z and passing > 0.0:

@@ -9,6 +9,7 @@ from msgspec import structs
 from controllers.balance.controller import BalanceController
 from controllers.whole_body.config import WholeBodyConfig
 from models.config import default_config
+from models.constants import GRAVITY
 from models.robot_model import RobotModel
 from models.types import Reference, RobotState
 from planners.gait.planner import GaitPlanner
@@ -52,6 +53,21 @@ def test_the_shift_is_bounded(case: tuple[BalanceController, RobotState, Referen
     reach = case[0].config.reaction_reach_max
     without = cmp_at(case, None)
     assert cmp_at(case, np.array([-10.0, 0.0]))[0] - without[0] == pytest.approx(-reach, abs=1e-6)
+
+
+def test_a_rise_of_the_com_takes_a_force_through_the_cmp(
+    case: tuple[BalanceController, RobotState, Reference],
+) -> None:
+    controller, state, reference = case
+    found = []
+    for rise in (0.0, 2.0):
+        controller.track(state, structs.replace(reference, com_acceleration=np.array([0.0, 0.0, rise])))
+        override = controller.whole_body.com_task.override
+        assert override is not None
+        found.append(override.copy())
+    level, risen = found
+    assert risen[2] - level[2] == pytest.approx(2.0)
+    assert risen[:2] == pytest.approx((1.0 + 2.0 / GRAVITY) * level[:2])
 
 
 def acceleration(swing: Reference, state: RobotState, **changes: object) -> np.ndarray:

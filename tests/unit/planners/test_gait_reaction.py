@@ -20,7 +20,7 @@ from tests.pendulum import DOUBLE, OMEGA, SINGLE, touchdown_offset
 
 CONFIG = default_config(GaitConfig, "planners", "gait").swing
 DT = 0.001
-PACE = Pace(SINGLE, DOUBLE, crouch=0.0, clearance=0.05, share=0.0)
+PACE = Pace(SINGLE, DOUBLE, crouch=0.0, clearance=0.05, share=0.0, least_effort=0.5)
 FOOT = SwingFoot(CONFIG)
 LEVER = LegLever(lever=0.0042, slope=-0.009, lift=0.004, side=0.004)
 SWING_LEG = SwingLeg(FOOT.shape, LEVER)
@@ -67,13 +67,13 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     c, s = math.cos(yaw), math.sin(yaw)
     velocity = 0.5 / PACE.period * way
     pose, ends = np.array([0.0, 0.0, 0.0, yaw]), (way[0], way[1])
-    foot = FOOT.lift(pose, PACE.clearance, SINGLE, np.zeros(2), target=ends)
+    foot = FOOT.lift(pose, PACE.clearance, SINGLE, np.zeros(2), target=ends, effort=PACE.least_effort)
     start = 0.5 * (way - velocity * SINGLE)
     target = np.array([*way, 0.0, yaw])
     cmps, rests = [], []
 
     def reaction(left: float) -> tuple[np.ndarray, np.ndarray]:
-        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.start, ends
+        swing = foot.motion, foot.floor, foot.clearance, foot.duration, foot.braking, ends
         still, out = np.zeros(2), np.empty((3, 2))
         single_support(still, still, OMEGA, left, swing, (com, velocity), LEG, out)
         return out[0], out[2]
@@ -81,7 +81,7 @@ def swing_cmps(way: np.ndarray, yaw: float = 0.0) -> tuple[list[np.ndarray], lis
     for i in range(round(SINGLE / DT)):
         com = start + velocity * i * DT
         rests.append(reaction(SINGLE - i * DT)[0])
-        foot = FOOT.step(foot, target, np.zeros(2), (i + 1) * DT, SINGLE, DT)
+        foot = FOOT.step(foot, target, np.zeros(2), (i + 1) * DT, SINGLE, DT, effort=PACE.least_effort)
         cmps.append(reaction(SINGLE - i * DT)[1])
     turn = np.array([[c, s], [-s, c]])  # into the heading
     return [turn @ cmp for cmp in cmps], [turn @ rest for rest in rests]

@@ -104,3 +104,8 @@ def test_the_weight_is_shared_by_the_place_of_the_zmp(law: Soles, soles: SoleSta
     assert law.shares(soles.holds, left) == pytest.approx((1.0, 0.0))
     assert law.shares(soles.holds, 0.75 * left + 0.25 * right) == pytest.approx((0.75, 0.25))
     assert law.shares(soles.holds, right + (right - left)) == pytest.approx((0.0, 1.0))
+
+
+def test_the_zmp_of_single_support_is_between_the_ankle_and_the_middle_of_the_sole(law: Soles) -> None:
+    assert law.points == pytest.approx(CONFIG.zmp * law.centres)
+    assert law.point_of(0, Foothold(1.0, 2.0, 0.0)) == pytest.approx([1.0 + law.points[0, 0], 2.0])
