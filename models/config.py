@@ -79,7 +79,7 @@ def load_config(schema: type[T], path: Path) -> T:
     return parse_config(schema, read_yaml(path), str(path))
 
 
-def merged(base: Mapping[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
+def merged(base: Mapping[Any, Any], overlay: Mapping[Any, Any]) -> dict[str, Any]:
     """Nested mappings with the values of an overlay in place of those of the base."""
     both = {key for key in base if isinstance(base[key], Mapping) and isinstance(overlay.get(key), Mapping)}
     return {**base, **overlay, **{key: merged(base[key], overlay[key]) for key in both}}

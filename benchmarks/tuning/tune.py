@@ -125,7 +125,8 @@ def draw(config: TuneConfig, round_: int) -> list[Case]:
     """Scenarios of a generation, or with its number ``generations`` those that judge."""
     rng, per = np.random.default_rng((config.seed, round_)), len(config.scenarios) * config.directions
     repeats = config.judged if round_ == config.generations else 1
-    first, sector, scenarios = config.seed + round_ * per, 2.0 * math.pi / config.directions, []
+    first, sector = config.seed + round_ * per, 2.0 * math.pi / config.directions
+    scenarios: list[Case] = []
     for kind, pushes in list(config.scenarios.items()) * repeats:
         for k in range(config.directions):
             scenarios.append(
