@@ -20,5 +20,5 @@ def test_a_robot_that_expects_slippery_ground_begins_with_short_quick_steps() ->
     loop.set_velocity(0.4, 0.0, 0.0)
     loop.run(3.0)
     assert not loop.fallen
-    assert loop.gait.state.pace.share == 1.0
+    assert loop.gait.state.pace.share > 0.99
     assert loop.gait.state.command.velocity[0] < 0.4
